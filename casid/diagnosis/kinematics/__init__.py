@@ -1,1 +1,1 @@
-"""What needs no aerodynamics."""
+"""Checks that need no aerodynamics."""

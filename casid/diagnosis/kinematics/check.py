@@ -1,4 +1,4 @@
-"""What kinematics, which know no aerodynamics, say of a cause of the size that the full model finds."""
+"""The kinematic check of a cause: whether the kinematics, which contain no aerodynamics, agree with its fitted size."""
 
 from __future__ import annotations
 
@@ -19,11 +19,19 @@ from casid.errors import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class KinematicCheck:
-    """Drop of the kinematic deviance that a cause of the size found in the full model should make, and the drop that it
-    makes; both zero of a cause that kinematics know nothing of.
+    """Predicted and achieved decrease of the kinematic deviance by a cause of the size found in the full model.
 
-    The size that kinematics find is (1 + achieved / predicted) / 2 of the cause's, with a 1-sigma of 1 /
-    sqrt(predicted). What that means is by the `criteria`.
+    Both are zero for a cause that does not affect the kinematics. According to the kinematics the size is (1 + achieved
+    / predicted) / 2 of the fitted one, with a standard deviation of 1 / sqrt(predicted) of it.
+
+    Attributes
+    ----------
+    predicted
+        Decrease of the deviance if the fitted size is correct.
+    achieved
+        Decrease of the deviance with the measured readings.
+    criteria
+        The thresholds.
     """
 
     predicted: float = 0.0
@@ -32,12 +40,12 @@ class KinematicCheck:
 
     @property
     def judges(self) -> bool:
-        """Whether kinematics could see it."""
+        """Whether the cause is clearly visible in the kinematics."""
         return self.predicted > self.criteria.seen
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """What a cause that kinematics can see must pass: they find enough of it, or do not contradict its size."""
+        """The gates on a cause that is visible: the kinematics find enough of it, or do not contradict its size."""
         by = self.criteria
         if self.judges:
             fits = at_most("contradicted size", self._contradiction, by.contradiction, "kinematics.contradiction")
@@ -50,7 +58,7 @@ class KinematicCheck:
 
     @property
     def must_be_seen(self) -> tuple[Gate, ...]:
-        """What a cause must pass that only kinematics tell from forces."""
+        """The gates on a cause that only the kinematics can separate from forces."""
         return (
             at_least("predicted kinematic gain", self.predicted, self.criteria.faintly_seen, "kinematics.faintly_seen"),
             at_least("kinematic gain", self.achieved, 0.0),
@@ -58,43 +66,48 @@ class KinematicCheck:
 
     @property
     def refuted(self) -> bool:
-        """Whether they clearly do not find it, or find less than half of the little that they should see."""
+        """Whether the kinematics reject the cause: they do not find it, or oppose one that is only faintly visible."""
         return not all_passed(self.gates)
 
     @property
     def confirmed(self) -> bool:
-        """Whether they find it, of about the same size."""
+        """Whether the kinematics find the cause with about the same size."""
         larger = self._elsewhere and self.achieved > self.criteria.larger * self.predicted
         return self.judges and self.achieved > self.criteria.confirmed * self.predicted and not larger
 
     @property
     def smaller(self) -> bool:
-        """Whether they find it of a smaller size."""
+        """Whether the kinematics find a smaller size."""
         return self.achieved < self.predicted
 
     @property
     def doubtful(self) -> bool:
-        """Whether they could see it, and do not find it of its size."""
+        """Whether the cause is visible but not found with its size."""
         return self.judges and not self.confirmed
 
     @property
     def gain(self) -> float:
-        """Drop of their deviance at the size that they find; none of what they cannot judge."""
+        """Decrease of the kinematic deviance at the size that the kinematics find; zero for a cause that they cannot
+        judge.
+        """
         return (self.predicted + self.achieved) ** 2 / (4.0 * self.predicted) if self.judges else 0.0
 
     @property
     def _elsewhere(self) -> bool:
-        """Whether the size by kinematics is clearly another one."""
+        """Whether the size according to the kinematics is clearly different."""
         return self.judges and self._contradiction > self.criteria.contradiction
 
     @property
     def _contradiction(self) -> float:
-        """Chi-square of the size by kinematics against that of the full model."""
+        """Chi-square between the sizes according to the kinematics and to the full model."""
         return (self.predicted - self.achieved) ** 2 / (4.0 * self.predicted)
 
 
 def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck:
-    """The check of a fitted cause; without kinematic evidence, or of moving air that is a process, none."""
+    """The check of a fitted cause.
+
+    It is empty without kinematic evidence, for a cause that does not affect the kinematics, and for turbulence.
+    """
     effect = one.effect
     if kinematic is None or not effect.kinematic or effect.stochastic:
         return KinematicCheck()
@@ -115,16 +128,18 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
 
 
 def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
-    """The check of an effect that is not linear in its size, fitted to the kinematics from the size of the full model
-    on. No tangent at zero predicts what a long delay does to a reading."""
+    """The check of an effect that is not linear in its size, by a fit of the kinematics that starts at the fitted size.
+
+    A linearisation at zero cannot predict the effect of a long delay on a reading.
+    """
     try:
         found = kinematics.again(without, [*without.attached, one])
-    except InputError:  # of that size it makes readings that no motion can have: they cannot judge it
+    except InputError:  # at this size no motion agrees with the readings, and the kinematics cannot judge
         return KinematicCheck(criteria=without.criteria.kinematics)
     size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria.kinematics
     part = found[one.name] / size
     if gain <= 0.0:
-        # where it stays, its 1-sigma says nothing: the deviance may be as flat all the way to zero
+        # If the size stays, its 1-sigma is no measure: the deviance may be just as insensitive down to zero.
         stays = part > criteria.smallest_part
         predicted = -gain / part**2 if stays else (size / found.std(one.name)) ** 2
         return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
@@ -133,9 +148,12 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
 
 
 def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
-    """What a cause must pass before it is fitted: kinematics find enough of it at half of its predicted size, the
-    smallest that is tried. With x times that size they expect x^2 `predicted` and get x (achieved + predicted) -
-    x^2 predicted: what is refuted at one half is refuted at any larger size. None where they cannot judge it."""
+    """The gate on a cause before it is fitted: the kinematics find enough of it at half of its predicted size.
+
+    Half is the smallest part that is tried. At x times the predicted size the kinematics predict x^2 `predicted` and
+    achieve x (achieved + predicted) - x^2 predicted. A cause that is rejected at one half is therefore rejected at any
+    larger size. The result is None if the kinematics cannot judge the cause.
+    """
     if one.effect.timed or not one.effect.linear:
         return None
     whole = kinematic_check(kinematic, one)

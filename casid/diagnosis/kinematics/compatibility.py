@@ -1,10 +1,10 @@
-"""Are the measurements compatible with each other? Flight-path reconstruction with errors of the instruments.
+"""Compatibility check: flight-path reconstruction with errors of the instruments.
 
-Rates of rotation, accelerations, attitude and air data of a rigid body are tied by kinematics alone. The reconstruction
-(`kinematics.reconstruct`) leaves all forces and moments free. Beside the motion it estimates the biases of all
-instruments, and then those errors of scale, delay and place that the data ask for. R. V. Jategaonkar, Flight Vehicle
-System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A. Morelli, Aircraft System Identification (2006),
-chapter 10.
+Angular rates, accelerations, attitudes and air data of a rigid body are related by kinematics alone. The reconstruction
+(`kinematics.reconstruct`) leaves all forces and moments free. It estimates the motion, the biases of all instruments,
+and those errors of scale, delay and position that the data require. R. V. Jategaonkar, Flight Vehicle System
+Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A. Morelli, Aircraft System Identification (2006), chapter
+10.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from casid.records.record import Record, require
 from casid.signals import SURFACES, for_a_person
 
 _TRIED = ("sensor_scale", "sensor_delay", "vane_position", "accelerometer_position")
-# Angular accelerations are often computed from the rates. A constant error of heading changes nothing. One of airspeed
-# changes only what the ratio of accelerations to airspeed tells, which noise makes too small.
+# Angular accelerations are often computed from the rates. A constant error of heading has no effect. An airspeed error
+# acts only through the ratio of accelerations to airspeed, which noise biases towards small values.
 _NO_BIAS = ("pdot", "qdot", "rdot", "psi", "V")
 
 
 @dataclass(frozen=True, kw_only=True)
 class InstrumentError:
-    """An error of an instrument, as the kinematics have it.
+    """An instrument error, estimated from the kinematics.
 
     Attributes
     ----------
@@ -51,11 +51,13 @@ class InstrumentError:
         "sensor_bias", "sensor_scale", "sensor_delay", "vane_position" or "accelerometer_position", and the channel, or
         the group of channels that share the error.
     value, std
-        Estimate and its 1-sigma, corrected for coloured residuals, in `unit`; signs as measured minus true.
+        Estimate and its standard deviation, corrected for coloured residuals, in `unit`; signs as measured minus true.
     allowed
-        What the better instruments of flight test keep to, in `unit`.
+        Limit of good flight-test instrumentation, in `unit`.
+    sigmas
+        Standard deviations from zero above which the error is clear.
     rivals
-        Other errors that explain the same, by name.
+        Names of other errors that explain the same readings.
     """
 
     kind: str
@@ -69,18 +71,21 @@ class InstrumentError:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the records tell it to what is allowed. Biases are always estimated, and trade off with each other
-        where the manoeuvres do not separate them; a further error is estimated only where the data ask for it."""
+        """Whether the records determine the error to within what is allowed.
+
+        Biases are always estimated, and they are correlated if the manoeuvres do not separate them. Other errors are
+        estimated only if the data require them.
+        """
         return self.kind != "sensor_bias" or self.std <= self.allowed
 
     @property
     def passed(self) -> bool:
-        """Whether it is within what is allowed, not clearly there, or not identifiable."""
+        """Whether the error is within what is allowed, not significant, or not identifiable."""
         return not self.identifiable or abs(self.value) <= max(self.allowed, self.sigmas * self.std)
 
     @property
     def sentence(self) -> str:
-        """In words, angles in degrees."""
+        """The error in words, with angles in degrees."""
         factor, unit = for_a_person(self.unit)
         value, std, allowed = (factor * x for x in (self.value, self.std, self.allowed))
         others = f" (or {' or '.join(self.rivals[:3])})" if self.rivals else ""
@@ -90,7 +95,7 @@ class InstrumentError:
 
     @property
     def note(self) -> str:
-        """What stands behind its row of the table."""
+        """The remark at the end of its row in the table."""
         return "  not identifiable" if not self.identifiable else "" if self.passed else "  failed"
 
     def to_dict(self) -> dict[str, Any]:
@@ -101,22 +106,28 @@ class InstrumentError:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Compatibility:
-    """What a check of compatibility found.
+    """Result of a compatibility check.
 
     Attributes
     ----------
+    records
+        The records that were checked.
+    axes
+        The scope of the check.
     errors
-        Biases of all instruments, and further errors that the data ask for, those that fail first.
+        Biases of all instruments, and the other errors that the data require; failed ones first.
     left
-        Channel -> r.m.s. of what is left between measured and reconstructed, over the noise of the channel.
+        Channel -> r.m.s. difference of measured and reconstructed, over the noise of the channel.
     noise
         Channel -> noise 1-sigma in SI.
     moving_air
-        r.m.s. velocity [m/s] of turbulent air, 0 in calm air.
+        r.m.s. velocity [m/s] of turbulence, 0 in calm air.
     wind
-        Steady wind by the velocity over ground, where that is recorded.
+        Steady wind from the velocity over ground; None if that is not recorded.
     measured, reconstructed
-        Record -> (N, channels) in the order of `left`; the reconstruction has the errors of the instruments in it.
+        Record -> (N, channels) in the order of `left`; the reconstruction includes the instrument errors.
+    not_judged
+        What these records leave open.
     """
 
     records: tuple[Record, ...]
@@ -132,7 +143,7 @@ class Compatibility:
 
     @property
     def failed(self) -> tuple[InstrumentError, ...]:
-        """Errors that are clear and larger than allowed."""
+        """Errors that are significant and larger than allowed."""
         return tuple(one for one in self.errors if not one.passed)
 
     @property
@@ -185,24 +196,24 @@ def compatibility(
     Parameters
     ----------
     records
-        Records of one set of instruments, or names of files. Accelerations, rates of rotation and airspeed must be
-        there, in the plane at least that `axes` names.
+        Records with the same instruments, or names of files. They need accelerations, angular rates and airspeed, at
+        least in the plane that `axes` names.
     aircraft
-        Brings in where the instruments stand and their noise. Nothing else of it is used.
+        Provides the positions and the noise of the instruments. Nothing else of it is used.
     axes
-        "full", "longitudinal" or "lateral"; by default the most that the channels allow.
+        "full", "longitudinal" or "lateral"; by default the largest scope that the channels allow.
     criteria
-        Numbers to decide by; by default those of `Criteria()`.
+        Thresholds; by default those of `Criteria()`.
 
     Returns
     -------
     Compatibility
-        Errors of the instruments with their deviations, what is left of each channel, the wind.
+        Instrument errors with their standard deviations, the remaining difference of each channel, and the wind.
 
     Raises
     ------
     InputError
-        For records without the channels that kinematics need.
+        For records without the channels that the kinematics need.
 
     Examples
     --------
@@ -240,7 +251,7 @@ def compatibility(
 
 
 def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | None, criteria: Criteria) -> Flight:
-    """The flight of records without thrust and aerodynamics."""
+    """The flight of the records without thrust and aerodynamics."""
     able = [name for name, needed in NEEDED.items() if all(c in record for record in records for c in (*needed, "V"))]
     if axes is None and not able:
         for record in records:
@@ -261,7 +272,7 @@ def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | No
 
 
 def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
-    """An aircraft of any size: with free forces and moments, mass and inertia do not matter."""
+    """An aircraft of arbitrary size; mass and inertia do not matter if forces and moments are free."""
     speed = float(np.nanmedian(np.concatenate([record["V"] for record in records])))
     given = (
         {}
@@ -290,12 +301,13 @@ def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
 
 
 def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
+    """The reconstruction in turbulence, with biases of the instruments."""
     moving = kinematics.gusts(flight, air.sigma, length=air.length)
     return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
 
 
 def _with_errors(flight: Flight, found: FlightFit) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
-    """A reconstruction with the further errors that the data ask for, one after the other, and the rivals of each."""
+    """The reconstruction with the further errors that the data require, added one at a time, and their alternatives."""
     rivals: dict[str, tuple[str, ...]] = {}
     evidence = weigh(found, discrepancy=False)
     for _ in range(flight.criteria.numerics.naming.rounds):
@@ -313,7 +325,7 @@ def _with_errors(flight: Flight, found: FlightFit) -> tuple[Evidence, dict[str, 
 
 
 def _first_that_holds(evidence: Evidence, ranked: Sequence[Candidate]) -> tuple[Evidence, Candidate] | None:
-    """The reconstruction with the likeliest candidate that is clear and larger than allowed when it is fitted."""
+    """The reconstruction with the first candidate that is significant and larger than allowed once it is fitted."""
     for one in ranked:
         again = kinematics.again(evidence.fit, [*evidence.fit.attached, one.attached])
         now = weigh(again, discrepancy=False)
@@ -324,20 +336,23 @@ def _first_that_holds(evidence: Evidence, ranked: Sequence[Candidate]) -> tuple[
 
 
 def _fails(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> bool:
+    """Whether any error fails."""
     return any(not one.passed for one in _errors(evidence, rivals))
 
 
 def _errors(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> list[InstrumentError]:
+    """The errors of all instruments in a reconstruction."""
     return [_error(evidence, one, rivals.get(one.name, ())) for one in evidence.fit.attached]
 
 
 def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> InstrumentError:
+    """One effect of a reconstruction as an instrument error."""
     fit = evidence.fit
     slot = next(
         s.name for s in fit.slots if s.name == one.name or (s.attached is not None and fit.attached[s.attached] is one)
     )
     allowed = one.effect.smallest_that_matters(fit.flight.aircraft) or 0.0
-    # of as many errors as there are, one healthy set in a hundred fails
+    # With this number of possible errors, one set of healthy instruments in a hundred fails.
     chance = 0.01 / (2.0 * len([e for e in fit.flight.effects if e.kind in (*_TRIED, "sensor_bias")]))
     return InstrumentError(
         kind=one.effect.kind,
@@ -352,7 +367,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
 
 
 def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[InstrumentError]) -> tuple[str, ...]:
-    """What these records leave open."""
+    """What these records leave open, in words."""
     wanted = {"alpha": "vane of incidence", "beta": "vane of sideslip", "phi": "bank angle", "theta": "pitch angle"}
     plane = {"longitudinal": ("beta", "phi"), "lateral": ("alpha", "theta")}.get(flight.axes, ())
     missing = [
@@ -372,14 +387,16 @@ GROUND = ("v_north", "v_east")
 
 @dataclass(frozen=True, kw_only=True)
 class SteadyWind:
-    """Steady wind over all records, in the direction to which it blows.
+    """Steady wind over all records, as the direction to which it blows.
 
     Attributes
     ----------
     north, east
-        Velocity [m/s]; `north_std` and `east_std` their 1-sigmas, of the means of fifths of every record.
+        Velocity [m/s].
+    north_std, east_std
+        Standard deviations [m/s], from the means of the fifths of every record.
     varies
-        r.m.s. [m/s] of what a constant wind leaves of the velocity over ground.
+        r.m.s. [m/s] of the difference between the wind over time and its mean.
     """
 
     north: float
@@ -390,7 +407,7 @@ class SteadyWind:
 
     @property
     def sentence(self) -> str:
-        """In words."""
+        """The wind in words."""
         speed, towards = np.hypot(self.north, self.east), np.degrees(np.arctan2(self.east, self.north)) % 360.0
         return (
             f"Steady wind {speed:.2g} m/s towards {towards:.0f} deg: north {self.north:.3g} +- {self.north_std:.2g}, "
@@ -398,13 +415,15 @@ class SteadyWind:
         )
 
     def to_dict(self) -> dict[str, float]:
-        """Numbers by name."""
+        """The numbers by name."""
         return dict(vars(self))
 
 
 def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | None:
-    """Wind [m/s] that velocity over ground has beside the reconstructed velocity through the air; None where neither
-    ground velocity nor heading and bank are known."""
+    """Steady wind: velocity over ground less the reconstructed velocity through the air.
+
+    The result is None if the velocity over ground or the heading is not recorded.
+    """
     blocks, rest = [], []
     for j, record in enumerate(records):
         if not all(name in record for name in (*GROUND, "psi")):
@@ -424,7 +443,10 @@ def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | Non
 
 
 def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
-    """(N, 2) velocity through the air towards north and east [m/s]; the rest is as recorded or zero."""
+    """(N, 2) Velocity through the air towards north and east [m/s].
+
+    Motion that is not reconstructed is taken from the record, or is zero.
+    """
     states = found.model.states
 
     def series(name: str) -> np.ndarray:

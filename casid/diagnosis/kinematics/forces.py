@@ -1,8 +1,8 @@
-"""Forces and moments that nobody knows: an aircraft without aerodynamics, and disturbances as large as its motion.
+"""Unknown forces and moments: an aircraft without aerodynamics, and disturbances as large as its motion.
 
-Kinematics must not depend on what an aircraft file says of its coefficients. Were its derivatives left in, a moment
-that the file has wrong by more than a free one can be would bend the trajectory until alpha makes up for it. Every
-instrument would then seem to be at fault.
+The kinematics must not depend on the coefficients of the aircraft file. If its derivatives were kept, an error of a
+moment that exceeds the free moment would distort the trajectory until alpha compensates for it, and every instrument
+would appear faulty.
 """
 
 from __future__ import annotations
@@ -24,12 +24,15 @@ _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 _FORCES: Mapping[str, str] = MappingProxyType({"CX": "ax", "CY": "ay", "CZ": "az"})
 
 
-_ALREADY: WeakKeyDictionary[Flight, Flight] = WeakKeyDictionary()  # with the models that were built of it
+_ALREADY: WeakKeyDictionary[Flight, Flight] = WeakKeyDictionary()  # keeps the models that were built
 
 
 def without_aerodynamics(flight: Flight) -> Flight:
-    """The flight of an aircraft whose coefficients, in body axes, are constants: forces on average as the
-    accelerometers measure them, moments that balance the thrust. The same object for the same flight."""
+    """The flight of an aircraft with constant coefficients in body axes.
+
+    The forces are those that the accelerometers measure on average, and the moments balance the thrust. The result is
+    the same object for the same flight.
+    """
     if flight in _ALREADY.values():
         return flight
     if flight not in _ALREADY:
@@ -54,13 +57,16 @@ def _constants(flight: Flight) -> dict[str, float]:
 
 
 def _airspeed(flight: Flight, record: Record) -> np.ndarray:
-    """(N,) true airspeed [m/s], or that of the trim where it is not measured."""
+    """(N,) True airspeed [m/s]; the typical speed if it is not measured."""
     return record["V"] if "V" in record else np.full(len(record), typical_speed(flight))
 
 
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
-    """Gauss-Markov disturbances of all coefficients, as large as the motion. If an angular acceleration were freer than
-    it is, its estimate would be the noise of the rate, and the size of a lever arm by it too small."""
+    """Coefficient -> r.m.s. and time constant [s] of a Gauss-Markov disturbance that is as large as the motion.
+
+    A larger disturbance of an angular acceleration would follow the noise of the rate, and the lever arm of an
+    instrument would be estimated too small.
+    """
     aircraft, criteria = flight.aircraft, flight.criteria.kinematics
     qS = 0.5 * float(np.median(flight.records[0]["rho"])) * typical_speed(flight) ** 2 * aircraft.area
     inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
@@ -83,8 +89,11 @@ def typical_speed(flight: Flight) -> float:
 
 
 def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria) -> float:
-    """1-sigma [rad/s2] of a free angular acceleration, from the increments of a measured rate over the correlation time
-    (those of an integrated first-order Gauss-Markov process), less what the noise of the rate makes of them."""
+    """1-sigma [rad/s2] of a free angular acceleration.
+
+    It is computed from the increments of the measured rate over the correlation time, as for an integrated first-order
+    Gauss-Markov process. The part that the noise of the rate adds to the increments is subtracted.
+    """
     if rate not in flight.outputs:
         return criteria.unmeasured_moment
     squares, lasts, time = [], [], criteria.moment_time

@@ -1,7 +1,7 @@
-"""What instruments and moving air alone must answer for: the same model with forces and moments left free.
+"""Kinematics of instruments and moving air: the same model with forces and moments left free.
 
-With every aerodynamic coefficient an unknown input, rates, accelerations, attitude and air data are tied by kinematics
-only (flight path reconstruction); no derivative, actuator, mass or propulsion can explain a misfit that is left.
+Every aerodynamic coefficient is a latent input. Angular rates, accelerations, attitudes and air data are then related
+by kinematics alone (flight-path reconstruction). No derivative, actuator, mass or propulsion can explain what remains.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from casid.filtering.innovations import NoiseModel
 from casid.native.processors import side_by_side
 
 WIND = ("wind_x", "wind_y", "wind_z")
-# moment that the air's own rotation makes: the derivative by which it does
+# moment due to the air's own rotation -> the derivative that causes it
 _DAMPING: Mapping[str, str] = MappingProxyType({"dCl": "Cl_p", "dCm": "Cm_q", "dCn": "Cn_r"})
 _ROLLING, _TURNED = ("dCl",), ("q", "r")
 _NO_MOMENTS: Mapping[str, float] = MappingProxyType({})
@@ -33,15 +33,29 @@ _CALM: Mapping[str, tuple[float, float]] = MappingProxyType({})
 
 @dataclass(frozen=True, kw_only=True)
 class Turbulence:
-    """Turbulent air: r.m.s. velocity [m/s], its 1-sigma, and scale length [m] by maximum likelihood of the kinematics.
+    """Turbulence, estimated from the kinematics by maximum likelihood.
 
-    gain             drop of the deviance against calm air, beside small offsets of all instruments, which moving air
-                     imitates all at once
-    beyond_one_axis  how much of it one axis of moving air alone does not reach: air is turbulent along all axes, a
-                     drifting vane moves one
-    as_histories     what unknown time histories of moving air gain together; they are too slow for coloured noise, to
-                     which a process is quick enough, and follow nearly all of turbulence
-    criteria         by which it is named
+    Attributes
+    ----------
+    sigma
+        r.m.s. velocity [m/s].
+    std
+        Its standard deviation [m/s].
+    gain
+        Likelihood-ratio statistic against calm air. Both models include small offsets of all instruments, which
+        turbulence imitates.
+    records
+        Names of the records.
+    length
+        Scale length [m].
+    beyond_one_axis
+        Part of the statistic that moving air along a single axis does not reach. Air is turbulent along all axes; a
+        drifting vane imitates motion along one.
+    as_histories
+        Sum of the statistics of slow latent inputs of the air. They follow nearly all of turbulence. They are too slow
+        for coloured noise, which a Gauss-Markov process can follow.
+    criteria
+        The thresholds.
     """
 
     sigma: float
@@ -55,32 +69,35 @@ class Turbulence:
 
     @property
     def named(self) -> bool:
+        """Whether the air is turbulent."""
         return self.sigma > self.criteria.smallest and self.along_all_axes and self.slow
 
     @property
     def along_all_axes(self) -> bool:
+        """Whether the statistic is large enough, and no single axis explains it."""
         least = self.criteria.gain
         one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.other_axes * self.gain)
         return self.gain > least and one_is_not_enough
 
     @property
     def slow(self) -> bool:
+        """Whether slow latent inputs of the air explain most of the statistic."""
         return self.as_histories > self.criteria.slow * self.gain
 
 
-# axes -> channels without which the forces cannot be free
+# axes -> channels that are needed to leave the forces free
 NEEDED: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {"full": ("ax", "ay", "az", "p", "q", "r"), "longitudinal": ("ax", "az", "q"), "lateral": ("ay", "p", "r")}
 )
 
 
 def still_air(flight: Flight) -> Turbulence:
-    """None of it."""
+    """The result for calm air."""
     return _in_air(flight, 0.0, 0.0, 0.0)
 
 
 def _in_air(flight: Flight, sigma: float, std: float, gain: float, beyond_one_axis: float = 0.0) -> Turbulence:
-    """Of a scale length that nothing is known of."""
+    """A result with the default scale length."""
     criteria = flight.criteria.turbulence
     return Turbulence(
         sigma=sigma,
@@ -94,7 +111,7 @@ def _in_air(flight: Flight, sigma: float, std: float, gain: float, beyond_one_ax
 
 
 def available(flight: Flight) -> bool:
-    """Whether the records hold accelerations and rates enough to free the forces."""
+    """Whether the records contain the accelerations and rates that are needed to leave the forces free."""
     return all(name in flight.outputs for name in NEEDED[flight.axes])
 
 
@@ -105,13 +122,30 @@ def gusts(
     length: float | None = None,
     axes: Sequence[str] = WIND,
 ) -> dict[str, tuple[float, float]]:
-    """Turbulence of r.m.s. velocity `sigma` [m/s] and scale `length` [m], by default that of the criteria, along
-    `axes`, as first-order Gauss-Markov processes.
+    """Turbulence as first-order Gauss-Markov processes.
 
-    `moments` has for some of dCl, dCm and dCn the scale of the moment that the air's own rotation about it makes. It is
-    1 for the rolling over the span of an aircraft that is small against the eddies (MIL-F-8785C, 3.7.5: sigma_p =
-    1.9 sigma_w / sqrt(L b), break frequency 2.6 V / sqrt(L b)). The damping of the aircraft file makes a moment of the
-    rotation. A fitted damping would grow, since a larger one explains more.
+    The air also rotates over the span of the aircraft. For an aircraft that is small against the eddies, MIL-F-8785C,
+    3.7.5 has sigma_p = 1.9 sigma_w / sqrt(L b) and the break frequency 2.6 V / sqrt(L b). The damping derivative of the
+    aircraft file converts this rotation to a moment. A fitted damping would grow without reason, since a larger one
+    explains more.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    sigma
+        r.m.s. velocity [m/s].
+    moments
+        Scale of the moment due to the air's own rotation, for some of dCl, dCm and dCn; 1 for the roll rate above.
+    length
+        Scale length [m]; by default that of the criteria.
+    axes
+        Axes along which the air moves.
+
+    Returns
+    -------
+    dict
+        Port -> r.m.s. and time constant [s].
     """
     aircraft, speed, criteria = flight.aircraft, typical_speed(flight), flight.criteria.turbulence
     length = criteria.scale_length if length is None else length
@@ -127,15 +161,18 @@ def gusts(
 
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
-    """The fit of the full model in turbulence. The sense of the air's pitching and yawing by the gradient of its
-    velocity, about which simulators do not agree, and the size of its own rolling are by maximum likelihood on a grid.
-    So is what turns the aircraft besides, where that explains more than a rough model of moving air leaves."""
+    """The fit of the full model in turbulence.
+
+    The signs of the air's pitch and yaw rates due to the gradient of its velocity, which differ between simulators, and
+    the size of its own roll rate are estimated by maximum likelihood on a grid. Its own pitch and yaw rates are added
+    if they explain more than the approximate model of turbulence leaves.
+    """
 
     numerics = flight.criteria.numerics.turbulence
     scales, signs = numerics.rolling, dict(zip(_TURNED, numerics.turning, strict=True))
 
     def turned_about(*axes: str) -> Mapping[str, float]:
-        """The air's rotation with the other sign about some axes."""
+        """The rotation of the air with the opposite sign about some axes."""
         return {axis: -sign if axis in axes else sign for axis, sign in signs.items()}
 
     def at(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
@@ -168,38 +205,46 @@ def reconstruct(
     start: FlightFit | None = None,
     iterations: int = 5,
 ) -> FlightFit:
-    """Flight path reconstruction: trajectory and instrument effects, with forces free, in `moving` air (`gusts`)."""
+    """Flight-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
+    `gusts`).
+    """
     flight = without_aerodynamics(flight)
     noise = forceless_noise(flight, moving)
     return fit(flight, attached, noise, start, free="effects", iterations=iterations, tolerance=2.0)
 
 
 def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
-    """Noise with forces free, in `moving` air. Without colour: what is news to a filter whose forces are free is more
-    than noise of its readings."""
+    """The noise model with forces left free, in `moving` air.
+
+    It has no colour, because innovations with free forces contain more than noise of the readings.
+    """
     return replace(flight.noise(free_forces(flight) | dict(moving)), colour={})
 
 
 def with_offsets(reconstructed: FlightFit) -> FlightFit:
-    """The same with small offsets of all instruments fitted too. Not for judging instruments: a bias would share its
-    evidence with the offset."""
+    """The reconstruction with small offsets of all instruments estimated too.
+
+    It must not be used to judge instruments: a bias would share its evidence with the offset.
+    """
     given = reconstructed
     return fit(given.flight, given.attached, given.noise, given, free="offsets", iterations=2, tolerance=2.0)
 
 
 def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
-    """A reconstruction with other effects, in the same air, their values fitted anew."""
+    """The reconstruction fitted again with other effects, in the same air."""
     return fit(before.flight, attached, before.noise, before, free="effects", iterations=5, tolerance=2.0)
 
 
 def with_causes(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:
-    """Evidence of the kinematics with the kinematic ones of `attached` effects in them."""
+    """Evidence of the kinematics with those of the `attached` effects that affect them."""
     return weigh(again(kinematic.fit, [one for one in attached if one.effect.kinematic]), discrepancy=False)
 
 
 def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
-    """Fit r.m.s. velocity and scale length of turbulence, forces free: the velocity on a grid, then length and velocity
-    by parabolas through the deviance."""
+    """Estimate r.m.s. velocity and scale length of turbulence with forces left free.
+
+    The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.
+    """
     criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
     begin, unknown = numerics.first_velocity, criteria.scale_length
 
@@ -207,7 +252,7 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
 
     def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
-        """The best of the first fit and of one velocity after the other, until one is clearly worse."""
+        """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
         last = best = first
         best_sigma = begin
         for sigma in sigmas:
@@ -241,8 +286,8 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     )
     if not (judged.along_all_axes and judged.slow):
         return judged
-    # from here on the motion and the histories of the air are good enough to linearise about: no step is needed.
-    # What the records feel is the strength of the process at short times, sigma^2 / length
+    # From here on, motion and velocity of the air are accurate enough for a linearisation, and no step is needed.
+    # The records determine the strength of the process at short times, sigma^2 / length.
     factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, iterations=1).deviance, factors.tolist())
     factor, spread = _lowest(factors, by_length, numerics.beyond)
@@ -255,8 +300,24 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
 
 
 def _lowest(points: np.ndarray, deviance: Sequence[float], beyond: float) -> tuple[float, float]:
-    """Where a parabola through three points over the logarithm is lowest, no further than `beyond` steps away, and
-    1-sigma of the logarithm; the lowest point itself, and a step, when the parabola opens downwards."""
+    """Minimum of a parabola through three points over the logarithm.
+
+    Parameters
+    ----------
+    points
+        The three points, equally spaced in the logarithm.
+    deviance
+        Deviance at each.
+    beyond
+        Largest distance of the minimum from the middle point, in steps.
+
+    Returns
+    -------
+    minimum
+        Position of the minimum; the best of the three points if the parabola opens downwards.
+    std
+        Standard deviation of its logarithm; one step if the parabola opens downwards.
+    """
     x, step = np.log(points), float(np.log(points[1] / points[0]))
     bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
     if bend <= 0.0:

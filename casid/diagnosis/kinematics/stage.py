@@ -1,4 +1,4 @@
-"""What kinematics say before any aerodynamics: which instrument or air cause shows, and is the air turbulent?"""
+"""The kinematic stage of a diagnosis: ranking of instrument and air causes, and the test for turbulence."""
 
 from __future__ import annotations
 
@@ -23,13 +23,12 @@ from casid.model.effect import Effect
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KinematicFindings:
-    """What the stage hands on.
+    """Result of the kinematic stage.
 
-    evidence, ranked  with forces free, in the air as it moves, and its ranking of instrument and air causes; None where
-                      the records cannot free the forces
-    turbulence        whether the air moves
-    nuisance            errors of instruments that are too small to matter, to be put in beforehand. None in turbulence,
-                      where they stand for what the air does
+    evidence    evidence with forces left free, in turbulence if there is any; None if the records do not allow that
+    ranked      instrument and air causes, ranked with this evidence
+    turbulence  whether the air is turbulent
+    nuisance    small errors of instruments to be added before the search; empty in turbulence, which they would imitate
     """
 
     evidence: Evidence | None
@@ -41,9 +40,24 @@ class KinematicFindings:
 def judge_kinematics(
     flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
 ) -> KinematicFindings:
-    """What kinematics find with effects that are `known`, the small `offsets` of instruments of a baseline, and the
-    skews between instruments that the kinematics demand themselves. Air that moves must move the aircraft, too, by its
-    file `refitted` in calm air."""
+    """Run the kinematic stage.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    known
+        Effects of the aircraft file.
+    offsets
+        Small instrument offsets of the baseline.
+    refitted
+        The re-estimated file in calm air. Turbulence must also move the aircraft according to this model.
+
+    Returns
+    -------
+    KinematicFindings
+        The result, with those skews between instruments that the kinematics require.
+    """
     if not kinematics.available(flight):
         return KinematicFindings(
             evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
@@ -69,7 +83,9 @@ def judge_kinematics(
 
 
 def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
-    """Skews that explain more than any cause elsewhere does: a vane that stands metres off has some of them, too."""
+    """Skews between instruments if they explain more than any other cause; a vane far from its stated position imitates
+    some.
+    """
     skews, gained = demanded_skews(found)
     if not skews:
         return []
@@ -78,8 +94,10 @@ def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
 
 
 def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
-    """Whether kinematics come near the data with one cause at most. Then the noise is as it was read, and what a model
-    leaves is that cause, or wrong in its aerodynamics."""
+    """Whether the kinematics come near the data with at most one cause.
+
+    If so, the measured noise is correct, and what a model leaves is that cause or an error of its aerodynamics.
+    """
     if not kinematics.available(flight):
         return False
     far, tried = flight.criteria.noise.far_from_causes, flight.criteria.numerics.naming.trials
@@ -94,9 +112,26 @@ def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
 def without_turbulence(
     flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
 ) -> tuple[Evidence, list[Candidate]] | None:
-    """Kinematic evidence in calm air and its ranking, as of `judge_kinematics`, when of what it said there,
-    `turbulent`, little is left beside the causes that were named in it, `attached`. Moving air imitates faults until
-    they are found. None when there is."""
+    """Kinematic evidence in calm air with its ranking, if the named causes explain what was taken for turbulence.
+
+    Turbulence can imitate faults until these are found.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    known
+        Effects of the aircraft file.
+    attached
+        All effects of the model with the named causes.
+    turbulent
+        The turbulence found before.
+
+    Returns
+    -------
+    tuple or None
+        Evidence and ranking as in `judge_kinematics`; None if too much of the turbulence remains.
+    """
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]
     if len(found) == len(before):
@@ -109,22 +144,24 @@ def without_turbulence(
 
 
 def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
-    """Causes of which kinematics know, but for those that are `known`."""
+    """Causes that affect the kinematics and are not `known`."""
     taken = {one.effect.key for one in known}
     return [e for e in flight.effects if e.kinematic and e.key not in taken]
 
 
 def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
-    """Turbulence beside what looks like it until it is in the model: instrument faults, discrete gusts, a shear.
+    """The turbulence after a test against faults that look like it: instrument faults, discrete gusts, a shear.
 
-    Moving air imitates any fault, and faults may imitate much of moving air. They are faults when together they leave
-    no turbulence, or when they explain more in moving air than it does beside them; and one drifting instrument that
-    gains more than all moving air is one. Small offsets of all instruments are in the model throughout.
+    Turbulence can imitate any fault, and faults can imitate much of turbulence. Faults are preferred if they leave no
+    turbulence together, or if they explain more in turbulence than it explains beside them. The air is calm if the
+    drift of one reading has a much larger statistic than turbulence. Small offsets of all instruments are always in the
+    model.
     """
     moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
     criteria = flight.criteria
 
     def moved(faulty: FlightFit) -> float:
+        """Deviance of the reconstruction with these faults in turbulence."""
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
         return kinematics.with_offsets(air).deviance
 
@@ -142,7 +179,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
         rested = weigh(kinematics.with_offsets(other), discrepancy=False)
         if evidence.deviance - rested.deviance < criteria.kinematics.confirmed * ranked[0].net:
-            break  # it does not keep what it promised: turbulence looks like an instrument fault too
+            break  # the fit does not confirm the prediction: turbulence also resembles an instrument fault
         faulty, evidence = other, rested
         in_moving_air.append(moved(faulty))
     if faulty is calm:
@@ -152,10 +189,13 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
 
 
 def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
-    """Whether moving air explains more than slow noise of all readings, as much as it must gain of kinematics, by the
-    file `refitted` in calm air. Air of the same strength and scale as in kinematics; it rolls the aircraft, too."""
+    """Whether turbulence also explains the motion of the full model, `refitted` in calm air.
+
+    Turbulence has the strength and scale found in the kinematics, and rolls the aircraft too. It must explain more than
+    slow noise of all readings does, by the same statistic that the kinematics require.
+    """
     flight = refitted.flight
-    if refitted.noise.colour:  # noise as the fit leaves it: its level has taken in whatever the air does
+    if refitted.noise.colour:  # noise estimated with the model already includes the effect of the air
         return True
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
     moving = fit(flight, refitted.attached, flight.noise(air), refitted, tolerance=2.0)
