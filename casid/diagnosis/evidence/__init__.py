@@ -1,1 +1,1 @@
-"""The linearised innovations: fingerprints of causes, small terms, histories at ports."""
+"""The linearised innovations: fingerprints of causes, model discrepancy, latent inputs at ports."""

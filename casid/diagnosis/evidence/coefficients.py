@@ -1,4 +1,6 @@
-"""Aerodynamic coefficients along the records of a fit, and what its derivatives leave of a time history."""
+"""Aerodynamic coefficients along the records of a fit, and the part of a time history that derivatives cannot
+reproduce.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from casid.model.terms import parse_term
 
 
 def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
-    """coefficient -> (N, R) its value along the records, by its own aerodynamics, the fitted derivatives and terms."""
+    """Coefficient -> (N, R) its value along the records, from the file's own aerodynamics, derivatives and fitted
+    terms.
+    """
     values, nothing = fit.derivatives, np.zeros(fit.batch.live.shape)
     series = {c: fit.regressors.get(f"given {c}", nothing) for c in fit.flight.coefficients}
     for coefficient, name, term in fit.flight.terms:
@@ -19,15 +23,17 @@ def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
 
 
 def variation(fit: FlightFit) -> dict[str, float]:
-    """Standard deviation of every coefficient along the records."""
+    """Coefficient -> standard deviation of its value along the records."""
     return {c: float(np.std(s[fit.batch.live])) for c, s in coefficient_series(fit).items()}
 
 
 def unlike_derivatives(
     fit: FlightFit, coefficient: str, series: np.ndarray, regressors: dict[str, np.ndarray] | None = None
 ) -> np.ndarray:
-    """(N, R, ...) what is left of time histories of a coefficient after regression on its fitted terms, which are
-    functions of the fit's `regressors` or of others."""
+    """(N, R, ...) Residual of time histories of a coefficient after regression on its fitted terms.
+
+    The terms are evaluated with the fit's `regressors`, or with the given ones.
+    """
     live, regressors = fit.batch.live, fit.regressors if regressors is None else regressors
     present = [
         np.broadcast_to(parse_term(term).evaluate(regressors), live.shape)[live]

@@ -1,8 +1,8 @@
-"""A fit with small structural errors of its aerodynamics marginalised: what screening and naming judge by.
+"""Evidence: a fit with model discrepancy integrated out, which screening and acceptance use.
 
-No linear aircraft model is exact: `small_terms` may be present in each coefficient, and how nonlinear each one is, is
-estimated from the data. What they can explain is no evidence for any other cause; a term well beyond what is usual on
-this aircraft still shows.
+No linear aircraft model is exact. Each coefficient may contain `small_terms`, and the data determine how nonlinear each
+coefficient is. What these terms can explain is no evidence for a cause. A term much larger than usual on this aircraft
+is still found.
 """
 
 from __future__ import annotations
@@ -25,13 +25,16 @@ from casid.native.processors import share_out, side_by_side
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
-    """A fit seen through the nuisance of small terms.
+    """A fit with model discrepancy as nuisance parameters.
 
-    by_record   for each record (samples, k) whitened sensitivities of the fitted slots and of the small `terms`
-    covariance  (k, k) of their joint posterior; `newton` (k,) posterior mean, zero for converged slots
-    deviance    -2 log marginal likelihood up to a constant of the data: small terms integrated out
-    terms       (coefficient, term) of the small terms, after the slots in `by_record`, in units of `factors`
-    scales      coefficient -> how nonlinear it is: prior 1-sigma of its small terms in units of the smallest
+    by_record   for each record (samples, k) whitened sensitivities to the fitted parameters and to the small `terms`
+    covariance  (k, k) of their joint posterior
+    newton      (k,) posterior mean of their changes; zero for converged parameters
+    deviance    -2 log marginal likelihood up to a constant of the data, small terms integrated out
+    terms       (coefficient, term) of the small terms, in units of `factors`; in `by_record` they follow the parameters
+    factors     (terms,) units of the small terms
+    scales      coefficient -> prior 1-sigma of its small terms, in units of the smallest: how nonlinear it is
+    sums        normal equations behind these results
     """
 
     fit: FlightFit
@@ -46,7 +49,7 @@ class Evidence:
 
     @property
     def criteria(self) -> Criteria:
-        """By which everything that looks at this evidence decides."""
+        """The thresholds for all decisions made with this evidence."""
         return self.fit.criteria
 
     @property
@@ -60,7 +63,7 @@ class Evidence:
 
     @cached_property
     def left(self) -> np.ndarray:
-        """(N, R, ny) whitened residual that slots and small terms leave."""
+        """(N, R, ny) Whitened residuals with parameters and small terms fitted."""
         left = self.fit.white.copy()
         for r, flat in enumerate(self.by_record):
             left[:, r] -= (flat @ self.newton).reshape(left[:, r].shape)
@@ -72,13 +75,13 @@ class Evidence:
         return self.sums.alike
 
     def deviance_at_scales(self, scales: Mapping[str, float]) -> float:
-        """The deviance if no coefficient were more nonlinear than `scales` says."""
+        """The deviance if no coefficient were more nonlinear than `scales`."""
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
         return self.fit.deviance + self.sums.posterior(least)[2]
 
 
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
-    """Evidence of a fit; without `discrepancy` the model structure is taken as exact."""
+    """The evidence of a fit; without `discrepancy` the model structure is taken as exact."""
     small = small_terms(fit) if discrepancy else no_terms(fit)
     stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in small.names]
     white = fit.filter.whiten_histories(stations, small.series * small.factors) if small.names else None
@@ -104,8 +107,14 @@ def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EvidenceSums:
-    """Normal equations `gram`, `slope` of slots (prior included) and small terms, whose prior information is `alike` at
-    a scale of one, the coefficients that own the small terms, and the `scales` that are tried."""
+    """Normal equations of the fitted parameters, prior included, and the small terms.
+
+    gram    (k, k) matrix
+    slope   (k,) right-hand side
+    alike   prior information of the small terms at a scale of one
+    owners  coefficient of each small term
+    scales  scales that are tried
+    """
 
     gram: np.ndarray
     slope: np.ndarray
@@ -114,6 +123,7 @@ class EvidenceSums:
     scales: tuple[float, ...]
 
     def most_likely(self) -> dict[str, float]:
+        """Coefficient -> scale with the largest marginal likelihood."""
         k = len(self.slope) - len(self.owners)
         by_slots = self.gram[k:, :k] @ scaled_inverse(self.gram[:k, :k]) if k else np.zeros((len(self.owners), 0))
         square = self.gram[k:, k:] - by_slots @ self.gram[:k, k:]
@@ -121,14 +131,14 @@ class EvidenceSums:
         return most_likely_scales(square, match, self.alike, self.owners, self.scales)
 
     def information(self, scales: Mapping[str, float]) -> np.ndarray:
-        """Of slots and small terms, priors included."""
+        """(k, k) Information on parameters and small terms, priors included."""
         k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
         found = self.gram.copy()
         found[k:, k:] += self.alike / scale[:, None] / scale
         return found
 
     def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
-        """(covariance, newton, and by what the marginalised small terms change the deviance)."""
+        """Covariance, posterior mean, and change of the deviance by the small terms that are integrated out."""
         k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
         prior = self.alike / scale[:, None] / scale
         information = self.information(scales)
@@ -143,6 +153,7 @@ class EvidenceSums:
 
 
 def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) -> EvidenceSums:
+    """The normal equations of a fit with its small terms."""
     k, n = len(fit.slots), len(fit.slots) + len(small.names)
     gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
     slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
@@ -153,9 +164,12 @@ def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) ->
 
 
 def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> float:
-    """Honest 1-sigma of a fitted slot: its `spread`, or what leaving out whole `records` does, if that is more; where
-    small terms of the structure would move the value to, what records leave open that are sampled and noisy, and a part
-    of it, because no value is known better."""
+    """Corrected standard deviation of a fitted parameter.
+
+    It is the root of a sum of squares. The parts are the `spread`, or the effect of leaving out whole `records` if that
+    is more; the change that the model discrepancy would make; the effect of sampling and input noise (`left_open`); and
+    a fraction of the value, because no value is known better.
+    """
     index = [slot.name for slot in evidence.fit.slots].index(name)
     apart = max(spread(evidence, name), jackknife(evidence, name, records))
     parts = apart, evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
@@ -163,9 +177,12 @@ def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> flo
 
 
 def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
-    """By how much the records an effect is made of leave its slot open. The straight lines between samples: a third of
-    what leaving out every second sample does, for the error goes with the square of the interval (Richardson). The
-    noise of recorded inputs: what the most likely ones do in their place."""
+    """Uncertainty of a parameter due to sampling and noise of the records that its effect is computed from.
+
+    The first number is for the straight lines between samples: a third of the change when every second sample is left
+    out, since the error grows with the square of the interval (Richardson). The second is for noise of recorded inputs:
+    the change when they are replaced by their most likely values. Both are zero for an effect that uses no records.
+    """
     fit, slot = evidence.fit, evidence.fit.slots[index]
     one = None if slot.attached is None else fit.attached[slot.attached]
     if one is None or (one.effect.series is None and one.effect.output is None):
@@ -178,7 +195,7 @@ def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
 def _moved(
     evidence: Evidence, index: int, one: Attached, known: dict[str, np.ndarray], instead: dict[str, np.ndarray]
 ) -> float:
-    """By how much a slot moves when its effect is made of other time histories."""
+    """Change of a parameter if its effect is computed from other time histories."""
     fit, names, t, stations = (
         evidence.fit,
         evidence.fit.batch.names,
@@ -198,7 +215,7 @@ def _moved(
 
 
 def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """(N, R) series with every second sample, and straight lines between them."""
+    """(N, R) Series of every second sample, with straight lines between them."""
     return np.stack([np.interp(at, at[::2], y[::2]) for at, y in zip(t.T, series.T, strict=True)], axis=1)
 
 
@@ -208,8 +225,10 @@ def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
 
 
 def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Gate, ...]:
-    """What a value must pass to differ from zero: its 99 % interval by the honest deviation leaves zero out. A value
-    that is not fitted itself has nothing to pass."""
+    """The gate on a value that must differ from zero: its 99 % interval, from the corrected deviation, excludes zero.
+
+    A value that is not estimated has no gate.
+    """
     if name not in {slot.name for slot in evidence.fit.slots}:
         return ()
     honest = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
@@ -217,18 +236,19 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
 
 
 def spread(evidence: Evidence, name: str) -> float:
-    """1-sigma of a fitted slot with small terms of the structure allowed for, or how far stretches of record pull it
-    apart, if that is more."""
+    """Standard deviation of a parameter with model discrepancy, or its `scatter` between stretches of record if that is
+    more.
+    """
     index = [slot.name for slot in evidence.fit.slots].index(name)
     return max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
 
 
 def scatter(evidence: Evidence, index: int) -> float:
-    """1-sigma of a fitted slot from how far stretches of record pull it apart, whatever makes them disagree.
+    """Standard deviation of a parameter from the differences between stretches of record, whatever their reason.
 
-    The sandwich covariance with stretches as clusters, each weighed up by what it determines of the slot itself (the
-    jackknife's: Bell and McCaffrey 2002). Without error of the model it is the posterior 1-sigma on average. What is
-    left of the aircraft's real structure makes it larger.
+    This is the sandwich covariance with stretches as clusters. Each stretch is weighted up by what it determines of the
+    parameter itself, as in the jackknife (Bell and McCaffrey 2002). For a correct model it equals the posterior
+    standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
     direction, pulls, shares = evidence.covariance[index], [], []
     criteria = evidence.criteria.structure
@@ -244,8 +264,10 @@ def scatter(evidence: Evidence, index: int) -> float:
 
 
 def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
-    """1-sigma of a fitted slot from how far leaving out whole records would move it, to first order; none from fewer
-    than three. What differs between flights and stays the same within each, stretches of record do not show.
+    """Standard deviation of a parameter from leaving out whole records, to first order; zero for fewer than three
+    records.
+
+    It includes differences between flights that are constant within each flight, which `scatter` does not see.
     """
     index = [slot.name for slot in evidence.fit.slots].index(name)
     if len(records) < 3:
@@ -260,7 +282,7 @@ def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
 
 
 def gram_of(columns: np.ndarray) -> np.ndarray:
-    """columns' columns, at half the cost of the product."""
+    """Product of the transposed columns with themselves, at half the cost of a general product."""
     if not columns.shape[1]:
         return np.zeros((0, 0))
     (syrk,) = get_blas_funcs(("syrk",), (columns,))
@@ -269,7 +291,7 @@ def gram_of(columns: np.ndarray) -> np.ndarray:
 
 
 def cross_of(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """left' right, for many columns on the right."""
+    """Product left' right, for many columns on the right."""
     found = np.empty((left.shape[1], right.shape[1]))
 
     def run(first: int, last: int) -> None:

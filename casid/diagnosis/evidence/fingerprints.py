@@ -1,7 +1,7 @@
 """Fingerprints: the whitened response of the linearised, filtered aircraft to a unit of a cause.
 
-They are kept record by record, as sums over the samples, so that a cause that is in some records only costs no further
-pass.
+They are kept for each record, as sums over its samples. A cause that acts in some records only therefore needs no
+further pass.
 """
 
 from __future__ import annotations
@@ -24,8 +24,12 @@ from casid.native.processors import side_by_side
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fingerprint:
-    """Sums over each record of the whitened response m to one cause: square (R,), cross with the fitted slots (R, k),
-    and with the residual (R,)."""
+    """Sums over each record of the whitened response m to one cause.
+
+    square  (R,) m'm
+    cross   (R, k) products with the sensitivities to the fitted parameters
+    match   (R,) products with the innovations
+    """
 
     effect: Effect
     values: Mapping[str, float]
@@ -39,10 +43,10 @@ _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its furthe
 
 
 def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
-    """The fingerprints of effects on the whole grid of their further values and onsets, but for oscillations that are
-    too fast for the samples.
+    """The fingerprints of effects on the complete grid of their further values and onsets.
 
-    onsets  [s] after each record's first sample; default `onset_grid` over the longest record
+    `onsets` are in s after the first sample of each record; the default is `onset_grid`. Oscillations that are too fast
+    for the samples are left out.
     """
     effects, base = list(effects), evidence.fit
     slowest = max(float(np.median(np.diff(record.t))) for record in base.flight.records)
@@ -56,15 +60,16 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
                 continue
             at = onset_grid(evidence, length=values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
-    rows.sort(key=lambda row: row[2] or 0.0)  # what has not begun yet needs no work
+    rows.sort(key=lambda row: row[2] or 0.0)  # samples before the first onset of a group need no work
     symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     direct = [row for row in rows if not _a_history(row[0])]
     known = [row for row in rows if _a_history(row[0])]
 
-    # the transposed filter costs what as many responses do as there are slots and small terms
+    # The transposed filter costs as much as one response for each parameter and small term.
     entrances = Entrances.of(evidence, base.model.disturbances) if len(known) > len(evidence.newton) else None
 
     def some(of: Sequence[_Row]) -> list[Fingerprint]:
+        """The fingerprints of some rows of one kind."""
         if not _a_history(of[0][0]):
             return _fingerprints(evidence, of, _white_direct(base, of, symbolic))
         histories = [_unit_history(base, *row) for row in of]
@@ -76,8 +81,11 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
 
 
 def onset_grid(evidence: Evidence, step: float | None = None, length: float = np.inf) -> np.ndarray:
-    """Onsets [s] after a record's first sample to look at, `step` apart, by default as a screening does, and further in
-    long records, so that the work grows as the records do. But no further than an event of that `length` takes."""
+    """Onsets [s] after the first sample of a record.
+
+    They are `step` apart, by default as in screening. In long records the distance grows with the record, so that the
+    work grows in proportion to it, but not beyond the `length` of the event.
+    """
     longest = max(record.duration for record in evidence.fit.flight.records)
     numerics, edge = evidence.criteria.numerics.screening, evidence.criteria.screening.edge
     step = numerics.onset_step if step is None else step
@@ -86,7 +94,7 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
 
 
 def _a_history(effect: Effect) -> bool:
-    """Whether an effect is time histories at disturbances of the model."""
+    """Whether an effect consists of time histories at disturbances of the model."""
     return effect.quasi_steady or (effect.series is not None and not effect.symbolic)
 
 
@@ -96,7 +104,7 @@ def _of_histories(
     histories: Sequence[Mapping[str, np.ndarray]],
     entrances: Entrances | None,
 ) -> list[Fingerprint]:
-    """Of rows that are time histories by station."""
+    """The fingerprints of rows that are time histories by port."""
     if entrances is None:
         return _fingerprints(evidence, rows, _whitened(evidence.fit, histories))
     square = evidence.fit.filter.squares_of_histories(*_entering(evidence.fit, histories))
@@ -111,7 +119,7 @@ def _of_histories(
 
 
 def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
-    """Of the whitened responses to the rows (last samples, R, ny, rows), zero before."""
+    """The fingerprints from whitened responses (last samples, R, ny, rows); earlier samples are zero."""
     before = evidence.fit.white[: len(evidence.fit.white) - len(white), 0].size
     parts = [white[:, r].reshape(-1, len(rows)) for r in range(white.shape[1])]
     square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
@@ -121,7 +129,7 @@ def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -
 
 
 def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np.ndarray) -> list[Fingerprint]:
-    """Of sums (R, rows), (R, k, rows) and (R, rows)."""
+    """The fingerprints from sums (R, rows), (R, k, rows) and (R, rows)."""
     return [
         Fingerprint(effect=e, values=v, onset=o, square=square[:, j], cross=cross[:, :, j], match=match[:, j])
         for j, (e, v, o) in enumerate(rows)
@@ -129,8 +137,10 @@ def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np
 
 
 def responses(evidence: Evidence, rows: Sequence[_Row]) -> list[np.ndarray]:
-    """By record (samples, rows): the whitened responses to a unit of effects with these further values and onsets, or
-    to the whole of one that is not linear."""
+    """For each record (samples, rows): whitened responses to a unit of effects with these values and onsets.
+
+    For an effect that is not linear it is the response to the complete effect.
+    """
     base = evidence.fit
     symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
     white = np.zeros((*base.white.shape, len(rows)))
@@ -148,7 +158,7 @@ def responses(evidence: Evidence, rows: Sequence[_Row]) -> list[np.ndarray]:
 
 
 def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """name -> (Y, F) of symbolic effects, from the Jacobians of a model that has them all at their null."""
+    """Name -> (Y, F) of symbolic effects, from the Jacobians of a model that contains all of them at zero effect."""
     already = [a.effect for a in base.attached]
     effects = [e for e in effects if e.name not in {a.name for a in already}]
     if not effects:
@@ -164,7 +174,7 @@ def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tu
 def _unit_history(
     base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None
 ) -> Mapping[str, np.ndarray]:
-    """Station -> (N, R) time history of a unit of an effect that is one."""
+    """Port -> (N, R) time history of a unit of an effect."""
     if effect.quasi_steady:
         term = base.flight.term_along(effect, base.regressors)
         return {str(effect.enters): np.broadcast_to(term, base.batch.live.shape)}
@@ -172,12 +182,14 @@ def _unit_history(
 
 
 def history(base: FlightFit, one: Attached) -> np.ndarray:
-    """(N, R, nw) what an effect puts on the stations of a fit."""
+    """(N, R, nw) Time histories that an effect adds at the disturbances of a fit."""
     return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
 
 
 def _by_station(base: FlightFit, W: np.ndarray) -> dict[str, np.ndarray]:
-    """Station -> (N, R) time history, of those of (N, R, nw) that act; one if none does. Copies: W is large."""
+    """Port -> (N, R) time history of those of (N, R, nw) that are not zero; the first port if all are. Copies: W is
+    large.
+    """
     acting = np.flatnonzero(W.any(axis=(0, 1)))
     return {base.model.disturbances[s]: W[..., s].copy() for s in (acting if len(acting) else [0])}
 
@@ -185,7 +197,17 @@ def _by_station(base: FlightFit, W: np.ndarray) -> dict[str, np.ndarray]:
 def _entering(
     base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]
 ) -> tuple[list[int], np.ndarray, np.ndarray]:
-    """(disturbances, series (N, R, their number), number of the first of each history) of time histories by station."""
+    """Time histories by port as arrays.
+
+    Returns
+    -------
+    stations
+        Index of the disturbance of each series.
+    series
+        (N, R, number of series)
+    first
+        Index of the first series of each history.
+    """
     stations = [base.model.disturbances.index(station) for one in histories for station in one]
     series = np.stack([h for one in histories for h in one.values()], axis=2)
     parts = np.array([len(one) for one in histories])
@@ -193,15 +215,14 @@ def _entering(
 
 
 def _whitened(base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-    """(last samples, R, ny, histories) whitened responses to time histories by station, from where the first of them
-    begins."""
+    """(last samples, R, ny, histories) Whitened responses to time histories by port, from the first nonzero sample."""
     stations, series, first = _entering(base, histories)
     begins = int(np.argmax(series.any(axis=(1, 2))))
     return base.filter.whiten_histories(stations, series, first)[begins:]
 
 
 def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
-    """The fingerprints of time histories (N, R, nw), as those of an effect."""
+    """The fingerprints of time histories (N, R, nw) as those of an effect."""
     found, following = [], (_by_station(evidence.fit, one) for one in histories)
     while some := list(islice(following, _together(evidence.fit))):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
@@ -209,14 +230,17 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
 
 
 def _together(base: FlightFit) -> int:
-    """Responses that are in memory at a time."""
+    """Number of responses that are in memory at a time."""
     numerics = base.criteria.numerics.screening
     return int(np.clip(numerics.responses / base.white.size, numerics.fewest_responses, numerics.most_responses))
 
 
 def _white_direct(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
-    """(N, R, ny, rows) whitened responses to a unit of effects in the model's equations, from their Jacobians, and of
-    effects on readings, to the whole of one that is not linear."""
+    """(N, R, ny, rows) Whitened responses to effects in the equations of the model, or on readings.
+
+    Effects in the equations are computed from Jacobians. For an effect on readings that is not linear it is the
+    response to the complete effect.
+    """
     seen, shape = base.linear.seen, base.linear.defect.shape
     outputs, states = [], {}
     for i, (effect, values, onset) in enumerate(rows):
@@ -231,12 +255,12 @@ def _white_direct(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> n
     F = np.zeros((*shape, len(rows)))
     for i, state in states.items():
         F[..., i] = state
-    # by way of rows: columns written one by one take twice the time
+    # Rows are transposed at the end, because writing columns one by one takes twice the time.
     Y = np.stack(outputs).reshape(len(rows), -1).T.reshape(*base.read.shape, len(rows))
     return base.filter.whiten(Y, F)
 
 
 def _unit(effect: Effect, values: Mapping[str, float], onset: float | None, base: FlightFit) -> Attached:
-    """The effect at unit amplitude in every record, its onset counted from each record's first sample."""
+    """The effect at unit amplitude in every record, with its onset counted from the first sample of each record."""
     onsets = {r.name: r.t[0] + onset for r in base.flight.records} if onset is not None else {}
     return Attached(effect=effect, values={"value": 1.0} | dict(values), onsets=onsets)

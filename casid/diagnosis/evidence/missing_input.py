@@ -1,9 +1,10 @@
-"""Something is missing, and it enters here: an anonymous Gaussian-process input at each station of the signal path.
+"""Latent inputs: a Gaussian-process input at each port of the signal path, which shows where something is missing.
 
-For every coefficient, every axis of moving air and every reading, an unknown time history with covariance
-s^2 exp(-|t|/tau) on a grid of nodes is added to the fitted model. Its exact marginal-likelihood gain (fitted slots
-eliminated, s and tau maximised) says where something is missing before a cause is named, and whether something still is
-afterwards. What is added to a reading is slow, like the drift of an instrument: a fast one could imitate anything.
+For every coefficient, every axis of moving air and every reading, an unknown time history with covariance s^2
+exp(-|t|/tau) on a grid of nodes is added to the fitted model. Its exact marginal likelihood-ratio statistic, with the
+fitted parameters eliminated and s and tau maximised, shows where something is missing before a cause is named, and
+whether something remains afterwards. A latent input at a reading is slow, like the drift of an instrument; a fast one
+could imitate anything.
 """
 
 from __future__ import annotations
@@ -24,7 +25,14 @@ from casid.native.processors import side_by_side
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MissingInput:
-    """What an unknown input at `station` could gain, 2 ln L; `history` record -> (nodes t, estimate, 1-sigma)."""
+    """A latent input at a port (`station`).
+
+    station    the port
+    gain       likelihood-ratio statistic
+    size       prior 1-sigma, or amplitude of an oscillation
+    history    record -> (times of the nodes, estimate, 1-sigma)
+    frequency  frequency [Hz] of an oscillation; else None
+    """
 
     station: str
     gain: float
@@ -34,7 +42,7 @@ class MissingInput:
 
     @property
     def place(self) -> Station:
-        """Where it enters."""
+        """The port where it enters."""
         return Station.at(self.station)
 
     def concerns(self, records: Iterable[str]) -> bool:
@@ -43,29 +51,29 @@ class MissingInput:
 
     @property
     def rms(self) -> float:
-        """Root mean square about the mean, in the unit of the station."""
+        """Root mean square about the mean, in the unit of the port."""
         return float(np.std(np.concatenate([mean for _, mean, _ in self.history.values()])))
 
     @property
     def largest(self) -> float:
-        """Largest deviation from the mean of its record, in the unit of the station."""
+        """Largest deviation from the mean of its record, in the unit of the port."""
         return max(float(np.max(np.abs(mean - np.mean(mean)))) for _, mean, _ in self.history.values())
 
 
 def moving_air(evidence: Evidence) -> list[MissingInput]:
-    """An unknown velocity of the air along each axis, largest gain first."""
+    """A latent velocity of the air along each axis, largest statistic first."""
     return missing_at(
         evidence, [station for station in evidence.fit.flight.stations if Station.at(station).kind == "wind"]
     )
 
 
 def missing_inputs(evidence: Evidence) -> list[MissingInput]:
-    """An unknown input at each station, largest gain first."""
+    """A latent input at each port, largest statistic first."""
     return missing_at(evidence, [*evidence.fit.flight.stations, *evidence.fit.flight.readings])
 
 
 def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
-    """An unknown input at each of these stations, largest gain first."""
+    """A latent input at each of these ports, largest statistic first."""
     grids = {slow: _grid(evidence, slow) for slow in {Station.at(name).kind == "reading" for name in names}}
     hats = {name: grids[Station.at(name).kind == "reading"] for name in names}
     products = products_at(evidence, {name: grid.hats for name, grid in hats.items()})
@@ -74,16 +82,16 @@ def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
 
 
 def drifts(evidence: Evidence) -> list[MissingInput]:
-    """An unknown input at each reading, largest gain first."""
+    """A latent input at each reading, largest statistic first."""
     return missing_at(evidence, evidence.fit.flight.readings)
 
 
 def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
-    """The oscillation that the innovations show most clearly, as an unknown input at each station, largest gain first;
-    nothing when no frequency above those of `missing_inputs` stands out.
+    """The clearest oscillation of the innovations as a latent input at each port, largest statistic first.
 
-    A hum is too fast for nodes of an unknown time history. Its frequency is the highest peak of the innovations'
-    periodogram, pooled over records; its amplitude and phase are free in every record.
+    The list is empty if no frequency above those of `missing_inputs` is significant. An oscillation is too fast for the
+    nodes of a latent input. Its frequency is that of the highest peak of the periodogram of the innovations, pooled
+    over the records. Its amplitude and phase are free in every record.
     """
     frequency = _peak_frequency(evidence.fit)
     if frequency is None:
@@ -93,7 +101,7 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
 
 
 def _peak_frequency(fit: FlightFit) -> float | None:
-    """Frequency [Hz] of the highest peak that white innovations hardly ever show by chance."""
+    """Frequency [Hz] of the highest peak, if white innovations are very unlikely to have such a peak; else None."""
     criteria, numerics = fit.criteria.screening, fit.criteria.numerics.missing_input
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
@@ -117,14 +125,17 @@ def _peak_frequency(fit: FlightFit) -> float | None:
 
 
 def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    """Logarithm of the chance that a chi-square is larger; far out, where scipy has nothing left of it, by the leading
-    term of its expansion."""
+    """Logarithm of the probability that a chi-square variable is larger.
+
+    Far in the tail, where the probability of scipy is zero, the leading term of its expansion is used.
+    """
     near, half = stats.chi2.logsf(power, dof), np.maximum(power, 1.0) / 2.0
     far = (dof / 2.0 - 1.0) * np.log(half) - half - special.gammaln(dof / 2.0)
     return np.where(np.isfinite(near), near, far)
 
 
 def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:
+    """An oscillation as latent input at one port."""
     fit = evidence.fit
     since = fit.batch.t - fit.batch.t[0]
     angle = 2.0 * np.pi * frequency * since
@@ -146,8 +157,12 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Grid:
-    """Nodes of an unknown time history [s], what a unit at each adds over time (N, R, n), straight lines between them,
-    and the correlation times that are tried [s]."""
+    """Grid of a latent input.
+
+    nodes  times of the nodes [s]
+    hats   (N, R, n) contribution of a unit at each node, with straight lines between the nodes
+    times  correlation times that are tried [s]
+    """
 
     nodes: np.ndarray
     hats: np.ndarray
@@ -155,7 +170,7 @@ class _Grid:
 
 
 def _grid(evidence: Evidence, slow: bool) -> _Grid:
-    """The grid of what is added to a reading (`slow`), or of what enters the motion."""
+    """The grid for a reading (`slow`), or for the motion."""
     fit, numerics = evidence.fit, evidence.criteria.numerics.missing_input
     spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
     longest = max(record.duration for record in fit.flight.records)
@@ -169,6 +184,7 @@ def _grid(evidence: Evidence, slow: bool) -> _Grid:
 def _one_station(
     evidence: Evidence, station: str, grid: _Grid, products: tuple[np.ndarray, np.ndarray]
 ) -> MissingInput:
+    """The latent input at one port."""
     fit, n = evidence.fit, len(grid.nodes)
     white = response(fit, station, grid.hats)
     by_record = [white[:, r].reshape(-1, n) for r in range(len(fit.batch.names))]
@@ -177,7 +193,7 @@ def _one_station(
 
 
 def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
-    """(N, R, ny, k) whitened response to time histories (N, R, k) at a station."""
+    """(N, R, ny, k) Whitened response to time histories (N, R, k) at a port."""
     place = Station.at(station)
     if place.kind != "reading":
         return fit.filter.whiten_histories([fit.model.disturbances.index(station)] * series.shape[2], series)
@@ -190,6 +206,7 @@ def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
 def _most_likely(
     evidence: Evidence, station: str, nodes: np.ndarray, left: Projection, times: Sequence[float]
 ) -> MissingInput:
+    """The latent input with the correlation time and variance of the largest marginal likelihood."""
     gram, match, R = left.gram, left.match, len(evidence.by_record)
     best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
@@ -217,6 +234,7 @@ def _ratios(numerics: MissingInputNumerics) -> np.ndarray:
 
 
 def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:
+    """Cholesky factor of the prior covariance at the nodes of all records, for unit variance."""
     covariance = np.exp(-np.abs(nodes[:, None] - nodes) / tau) + 1e-9 * np.eye(len(nodes))
     return np.kron(np.eye(records), np.linalg.cholesky(covariance))
 
@@ -224,7 +242,7 @@ def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:
 def _history(
     gram: np.ndarray, match: np.ndarray, nodes: np.ndarray, tau: float, variance: float, records: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Posterior mean and 1-sigma of the unknown input at the nodes, per record."""
+    """Posterior mean and 1-sigma of the latent input at the nodes, for each record."""
     n = len(nodes)
     if variance <= 0.0:
         return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
@@ -233,5 +251,5 @@ def _history(
     mean, sigma = (
         posterior @ match,
         np.sqrt(np.maximum(np.diag(posterior), 0.0)),
-    )  # rounding may leave less than nothing
+    )  # rounding may leave a negative variance
     return [(mean[r * n : (r + 1) * n], sigma[r * n : (r + 1) * n]) for r in range(records)]

@@ -1,4 +1,4 @@
-"""Projection of responses off what is fitted: their normal equations once everything that is fitted has adapted."""
+"""Normal equations of responses with the fitted parameters eliminated."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from casid.model.station import Station
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Projection:
-    """Normal equations of n whitened responses, the fitted slots and the small terms of an evidence eliminated.
+    """Normal equations of n whitened responses, with fitted parameters and small terms of an evidence eliminated.
 
-    gram   (n, n) products of what is left of the responses: the information on their sizes
-    match  (n,) products of that with the innovations
+    gram   (n, n) products of the projected responses: the information on their sizes
+    match  (n,) their products with the innovations
     """
 
     gram: np.ndarray
@@ -24,7 +24,7 @@ class Projection:
 
     @classmethod
     def shared(cls, evidence: Evidence, responses: Mapping[int, np.ndarray]) -> Projection:
-        """Of responses with one size in all records: number of the record -> (samples, n)."""
+        """For responses with one size in all records: index of the record -> (samples, n)."""
         n = next(iter(responses.values())).shape[1]
         gram, match, cross = np.zeros((n, n)), np.zeros(n), np.zeros((len(evidence.newton), n))
         for r, own in responses.items():
@@ -37,8 +37,10 @@ class Projection:
     def by_record(
         cls, evidence: Evidence, responses: Sequence[np.ndarray], products: tuple[np.ndarray, np.ndarray]
     ) -> Projection:
-        """Of responses (samples, n) with sizes of its own in every record: n of the first record, and so on; their
-        `products` as `Entrances` has them."""
+        """For responses (samples, n) with separate sizes in every record: n of the first record, and so on.
+
+        `products` are those of `Entrances`.
+        """
         R, n = len(responses), responses[0].shape[1]
         gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
         cross = np.zeros((len(evidence.newton), R * n))
@@ -50,20 +52,24 @@ class Projection:
 
     @classmethod
     def _eliminated(cls, evidence: Evidence, gram: np.ndarray, match: np.ndarray, cross: np.ndarray) -> Projection:
+        """The projection from products before elimination; `cross` (k, n) with parameters and small terms."""
         spent = cross.T @ evidence.covariance @ cross
         return cls(gram=gram - spent, match=match - cross.T @ evidence.newton)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Entrances:
-    """By station (R, N, k + 1) what the response to a unit at a sample has in common with the fitted slots and small
-    terms of an evidence, and last with its innovations."""
+    """Products of the response to a unit at every sample with the parameters, small terms and innovations of an
+    evidence.
+
+    by_station  port -> (R, N, k + 1), the innovations last
+    """
 
     by_station: Mapping[str, np.ndarray]
 
     @classmethod
     def of(cls, evidence: Evidence, stations: Sequence[str]) -> Entrances:
-        """Of disturbances of the model and of readings."""
+        """The products for disturbances of the model and readings."""
         (N, R, _), k = evidence.fit.white.shape, len(evidence.newton)
         found = {name: np.empty((R, N, k + 1)) for name in stations}
         for name, some, part in _parts(evidence, stations):
@@ -71,15 +77,21 @@ class Entrances:
         return cls(by_station=found)
 
     def products(self, station: str, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(cross (R, k, n), match (R, n)) of the whitened responses to time histories (N, R, n) at a station with what
-        is fitted and with the innovations."""
+        """Products of the whitened responses to time histories (N, R, n) at a port.
+
+        Returns
+        -------
+        cross
+            (R, k, n) With fitted parameters and small terms.
+        match
+            (R, n) With the innovations.
+        """
         both = self.by_station[station].swapaxes(1, 2) @ series.swapaxes(0, 1)
         return both[:, :-1], both[:, -1]
 
 
 def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Station -> `Entrances.products` of the time histories (N, R, n) there, without a history of every column in
-    memory."""
+    """Port -> `Entrances.products` of the time histories (N, R, n) there, computed in parts to save memory."""
     R, k = len(evidence.by_record), len(evidence.newton)
     both = {name: np.empty((R, k + 1, of.shape[2])) for name, of in series.items()}
     for name, some, part in _parts(evidence, list(series)):
@@ -88,8 +100,7 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
 
 
 def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, slice, np.ndarray]]:
-    """(station, columns, (R, N, columns)) of some columns of all stations after the other: what the response to a unit
-    at a sample has in common with them."""
+    """(port, columns, (R, N, columns)) Products of the response to a unit at a sample with some columns, by port."""
     fit, k = evidence.fit, len(evidence.newton)
     entering = [name for name in stations if name in fit.model.disturbances]
     index = [fit.model.disturbances.index(name) for name in entering]
@@ -105,7 +116,9 @@ def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, s
 
 
 def _columns(evidence: Evidence, some: slice) -> np.ndarray:
-    """(R, N, ny, their number) some of the fitted slots and small terms, after which the innovations come last."""
+    """(R, N, ny, columns) Some of the columns of fitted parameters and small terms; the innovations are the last
+    column.
+    """
     fit, k = evidence.fit, len(evidence.newton)
     (N, R, ny), fitted = fit.white.shape, min(some.stop, k) - some.start
     columns = np.empty((R, N, ny, some.stop - some.start))

@@ -1,8 +1,8 @@
-"""Score every cause of the catalogue at once, from one linearisation of the fitted baseline.
+"""Screening: score statistics of all causes of the catalogue, from one linearisation of the fitted model.
 
-The fitted slots are projected off the fingerprint m of a cause, their prior included. Then T = (m'e)^2 / m'm is the
-predicted drop of the deviance, chi-square with one degree of freedom when the cause is absent. Its predicted size is
-m'e / m'm.
+The fitted parameters, with their prior, are projected off the fingerprint m of a cause. T = (m'e)^2 / m'm is then the
+predicted decrease of the deviance, chi-square distributed with one degree of freedom if the cause is absent. The
+predicted size is m'e / m'm.
 """
 
 from __future__ import annotations
@@ -24,9 +24,14 @@ from casid.model.effect import Effect
 class Candidate:
     """A cause with its predicted size.
 
-    statistic  predicted drop of the deviance;  net: less the price of its parameters and of the `tries`: places tried
-    attached   ready to be fitted
-    surviving  share of the fingerprint that fitted derivatives cannot imitate
+    attached   the cause with predicted values
+    statistic  score statistic: predicted decrease of the deviance
+    net        the same less the selection penalty
+    dof        number of parameters of the cause
+    value      predicted size
+    std        its standard deviation
+    surviving  share of the fingerprint that fitted derivatives cannot reproduce
+    tries      number of places, shapes and subsets that were tried
     """
 
     attached: Attached
@@ -44,8 +49,10 @@ class Candidate:
 
 
 class Screen:
-    """Projection off the fitted slots and the small terms, and prices, for one baseline; `exact` takes the structure of
-    the model as exact and projects off the slots alone."""
+    """Projection off the fitted parameters and small terms, and the selection penalty, for one model.
+
+    With `exact` the structure of the model is taken as exact, and the parameters alone are projected off.
+    """
 
     def __init__(self, evidence: Evidence, exact: bool = False) -> None:
         self.evidence, self.base, self.criteria = evidence, evidence.fit, evidence.criteria
@@ -60,14 +67,14 @@ class Screen:
         self._terms = {} if exact else {term: slots + i for i, term in enumerate(evidence.terms)}
 
     def projected(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float]:
-        """(m'm, m'e, surviving share) of the sum of fingerprints; keep (parts, R) weights of each record."""
+        """(m'm, m'e, surviving share) of a sum of fingerprints; keep (parts, R) are weights of each record."""
         square = sum(float((k**2 * p.square).sum()) for p, k in zip(parts, keep, strict=True))
         cross = sum(k @ p.cross for p, k in zip(parts, keep, strict=True))
         match = sum(float((k * p.match).sum()) for p, k in zip(parts, keep, strict=True))
         spent, step = float(cross @ self.covariance @ cross), float(cross @ self.newton)
         own = self._own_term(parts[0].effect)
         if own is not None:
-            # the candidate is one of the small terms: as a cause it is free, so its nuisance twin must go
+            # The candidate is also one of the small terms. As a cause it is free, so the small term is removed.
             column, pivot = self.covariance[own], self.covariance[own, own]
             spent -= float(cross @ column) ** 2 / pivot
             step -= float(cross @ column) * self.newton[own] / pivot
@@ -76,15 +83,18 @@ class Screen:
         return left, match - step, float(np.sqrt(left / square)) if square > 0 else 0.0
 
     def drop(self, print_: Fingerprint, r: int) -> float:
-        """Predicted drop of the deviance by a cause of the size that its fingerprint stands for, in record r alone."""
+        """Predicted decrease of the deviance by a cause of the size of its fingerprint, in record r alone."""
         left, match, _ = self.projected([print_], np.eye(len(print_.square))[[r]])
         return 2.0 * match - left
 
     def _own_term(self, effect: Effect) -> int | None:
+        """Index of the small term that is the same as the effect; None if there is none."""
         return self._terms.get((effect.target, effect.regressor)) if effect.regressor else None
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
-        """(statistic, size, its 1-sigma, surviving share); zero statistic for what derivatives imitate fully."""
+        """(statistic, size, its 1-sigma, surviving share); the statistic is zero for a cause that derivatives can
+        reproduce.
+        """
         left, match, share = self.projected(parts, keep)
         if left <= 0.0 or share < self.criteria.screening.surviving:
             return 0.0, 0.0, np.inf, share
@@ -92,15 +102,16 @@ class Screen:
 
 
 def screen(evidence: Evidence, effects: Iterable[Effect], exact: bool = False) -> list[Candidate]:
-    """All effects ranked by predicted drop of the deviance less its price (`Candidate.net`), best first.
+    """All effects ranked by net score statistic (`Candidate.net`), best first.
 
-    The price is ln(samples) per parameter, as in the BIC, and 2 ln(places tried) for shapes, onsets and subsets.
+    The selection penalty is ln(samples) per parameter, as in the BIC, and 2 ln(places tried) for shapes, onsets and
+    subsets of records.
     """
     return rank(Screen(evidence, exact), fingerprints(evidence, effects))
 
 
 def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
-    """The fingerprints as candidates, one an effect (two for an event of either sign), best first."""
+    """The fingerprints as candidates, best first: one for each effect, two for an event that may have either sign."""
     by_name: dict[str, list[Fingerprint]] = {}
     for print_ in prints:
         by_name.setdefault(print_.effect.name, []).append(print_)
@@ -114,8 +125,11 @@ def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
 
 
 def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
-    """The best of the tried shapes, in all records or, for what may change between flights, in some. What only shows as
-    a difference between records, which a set and all the others tell equally well, is in the fewer."""
+    """The best of the tried shapes in all records, or in some records for an effect that may change between flights.
+
+    A set of records and its complement explain an effect equally well if it shows only as a difference between records.
+    The smaller set is then returned.
+    """
     effect, names = prints[0].effect, np.array(judge.base.batch.names)
     R, criteria, longest = len(names), judge.criteria.screening, judge.criteria.numerics.screening.longest_start
     best: Candidate | None = None
@@ -149,19 +163,22 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
 
 
 def equivalence(gain: float, criteria: Criteria) -> float:
-    """Distance in gain within which causes are one set."""
+    """Distance of the statistics within which causes are equivalent."""
     return max(criteria.screening.equivalent, criteria.screening.equivalent_part * gain)
 
 
 def _subset(chosen: Iterable[int], R: int) -> np.ndarray:
+    """(R,) Weights: one for the chosen records, else zero."""
     keep = np.zeros(R)
     keep[list(chosen)] = 1.0
     return keep
 
 
 def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
-    """The set of records that share one size, and the onset in each: best of all sets, by coordinate ascent, of either
-    sign where a loss early and a gain late resemble each other."""
+    """The best set of records that share one size, with the onset in each, found by coordinate ascent.
+
+    Both signs are returned for an effect for which an early decrease and a late increase look alike.
+    """
     effect = prints[0].effect
     names, R = judge.base.batch.names, len(prints[0].square)
     best: dict[bool, Candidate] = {}
@@ -202,12 +219,25 @@ def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tu
 def grown_sets(
     records: int, statistics: Callable[[Mapping[int, int], Sequence[int]], np.ndarray], starts: int
 ) -> Iterator[dict[int, int]]:
-    """Record -> number of the onset, for single records and for larger sets that share one size.
+    """Record -> index of the onset, for single records and for larger sets that share one size.
 
-    statistics  (what is chosen, records) -> (onsets, records) statistic of each onset in a record beside that
+    Larger sets grow from each of the `starts` records with the largest statistics. The record and onset with the
+    largest increase are added, and all onsets are then moved once more. This is necessary because fitted derivatives
+    hide an effect that is in most records, so that a single record shows little.
 
-    Larger sets grow from each of the `starts` records that say most by the record and onset that add most, all onsets
-    then moved once more. The fitted derivatives hide a loss that is in most records, so that single records say little.
+    Parameters
+    ----------
+    records
+        Number of records.
+    statistics
+        (chosen, records) -> (onsets, records) statistic of each onset in a record together with the chosen ones.
+    starts
+        Number of records from which sets are grown.
+
+    Yields
+    ------
+    dict
+        One set.
     """
     alone = statistics({}, range(records))
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]
@@ -226,7 +256,7 @@ def grown_sets(
 
 
 class _ScreeningSums:
-    """Sums of fingerprints of one effect over records, stacked: what `Screen.projected` does, for many sets at once."""
+    """Stacked sums of the fingerprints of one effect: the same as `Screen.projected`, for many sets at once."""
 
     def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:
         self._square, self._cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
@@ -236,7 +266,9 @@ class _ScreeningSums:
         self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
 
     def statistics(self, others: Mapping[int, int], records: Sequence[int]) -> np.ndarray:
-        """(prints, records) statistic of each fingerprint in a record beside the fingerprints `others` by record."""
+        """(prints, records) Statistic of each fingerprint in a record together with the fingerprints `others` by
+        record.
+        """
         rows, prints = list(others), list(others.values())
         fixed = self._cross[prints, rows].sum(axis=0)
         square = self._square[:, records] + self._square[prints, rows].sum()
@@ -250,11 +282,11 @@ class _ScreeningSums:
 def smallest_sizes(
     judge: Screen, prints: Iterable[Fingerprint], candidates: Iterable[Candidate], sigmas: float
 ) -> dict[str, float]:
-    """Name -> smallest size in all records that stands out by so many `sigmas`, aerodynamic terms apart; infinite where
-    derivatives imitate it at any size.
+    """Name -> smallest detectable size, at so many `sigmas`, of an effect that acts in all records.
 
-    Of an effect that sets in at a time, at the best onset of its candidate. Left out are those that are the weaker the
-    larger their value is, like a limit.
+    It is infinite if derivatives reproduce the effect at any size. For an event it is that at the best onset of its
+    candidate. Terms of the aerodynamics are left out, and so are effects that are weaker for larger values, like a
+    limit.
     """
     by_name = groupby(sorted(prints, key=lambda p: p.effect.name), key=lambda p: p.effect.name)
     sizes = {name: _smallest(judge, list(of), sigmas) for name, of in by_name}
@@ -263,7 +295,7 @@ def smallest_sizes(
 
 
 def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> float | None:
-    """Of one effect: of the tried sizes and shapes, by the one that is nearest to where it stands out."""
+    """Smallest detectable size of one effect, from the tried size and shape nearest to it; None if it has none."""
     effect = prints[0].effect
     if effect.timed or effect.quasi_steady or effect.members or (not effect.linear and "value" not in effect.grid[0]):
         return None
@@ -274,7 +306,7 @@ def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> fl
         return np.inf
     if not effect.linear and shown[np.argmax(tried)] < shown[np.argmin(tried)]:
         return None
-    # between sizes that were tried it is taken as growing in proportion
+    # Between the tried sizes the response is taken as proportional to the size.
     reached = np.array([size * sigmas / s if s > 0.0 else np.inf for size, s in zip(tried, shown, strict=True)])
     if effect.linear:
         return reached.min()
@@ -283,6 +315,6 @@ def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> fl
 
 
 def _sigmas(judge: Screen, one: Fingerprint, everywhere: np.ndarray) -> float:
-    """By how many 1-sigmas the response to the size that was tried differs from what derivatives can imitate."""
+    """Standard deviations by which the response to the tried size differs from what derivatives can reproduce."""
     left, _, share = judge.projected([one], everywhere)
     return float(np.sqrt(left)) if share >= judge.criteria.screening.surviving else 0.0

@@ -1,10 +1,10 @@
-"""The small structural errors that any linear aircraft model has: which terms, how large, and how alike they are.
+"""Model discrepancy: the small structural errors of a linear aircraft model, their sizes and correlations.
 
-Of a coefficient every low-order term that symmetry allows and the model lacks may be present. What they make together
-is a function of the motion. Each of its orthogonal parts that the fitted terms leave has the same prior 1-sigma: a
-small part of the variation of the coefficient, times a scale that says how nonlinear it is (Zellner's g-prior).
-The prior is thus one of functions: no matter which terms are written down, and in what order, and a curve with a kink
-needs no large terms that cancel.
+A coefficient may contain every low-order term that symmetry allows and the model lacks. Together these terms are a
+function of the motion. Each orthogonal part of this function that the fitted terms do not contain has the same prior
+1-sigma: a small part of the variation of the coefficient, times a scale that says how nonlinear the coefficient is
+(Zellner's g-prior). The prior is therefore one of functions: it does not depend on the choice and order of the terms,
+and a curve with a kink needs no large terms that cancel.
 """
 
 from __future__ import annotations
@@ -27,12 +27,13 @@ _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallTerms:
-    """Small terms of a fit.
+    """The small terms of a fit.
 
-    names    (coefficient, term) of each;  series (N, R, n) its regressor
-    factors  (n,) value of each that alone makes that small part of the variation of its coefficient
-    alike    (n, n) correlations, within a coefficient, of what fitted terms leave of them: the inverse of the prior
-             covariance of the values, in units of `factors`, at a scale of one
+    names    (coefficient, term) of each
+    series   (N, R, n) their regressors
+    factors  (n,) value of each that alone makes the small part of the variation of its coefficient
+    alike    (n, n) correlations, within a coefficient, of the parts that fitted terms do not contain: the inverse of
+             the prior covariance of the values, in units of `factors`, at a scale of one
     """
 
     names: tuple[tuple[str, str], ...]
@@ -42,12 +43,12 @@ class SmallTerms:
 
 
 def no_terms(fit: FlightFit) -> SmallTerms:
-    """None: the structure of the model is exact."""
+    """No small terms: the structure of the model is exact."""
     return SmallTerms(names=(), series=np.zeros((*fit.batch.live.shape, 0)), factors=np.zeros(0), alike=np.eye(0))
 
 
 def small_terms(fit: FlightFit) -> SmallTerms:
-    """All that symmetry allows and the model of the fit lacks."""
+    """All terms that symmetry allows and the model of the fit lacks."""
     criteria = fit.criteria.structure
     present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
@@ -85,10 +86,18 @@ def small_terms(fit: FlightFit) -> SmallTerms:
 def most_likely_scales(
     square: np.ndarray, match: np.ndarray, alike: np.ndarray, owners: Sequence[str], scales: Sequence[float]
 ) -> dict[str, float]:
-    """owner -> that of the `scales` with the largest marginal likelihood (empirical Bayes), by coordinate descent.
+    """Owner -> the scale with the largest marginal likelihood (empirical Bayes), by coordinate descent.
 
-    square, match  (n, n), (n,) normal equations of the small terms, all else eliminated
-    alike          (n, n) their prior information at a scale of one;  owners  the coefficient of each
+    Parameters
+    ----------
+    square, match
+        (n, n), (n,) Normal equations of the small terms, all other parameters eliminated.
+    alike
+        (n, n) Their prior information at a scale of one.
+    owners
+        The coefficient of each term.
+    scales
+        The scales that are tried.
     """
     n, root = len(match), np.linalg.cholesky(alike)
     match = solve_triangular(root, match, lower=True)
@@ -112,7 +121,7 @@ def most_likely_scales(
 
 
 def without_rounding(square: np.ndarray) -> np.ndarray:
-    """A Gram matrix that is one: what rounding has left of directions that nearly cancel may be less than nothing."""
+    """The Gram matrix without negative eigenvalues, which rounding causes for directions that nearly cancel."""
     if not len(square):
         return square
     values, vectors = np.linalg.eigh(0.5 * (square + square.T))
@@ -120,9 +129,12 @@ def without_rounding(square: np.ndarray) -> np.ndarray:
 
 
 def _symmetric_terms(coefficient: str) -> list[str]:
-    """Second order, and third order in one variable, as left-right symmetry of the aircraft allows; the linear terms of
-    the own plane, and what the rate of the own flow angle and Mach do. Longitudinal coefficients are even, lateral ones
-    odd in the lateral variables."""
+    """Names of the terms of a coefficient that the left-right symmetry of the aircraft allows.
+
+    These are the linear terms of its plane, terms of second order, terms of third order in one variable, and the
+    effects of Mach and of the rate of its flow angle. Longitudinal coefficients are even in the lateral variables,
+    lateral ones odd.
+    """
     lateral = coefficient == "CY" or (coefficient in MOMENTS and coefficient != "Cm")
     own = _LATERAL if lateral else _LONGITUDINAL
     if lateral:
