@@ -1,1 +1,1 @@
-"""The flight as a diagnosis sees it: records made ready, a hypothesis, its fit."""
+"""The fit of a hypothesis to flight records: preparation of the records, noise, prior, and fit."""

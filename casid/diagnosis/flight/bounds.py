@@ -1,4 +1,4 @@
-"""What no aircraft can have, whatever explains the records: masses, inertias, centres of gravity and lever arms."""
+"""Physical limits of masses, inertias, centres of gravity and lever arms of an aircraft."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _MOMENTS = ("Ixx", "Iyy", "Izz")
 
 
 def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
-    """The effect with the largest size that this aircraft can have it of, in either direction."""
+    """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
     if effect.kind in _ARMS:
         span = max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral)
         return replace(effect, limit=min(effect.limit, criteria.arm * span))
@@ -28,8 +28,11 @@ def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effe
 
 
 def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
-    """(lowest, highest) change of an inertia: a part of it, and no more than leaves a rigid body, of which no moment is
-    larger than the sum of the other two. Of the product of inertia, the part of the roll inertia."""
+    """(lowest, highest) Possible change of an inertia.
+
+    A moment of inertia changes by at most a part of itself, and no moment of a rigid body exceeds the sum of the other
+    two. A product of inertia changes by at most the same part of the roll inertia.
+    """
     inertia = aircraft.inertia
     if component not in _MOMENTS:
         return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx

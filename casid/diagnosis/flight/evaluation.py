@@ -1,4 +1,4 @@
-"""A hypothesis at given values: its innovations, and their sensitivities to everything that is fitted."""
+"""Evaluation of a hypothesis at given values: its innovations, and their sensitivities to all fitted parameters."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model
 
-# what is fitted beside the motion: derivatives and effects; effects alone; these and small offsets of all instruments;
-# nothing
+# What is estimated beside the motion: derivatives and effects; effects alone; effects and small offsets of all
+# instruments; nothing.
 Free = Literal["all", "effects", "offsets", "states"]
 
-# what a fit in a file is without: most of its size, and made again from the rest when it is asked for
+# Attributes that a saved fit does not contain. They are most of its size, and are computed again on demand.
 _MADE_AGAIN = frozenset(
     ["model", "batch", "functions", "linear", "read", "filter"]
     + ["disturbances", "errors", "white", "columns", "known", "regressors"]
@@ -31,7 +31,7 @@ _MADE_AGAIN = frozenset(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Slot:
-    """One fitted number: a parameter of the model, or a value of an attached effect that enters a time series."""
+    """One fitted parameter: a parameter of the model, or a value of an attached effect that enters a time series."""
 
     name: str
     attached: int | None = None
@@ -40,11 +40,11 @@ class Slot:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """What a model is linearised about.
+    """The point about which a model is linearised.
 
     X         (N, R, nx) trajectory
     coloured  (N, R, nc) most likely histories of the coloured disturbances
-    inputs    (N, R, ni) and of the noise of the recorded inputs, in the order of the acting noise
+    inputs    (N, R, ni) most likely noise of the recorded inputs, in the order of the acting noise
     """
 
     X: np.ndarray
@@ -61,21 +61,27 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
-    """A fitted hypothesis. In a file it is its values and its motion; the rest is made again when it is asked for.
+    """A fitted hypothesis. A saved fit contains its values and its motion; the rest is computed again on demand.
 
-    free         what was fitted
-    parameters   (R, np) parameters of the model in every record
-    values       (slots,) estimates; `covariance` (slots, slots) under the assumed noise
-    noise        of instruments and recorded inputs; `held` what does no more to the motion than it did in the fit
-                 before, by `reference`; `acting` what that is behind the attached effects
-    read         (N, R, ny) what the instruments read of the outputs of `linear`
-    disturbances (N, R, nw) that attached effects make
-    motion       that the model is linearised about, its inputs where `known` has them: `errors` (N, R, ni) beside the
-                 recorded ones
-    white        (N, R, ny) innovations; `columns` (N, R, ny, slots) whitened sensitivities
-    known        name -> (N, R) motion and inputs, denoised: what effects are made of; `regressors` as the
-                 aerodynamics see them, behind the effects on surfaces and in the wind that effects make
-    deviance     -2 log likelihood up to a constant of the data, prior included
+    free           what was estimated
+    parameters     (R, np) parameters of the model in every record
+    values         (slots,) estimates
+    covariance     (slots, slots) their covariance under the assumed noise
+    noise          noise of instruments and recorded inputs
+    held           the same, with noise of inputs that has the effect on the motion that it has in `reference`
+    acting         the same as changed by the attached effects
+    read           (N, R, ny) readings for the outputs of `linear`
+    disturbances   (N, R, nw) disturbances by attached effects
+    motion         the point about which the model is linearised
+    errors         (N, R, ni) correction of the recorded inputs in `known`
+    white          (N, R, ny) innovations
+    columns        (N, R, ny, slots) whitened sensitivities
+    known          name -> (N, R) denoised motion and inputs, from which effects are computed
+    regressors     the same as the aerodynamics see them, with effects on surfaces and wind included
+    prior_pull     (slots,) gradient of the prior
+    prior_weight   (slots,) inverse variance of the prior
+    deviance       -2 log likelihood up to a constant of the data, prior included
+    data_deviance  the same without the prior
     """
 
     flight: Flight
@@ -110,11 +116,11 @@ class FlightFit:
 
     def __getstate__(self) -> dict[str, Any]:
         state = {name: value for name, value in self.__dict__.items() if name not in _MADE_AGAIN}
-        # a filter that is held is of another fit
+        # A filter that is held belongs to another fit.
         return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
 
     def lighter(self) -> FlightFit:
-        """The same without what is made again when it is asked for, for which there is no room in memory."""
+        """The fit without what can be computed again, to save memory."""
         found = object.__new__(FlightFit)
         found.__dict__.update(self.__getstate__())
         return found
@@ -122,7 +128,7 @@ class FlightFit:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """What a file is without."""
+            """Compute an attribute that a saved fit does not contain."""
             if name not in _MADE_AGAIN or "motion" not in self.__dict__:
                 raise AttributeError(f"a fit has no '{name}'")
             work = Work(self.flight, self.attached, self.noise, self.free)
@@ -132,38 +138,45 @@ class FlightFit:
             return self.__dict__[name]
 
     def __getitem__(self, name: str) -> float:
+        """The estimate of a parameter by name."""
         return float(self.values[[s.name for s in self.slots].index(name)])
 
     def std(self, name: str) -> float:
+        """The standard deviation of a parameter by name."""
         index = [s.name for s in self.slots].index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
     def output_along(self, X: np.ndarray) -> np.ndarray:
-        """(N, R, ny) outputs of the fitted model along a trajectory, instrument operators not yet applied."""
+        """(N, R, ny) Outputs of the fitted model along a trajectory, before effects of the instruments."""
         return self.functions.output(X, self.batch.U, self.parameters, self.disturbances)
 
     @property
     def criteria(self) -> Criteria:
-        """By which everything that looks at this fit decides."""
+        """The thresholds for all decisions made with this fit."""
         return self.flight.criteria
 
     @property
     def moving(self) -> np.ndarray:
-        """(N, R, nw) all disturbances of the linearisation."""
+        """(N, R, nw) All disturbances of the linearisation."""
         W = _scattered(self.model, self.acting.coloured, self.motion.coloured)
         return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.errors)
 
     @property
     def filter_held(self) -> bool:
-        """Whether there are disturbances and what decides how they move the aircraft is fitted: derivatives, or
-        offsets, one of which is that of the airspeed."""
+        """Whether the filter must be that of another fit.
+
+        This is so in turbulence if a parameter is estimated that decides how the air moves the aircraft: a derivative,
+        or the offset of an instrument, since one is that of the airspeed.
+        """
         offsets = any(slot.name.startswith(OFFSET) for slot in self.slots)
         return bool(self.noise.coloured and (offsets or self.derivatives))
 
     @property
     def noise_held(self) -> bool:
-        """Whether noise of an input is clearly not as strong as its effectiveness in this fit makes it, or does not yet
-        pass through an effect that it should."""
+        """Whether the noise of an input differs clearly from that which the effectiveness in this fit implies.
+
+        It is also true if the noise does not yet pass through an effect that it should pass through.
+        """
         if any(one.effect.noise is not None and not one.passes for one in self.attached):
             return True
         change = self.criteria.noise.input_change
@@ -171,12 +184,12 @@ class FlightFit:
 
     @property
     def gradient(self) -> np.ndarray:
-        """(slots,) what is left of the slope of the log likelihood: zero at a maximum."""
+        """(slots,) Gradient of the log likelihood; zero at a maximum."""
         return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
 
     @property
     def readings(self) -> int:
-        """How many readings are compared."""
+        """Number of readings that are compared."""
         return int(self.linear.seen.sum())
 
     @property
@@ -220,17 +233,22 @@ class Work:
         self.filter: Filter | None = None
 
     def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """What effects are made of while they are fitted: the inputs as recorded. Made of the most likely inputs they
-        depend on a motion that does not know of them, and a fit stops short of its maximum."""
+        """The series from which effects are computed during a fit: the inputs as recorded.
+
+        With the most likely inputs, effects would depend on a motion that does not yet include them, and a fit would
+        stop before its maximum.
+        """
         return known | self.regressors.recorded
 
     def seenearlier(self, late: np.ndarray) -> Batch:
-        """The batch with readings at the time of what they speak of: the sensitivities are wanted there."""
+        """The batch with readings at the time that they refer to, where the sensitivities are needed."""
         return replace(self.batch, Z=np.where(earlier(np.isfinite(self.batch.Z), late), 0.0, np.nan))
 
     def series(self, attached: Sequence[Attached], known: dict[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nw) time histories of attached effects: from denoised inputs, but where the noise that passes through
-        an effect is accounted for."""
+        """(N, R, nw) Time histories of attached effects.
+
+        They are computed from denoised inputs, except for effects whose transmission of noise is modelled.
+        """
         names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
         passing = [one for one in attached if one.passes_noise]
         others = [one for one in attached if one not in passing]
@@ -239,7 +257,7 @@ class Work:
         return W + disturbance_series(passing, names, t, recorded, stations) if passing else W
 
     def parameters(self, values: np.ndarray, attached: Sequence[Attached]) -> np.ndarray:
-        """(R, np) parameters of every record."""
+        """(R, np) Parameters of every record."""
         P = np.tile(self.model.nominal_vector(), (len(self.batch.names), 1))
         for slot, value in zip(self.slots, values, strict=True):
             if slot.attached is None:
@@ -254,14 +272,14 @@ class Work:
 
 
 def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
-    """(N, R, nw) histories (N, R, names) of named disturbances in their places among all."""
+    """(N, R, nw) Histories (N, R, names) of named disturbances in their places among all."""
     W = np.zeros((*histories.shape[:2], len(model.disturbances)))
     W[..., [model.disturbances.index(name) for name in names]] = histories
     return W
 
 
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
-    """The hypothesis at values of its slots, along a motion."""
+    """The hypothesis at given values of its parameters, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
     moving = _scattered(model, acting.coloured, motion.coloured)
@@ -281,7 +299,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
-    acting = acting_noise(held, attached, work.dt)  # the same names as before, as strong as in the reference
+    acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     Y, F = _columns(work, attached, linear, made_of, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
@@ -324,8 +342,10 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
-    """What the samples that late readings lose at the end of a record would add to the deviance: as much as the others
-    of their channel do on average."""
+    """Contribution to the deviance of the samples that late readings lose at the end of a record.
+
+    It is estimated with the mean of the other samples of the channel.
+    """
     kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
     by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
     by_channel = by_channel + kalman.colouring.log_determinant
@@ -334,8 +354,11 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
 
 
 def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
-    """Inverse of information matrices (..., n, n), scaled to unit diagonal; directions without information get none:
-    less than 1e-30 is rounding, as of the end of what outlasts the records."""
+    """Inverse of information matrices (..., n, n), scaled to unit diagonal.
+
+    Directions without information have none in the inverse either. Information below 1e-30 is rounding, as for the end
+    of an event that outlasts the records.
+    """
     diagonal = np.diagonal(information, axis1=-2, axis2=-1)
     scale = np.where(diagonal > 1e-30, 1.0 / np.sqrt(np.maximum(diagonal, 1e-30)), 0.0)
     row, column = scale[..., :, None], scale[..., None, :]
@@ -345,7 +368,7 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
 def _columns(
     work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(Y, F) of every slot: symbolic ones from the model's Jacobians, numeric ones from central differences."""
+    """(Y, F) of every parameter: symbolic ones from Jacobians of the model, numeric ones from central differences."""
     batch, model = work.batch, work.model
     Y, F = [linear.Dp], [linear.Bp]
     symbolic = {a.name: a for a in attached if a.effect.symbolic}
@@ -397,9 +420,10 @@ def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) ->
 def held_noise(
     noise: NoiseModel, linear: Linear, reference: Mapping[str, np.ndarray] | None, most: float
 ) -> tuple[NoiseModel, dict[str, np.ndarray]]:
-    """The noise with that of recorded inputs as strong in the motion as in the reference, and the reference.
+    """The noise with inputs whose noise has the same effect on the motion as in the reference, and the reference.
 
-    Without a reference it is what this model makes of it; `most` as in `as_strong`."""
+    Without a reference, the effect in this model is used; `most` is as in `as_strong`.
+    """
     into = _into_the_motion(linear, noise.inputs)
     reference = dict(reference or into)
     strength = {name: s * as_strong(into[name], reference[name], most) for name, s in noise.inputs.items()}
@@ -407,7 +431,7 @@ def held_noise(
 
 
 def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
-    """name -> (states of an aircraft,) what noise of an input does to the motion, on average, in typical sizes."""
+    """Name -> (states of an aircraft,) mean effect of the noise of an input on the motion, in typical sizes."""
     model = linear.model
     drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
     rows = [i for i, state in enumerate(model.states) if state in STATES]
@@ -415,15 +439,17 @@ def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndar
 
 
 def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
-    """Factor with which noise of an input does no more to the motion than in the reference. A cause must not gain by
-    making a control stronger, so that its noise explains what nothing else does. Nor by making it weaker: the noise is
-    measured, and not stronger than that; and there are no more than `most` 1-sigmas of it."""
+    """Factor of the noise of an input that limits its effect on the motion to that in the reference.
+
+    A cause must not gain by making a control more effective, so that its noise explains other errors. A less effective
+    control does not increase the noise either, because the noise was measured. The noise is at most `most` 1-sigmas.
+    """
     ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
     return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
 
 
 def lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.ndarray:
-    """(R, ny) by how many samples a reading is late: it is compared with the state that it speaks of."""
+    """(R, ny) Delay of a reading in samples; the reading is compared with the state at the time that it refers to."""
     outputs, records = model.outputs, flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.late):
@@ -434,7 +460,7 @@ def lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.n
 
 
 def earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
-    """(N, R, ny, ...) series of readings moved to the time of what they speak of; zero at the end."""
+    """(N, R, ny, ...) Series of readings moved to the time that they refer to; zero at the end."""
     moved = series.copy()
     for j, i in np.argwhere(late):
         k = min(late[j, i], len(series))
@@ -443,8 +469,7 @@ def earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
 
 
 def as_read(late: np.ndarray, series: np.ndarray) -> np.ndarray:
-    """(N, R, ny, ...) series of a fit, in which readings that are `late` stand at the time of what they speak of, with
-    each reading at the time at which it was made."""
+    """(N, R, ny, ...) Series of a fit with each reading at the time at which it was made; the inverse of `earlier`."""
     if not late.any():
         return series
     moved = series.copy()

@@ -1,4 +1,4 @@
-"""Fit a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together."""
+"""Fit of a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together."""
 
 from __future__ import annotations
 
@@ -28,19 +28,48 @@ def fit(
     give_up: float = np.inf,
     anew: bool = False,
 ) -> FlightFit:
-    """Maximum likelihood of derivatives, effects and trajectory under `noise`; `free` may leave out the derivatives, or
-    all but the trajectory.
+    """Maximum-likelihood estimate of derivatives, effects and trajectory.
 
-    In turbulence derivatives decide how the air moves the aircraft, and with the filter free a fit, or a cause, gains
-    by making it move less. There the filter is that of `start`, so that prediction errors are compared; and noise of a
-    recorded input does no more to the motion than in `start`, whatever the control's effectiveness. Both are those of
-    the first point when the fit begins `anew` (see `relaxed`), and the filter is under another noise.
+    In turbulence, derivatives decide how the air moves the aircraft. If the filter were free, a fit or a cause would
+    gain by making the aircraft move less. The filter is therefore that of `start`, so that prediction errors are
+    compared. Noise of a recorded input has the same effect on the motion as in `start`, whatever the effectiveness of
+    the control. Both are taken from the first point if the fit begins `anew` (see `relaxed`); the filter also if the
+    noise differs.
 
-    Starts from `start` (values by name, trajectory) or from the aircraft file and the measured motion. It has converged
-    when the last step changed the sum of squares (`_squares`) by less than `tolerance` and the next promises no more.
-    The unit is what is left per reading, where that is more than noise. A fit that after three iterations
-    is unlikely to come below the deviance `give_up` is left as it stands. Raises InputError where even the first point
-    cannot be flown.
+    The fit has converged when the last step changed the sum of squares (`_squares`) by less than `tolerance` and the
+    predicted change of the next step is smaller too. The unit of the tolerance is the mean square residual, if that
+    exceeds the noise.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    attached
+        The effects of the hypothesis.
+    noise
+        The noise model.
+    start
+        Fit from which values (by name) and trajectory are taken; by default the aircraft file and the measured motion.
+    free
+        What is estimated: "effects" and "offsets" leave out the derivatives, "states" all but the trajectory.
+    iterations
+        Largest number of iterations.
+    tolerance
+        Change of the sum of squares at which the fit ends.
+    give_up
+        A fit that is unlikely to come below this deviance is abandoned after three iterations.
+    anew
+        Whether filter and reference of `start` are ignored.
+
+    Returns
+    -------
+    FlightFit
+        The best point found, converged or not.
+
+    Raises
+    ------
+    InputError
+        If the model diverges along the records at the first point.
     """
     work, numerics = Work(flight, attached, noise, free), flight.criteria.numerics.fit
     if start is not None and start.flight.records is flight.records and not anew:
@@ -54,7 +83,7 @@ def fit(
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
         now = None
-        with nullcontext() if best is None else suppress(InputError):  # a step may lead too far
+        with nullcontext() if best is None else suppress(InputError):  # a step may be too long
             now = _flown(work, attached, values, motion)
         if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
             shrink *= numerics.shrink
@@ -78,8 +107,11 @@ def fit(
 
 
 def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
-    """Another fit of a model that ended unconverged and 10 sigmas from the data on average, as models do that miss
-    something large. It begins from a fit under wider noise, for which there are fewer minima. None of other fits."""
+    """Another fit of a model that ended unconverged and 10 sigmas from the data on average; None for other fits.
+
+    This happens if the model misses something large. The new fit starts from a fit under wider noise, which has fewer
+    local minima.
+    """
     numerics = fitted.criteria.numerics.fit
     if fitted.converged or fitted.deviance < numerics.far * fitted.readings:
         return None
@@ -89,20 +121,20 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
 
 
 def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:
-    """The fit without some of its effects, to the end."""
+    """The fit without some of its effects, converged."""
     others = [a for a in fitted.attached if a.name not in names]
     return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
 
 
 def all_free(fitted: FlightFit) -> FlightFit:
-    """The fit as it stands, with the sensitivities to derivatives and effects too, though they were not fitted."""
+    """The same fit with the sensitivities to derivatives and effects, although they were not estimated."""
     work = Work(fitted.flight, fitted.attached, fitted.noise, "all")
     work.reference = fitted.reference
     return evaluate(work, fitted.attached, _start_values(work, fitted.attached, fitted), fitted.motion)
 
 
 def relaxed(fitted: FlightFit) -> FlightFit:
-    """A fit of all that is free, to the end, with noise of inputs and, in turbulence, the filter by its own values."""
+    """The fit of everything that is free, converged under its own noise of inputs and its own filter."""
     numerics = fitted.criteria.numerics.fit
     for _ in range(numerics.relaxations if fitted.filter_held else 1):
         before = fitted
@@ -114,6 +146,7 @@ def relaxed(fitted: FlightFit) -> FlightFit:
 
 
 def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
+    """The hypothesis evaluated at a point; raises InputError if the model diverges."""
     try:
         return _Point.of(work, evaluate(work, _with_values(attached, work.slots, values), values, motion))
     except np.linalg.LinAlgError as error:
@@ -125,7 +158,11 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A point on the way to the maximum: `squares` that steps lower, and what the next full step promises to."""
+    """A point of the iteration.
+
+    squares  sum of squares that the steps decrease
+    promise  predicted decrease by the next full step
+    """
 
     fit: FlightFit
     squares: float
@@ -137,16 +174,16 @@ class _Point:
 
     @property
     def misfit(self) -> float:
-        """Squares per reading, where that is more than noise."""
+        """Mean square residual, at least 1."""
         return max(1.0, self.squares / self.fit.readings)
 
     def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
-        """Whether a point is nearer to the maximum than this one, or as near but for `tolerance`.
+        """Whether the point `now` is nearer to the maximum than this one, or equally near within `tolerance`.
 
-        The sum of squares is that of the model linearised about the motion. While that is not the most likely one it is
-        too low, and near the maximum a full step that is right may raise it. Such a step leaves less to the next one
-        (Deuflhard's natural monotonicity); far away, where that may mislead, it must leave much less. Not in
-        turbulence, where air and motion trade off so that they hardly settle.
+        The sum of squares is that of the model linearised about the motion. It is too low while the motion is not the
+        most likely one, and a correct full step near the maximum may increase it. After such a step the predicted
+        decrease is smaller (natural monotonicity, Deuflhard). Far from the maximum this criterion may mislead, so it
+        must be much smaller there. It is not used in turbulence, where air and motion hardly converge.
         """
         if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
             return True
@@ -157,12 +194,13 @@ class _Point:
 
 
 def _squares(work: Work, now: FlightFit) -> float:
-    """What Gauss-Newton steps lower: the sum of squares, prior included, with noise of inputs as strong as the fit's
-    own effectiveness makes it, and without the logarithm of its covariance.
+    """The quantity that Gauss-Newton steps decrease.
 
-    Noise in a regressor draws an estimate towards zero, and the most likely noise, which regressors have in them, makes
-    up for that. Such regressors are the slope of this sum, in which noise costs what it is unlikely (orthogonal
-    distance), and not of the deviance, in which models are compared. By that, fits stopped anywhere between the two.
+    It is the sum of squares with the prior, with input noise that acts as the effectiveness of this fit makes it act,
+    and without the log determinant of the covariance. Noise in a regressor biases an estimate towards zero; the most
+    likely noise, which the regressors contain, compensates for this. The gradient with such regressors is that of this
+    sum, in which noise has its likelihood as a cost (orthogonal distance). It is not that of the deviance, by which
+    models are compared. Fits that used the deviance stopped at any point between the two minima.
     """
     white = now.white
     if now.held != now.noise:
@@ -176,10 +214,10 @@ def _squares(work: Work, now: FlightFit) -> float:
 
 
 def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit | None, values: np.ndarray) -> Motion:
-    """The motion to begin with.
+    """The motion at which the iteration starts.
 
-    Without a start, what the filter makes of the measured motion: the deviance of a model linearised about noise cannot
-    be compared with any other, and a line search that begins there may stay there.
+    Without `start` it is the result of the filter with the measured motion. The deviance of a model linearised about a
+    noisy motion is not comparable with another, and a line search that starts there may not leave it.
     """
     acting, shape = acting_noise(work.noise, attached, work.dt), work.batch.live.shape
     still = Motion(
@@ -200,7 +238,7 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit |
 
 
 def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """(N, R, names) columns of `before`, which has those of `known`, and of `otherwise` what is not among them."""
+    """(N, R, names) Columns of `before`, which has those of `known`; missing columns are taken from `otherwise`."""
     found, at = otherwise.copy(), list(known)
     for i, name in enumerate(names):
         if name in at:
@@ -209,6 +247,7 @@ def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, oth
 
 
 def _start_values(work: Work, attached: Sequence[Attached], start: FlightFit | None) -> np.ndarray:
+    """Initial values of all parameters, from `attached`, `start` or the file."""
     before = {} if start is None else {s.name: v for s, v in zip(start.slots, start.values, strict=True)}
     own = {a.name: a for a in attached}
     values = []
@@ -223,6 +262,7 @@ def _start_values(work: Work, attached: Sequence[Attached], start: FlightFit | N
 
 
 def _with_values(attached: Sequence[Attached], slots: Sequence[Slot], values: np.ndarray) -> tuple[Attached, ...]:
+    """The effects with the values of a point."""
     by_effect: dict[int, dict[str, float]] = {}
     names = {a.name: i for i, a in enumerate(attached)}
     for slot, value in zip(slots, values, strict=True):

@@ -1,4 +1,4 @@
-"""What is to be explained: an aircraft, its records made ready for the model, and the noise of every channel."""
+"""The data of a diagnosis: an aircraft, its records prepared for the model, and the noise of every channel."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from casid.records.record import Record
 from casid.records.thinning import spaced
 from casid.signals import SURFACES
 
-# with the altitude, a steady updraft, which the wind of every day has, would be a bias of alpha
+# If altitude were an output, a steady updraft, which is common, would appear as a bias of alpha.
 _NOT_JUDGED = ("altitude",)
 
 
@@ -44,19 +44,21 @@ _NOT_JUDGED = ("altitude",)
 class Flight:
     """An aircraft and its prepared records.
 
-    axes, outputs  which model the records can feed, and which channels it must explain
-    sigma          measurement noise of each output, 1-sigma; `input_sigma` of each recorded input's disturbance
-    doubted        outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
-                   to be raised by `with_noise_above`
-    spacing        time between readings of these that count [s], 0 for all that there are: what a filter has taken from
-                   above the band of the motion no reading in between brings back
-    colour         output -> (1-sigma, correlation time) of its innovations, of those whose noise is estimated with the
-                   fit (`NoiseModel.colour`)
-    turning        sign of the air's rotation by the gradient of its velocity, by axis (`aircraft_model`)
-    held           how inputs run between samples (`Batch.held`), of records that do not say that they are held
-    unknown        inputs that were never recorded: nothing is judged that hangs on them
-    criteria       by which everything that looks at this flight decides
-    sizes          what measures the sizes of causes; None: by coefficients and channels of an aircraft
+    axes         scope of the model that the records can support
+    outputs      channels that the model must explain
+    sigma        measurement noise of each output, 1-sigma
+    input_sigma  noise of each recorded input, by disturbance
+    doubted      outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
+                 raised by `with_noise_above`
+    spacing      time between the readings of doubted outputs that count [s], 0 for all readings: readings in between
+                 contain no more if a filter removed everything above the band of the motion
+    colour       output -> (1-sigma, correlation time) of its innovations, for noise that is estimated with the model
+                 (`NoiseModel.colour`)
+    turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
+    held         behaviour of inputs between samples (`Batch.held`), for records that do not state it
+    unknown      inputs that were never recorded: nothing that depends on them is judged
+    criteria     the thresholds for all decisions made with this flight
+    sizes        measure of the sizes of causes; None: by coefficients and channels of an aircraft
     """
 
     aircraft: Aircraft
@@ -78,7 +80,7 @@ class Flight:
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_models": {}, "_functions": {}, "_regressors": {}}  # they are made again
+        return self.__dict__ | {"_models": {}, "_functions": {}, "_regressors": {}}  # built again on demand
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -86,7 +88,7 @@ class Flight:
 
     @property
     def title(self) -> str:
-        """Name of what is diagnosed."""
+        """Name of the object that is diagnosed."""
         return self.aircraft.name
 
     @property
@@ -96,7 +98,7 @@ class Flight:
 
     @cached_property
     def moved(self) -> tuple[str, ...]:
-        """Coefficients that act on the states that move."""
+        """Coefficients that act on the states of the model."""
         return tuple(moved_coefficients(self.aircraft, self.axes))
 
     @cached_property
@@ -106,23 +108,23 @@ class Flight:
 
     @property
     def stations(self) -> list[str]:
-        """Coefficients and axes of moving air that the axes know, as disturbances of the model."""
+        """Coefficients and axes of moving air within the scope, as disturbances of the model."""
         states = {"full": ("u", "v", "w"), "longitudinal": ("u", "w"), "lateral": ("v",)}[self.axes]
         winds = [wind(axis) for axis, state in zip("xyz", "uvw", strict=True) if state in states]
         return [*map(coefficient, self.moved), *winds]
 
     @property
     def readings(self) -> list[str]:
-        """Readings at which something unknown may enter."""
+        """Readings at which a latent input may enter."""
         return [reading(name) for name in self.outputs]
 
     @property
     def offsets(self) -> list[Effect]:
-        """Offsets of all instruments, which are there in every aircraft and small."""
+        """Offsets of all instruments, which every aircraft has."""
         return [sensor_bias(name) for name in self.outputs]
 
     def smallest_that_matters(self, effect: Effect) -> float | None:
-        """The smallest size of an effect that matters here, None where it is judged by what it does."""
+        """The smallest size of an effect that matters; None if it is judged by its consequences."""
         return effect.smallest_that_matters(self.aircraft)
 
     def channels_of(self, effect: Effect) -> tuple[str, ...]:
@@ -130,22 +132,21 @@ class Flight:
         return group_channels(effect.target)
 
     def term_along(self, effect: Effect, regressors: Mapping[str, np.ndarray]) -> np.ndarray | float:
-        """(N, R) the term of an effect along `regressors` of this flight."""
+        """(N, R) The term of an effect along `regressors` of this flight."""
         return parse_term(effect.regressor or "0").evaluate(regressors)
 
     def prior_std(self, model: Model, name: str) -> float:
-        """1-sigma of a parameter of the model before the records."""
+        """Prior standard deviation of a parameter of the model."""
         return derivative_std(self, model, name)
 
     @cached_property
     def resting(self) -> tuple[str, ...]:
-        """Surfaces that stand still: their derivatives are part of the offsets."""
+        """Surfaces that do not move: their derivatives are part of the offsets."""
         return tuple(s for s in SURFACES if not np.ptp(np.concatenate([record[s] for record in self.records])) > 0.0)
 
     @cached_property
     def freed(self) -> tuple[str, ...]:
-        """Derivatives, terms and knots of tables that act on the states that move, but for those by a surface that
-        stands still."""
+        """Derivatives, terms and knots of tables that act on the states; not those of a surface that does not move."""
         moved = moved_coefficients(self.aircraft, self.axes)
         acting = [(name, term) for c, name, term in aerodynamic_parameters(self.aircraft) if c in moved]
         still = {name for name, term in acting if any(v in self.resting for v, _ in parse_term(term).factors)}
@@ -162,8 +163,10 @@ class Flight:
 
     @cached_property
     def _still(self) -> frozenset[str]:
-        """Variables of terms that tell nothing of them: those of axes that are not judged, and angles that do not move.
-        A product with one that stands still is that of the others, which symmetry may forbid."""
+        """Variables whose terms are not identifiable: those of axes out of scope, and angles that do not move.
+
+        The product with a constant variable equals the term of the other variables, which symmetry may forbid.
+        """
         angles = ("alpha", "beta", *SURFACES)
         moves = {a: [record[a] for record in self.records if a in record] for a in angles}
         rest = {a for a, x in moves.items() if x and np.nanstd(np.concatenate(x)) < self.criteria.prior.resting}
@@ -172,8 +175,11 @@ class Flight:
 
     @cached_property
     def _stretches(self) -> frozenset[str]:
-        """Names of the stretches of tables into which these records come; of those that say the same of them, the
-        first: a breakpoint that no sample is near makes no difference."""
+        """Names of the stretches of tables that these records reach.
+
+        Of stretches with the same effect in these records only the first is returned: a breakpoint without a sample
+        near it makes no difference.
+        """
         found: dict[tuple[str, bytes], str] = {}
         moves = self.regressors(self.model())
         for effect in catalogue(self.aircraft, self.outputs):
@@ -182,17 +188,17 @@ class Flight:
             term = parse_term(effect.regressor)
             share, series = (moves.measured(part) for part in (Term(factors=(), stretches=term.stretches), term))
             if np.ptp(share) > 0.0:
-                # in single precision of 1 what differs by rounding is the same
+                # Series that differ by rounding only are equal in single precision.
                 found.setdefault((effect.target, np.float32(1.0 + series).tobytes()), effect.name)
         return frozenset(found.values())
 
     @property
     def noise_by_fit(self) -> bool:
-        """Whether no output shows its noise, so that what a model leaves is taken for noise, level and colour."""
+        """Whether no output shows its noise, so that level and colour of the noise are estimated with the model."""
         return set(self.outputs) <= set(self.doubted)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
-        """Measurement and input noise, and `coloured` disturbances beside them."""
+        """The noise model of readings and inputs, with `coloured` disturbances."""
         return NoiseModel(measurement=self.sigma, inputs=self.input_sigma, coloured=coloured or {}, colour=self.colour)
 
     def model(self, effects: Sequence = ()) -> Model:
@@ -222,6 +228,7 @@ class Flight:
         return self._regressors[model]
 
     def batch(self, model: Model) -> Batch:
+        """The records as arrays, for one of its models."""
         batch = make_batch(model, self.records)
         if self.spacing:
             Z, doubted = batch.Z.copy(), [model.outputs.index(o) for o in self.doubted]
@@ -233,7 +240,7 @@ class Flight:
         return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held)) if self.held else batch
 
     def measured(self, model: Model) -> np.ndarray:
-        """(N, R, states) motion as it was measured, what is not measured by the trim."""
+        """(N, R, states) Measured motion; states that are not measured have the values of the trim."""
         X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
         for j, record in enumerate(self.records):
             guess = model.guess(record)
@@ -241,7 +248,7 @@ class Flight:
         return X
 
     def within_the_motion(self) -> Flight:
-        """This flight with as many readings of doubted outputs as twice the band of the motion needs."""
+        """The flight with only as many readings of doubted outputs as twice the band of the motion needs."""
         edge = motion_edge(self.records)
         if not self.noise_by_fit or edge == 0.0:
             return self
@@ -249,10 +256,10 @@ class Flight:
         return replace(self, spacing=spacing, _regressors={})
 
     def with_noise_above(self, left: Sequence[Record]) -> Flight:
-        """This flight with the noise of doubted outputs as in `left`, what a fitted model leaves of every record.
+        """The flight with the noise of doubted outputs raised according to `left`, the residuals of every record.
 
-        Counted is what is left in the octave above the motion (`motion_edge`), and of that no more than was measured
-        there. Assumes that the noise is as dense below that octave as in it, and that what is left in it is no fault.
+        Residuals in the octave above the motion (`motion_edge`) are counted, at most as much as was measured there.
+        This assumes that the noise has the same density below that octave, and that the residuals in it are no fault.
         """
         edge = motion_edge(self.records)
         if edge == 0.0:
@@ -266,10 +273,11 @@ class Flight:
         return replace(self, sigma=self.sigma | raised)
 
     def with_filtered_inputs(self) -> Flight:
-        """This flight with the noise of inputs as dense in the band of the motion as a filter common to all channels
-        has left it. Where most outputs were filtered, as much above what the high band shows as theirs is.
+        """The flight with the noise of inputs as dense in the band of the motion as a filter common to all channels
+        left it.
 
-        An input's own spectrum cannot tell, for it moves at will.
+        If most outputs were filtered, the noise of the inputs exceeds their high band by the same factor as that of the
+        outputs. The spectrum of an input itself does not show this, since an input may have any motion.
         """
         edge = motion_edge(self.records)
         criteria = self.criteria.noise
@@ -286,16 +294,16 @@ class Flight:
         return replace(self, input_sigma=self.input_sigma | denser, _regressors={})
 
     def _filtered(self, names: Sequence[str], edge: float) -> dict[str, list[Record]]:
-        """Channels whose high band does not show their noise, with the records that have them."""
+        """Channels whose high band does not show their noise, with the records that contain them."""
         having = {name: that_have(self.records, name, self.criteria.noise) for name in names}
         return {name: records for name, records in having.items() if not high_band_holds(records, name, edge)}
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
-        """The same records in a model that moving air turns, too."""
+        """The same records with a model whose air also rotates the aircraft."""
         return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
 
     def with_inputs_held(self, share: float) -> Flight:
-        """This flight with inputs held over a share of the sample interval (`Batch.held`), and a note of it."""
+        """The flight with inputs held over a share of the sample interval (`Batch.held`), and a note about it."""
         late = 0.5e3 * share * float(np.median([record.dt for record in self.records]))
         note = f"inputs: taken to act {abs(late):.2g} ms {'after' if late > 0.0 else 'before'} the straight line"
         note += f" between their samples, as the surfaces agree: held over {share:.0%} of an interval"
@@ -304,12 +312,14 @@ class Flight:
         return replace(self, held=share, records=tuple(replace(r, notes=(*notes, note)) for r, notes in noted))
 
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Flight:
-        """Further records under the noise of this flight, of its aircraft with other values of its derivatives."""
+        """Other records with the noise of this flight, and its aircraft with other values of its derivatives."""
         return self.with_records(with_estimates(self.aircraft, values, {}), records)
 
     def with_records(self, aircraft: Aircraft, records: Sequence[Record]) -> Flight:
-        """Further records under the noise of this flight; InputError when one cannot feed the model, or shows less than
-        two of the outputs."""
+        """Other records with the noise of this flight.
+
+        Raises InputError if a record lacks inputs of the model or contains fewer than two of the outputs.
+        """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
         ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in ready)
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
@@ -318,10 +328,30 @@ class Flight:
 def prepare(
     aircraft: Aircraft, records: Sequence[Record], criteria: Criteria | None = None, axes: str | None = None
 ) -> Flight:
-    """Decide outputs and noise from what the records hold, and the axes by their surfaces, if they are not given.
-    Offsets of all six coefficients are always fitted.
+    """Determine the outputs and their noise from the records, and the scope from the surfaces if it is not given.
 
-    Raises InputError when the records cannot feed any model, or hold nothing to be explained.
+    Offsets of all six coefficients are always estimated.
+
+    Parameters
+    ----------
+    aircraft
+        The aircraft file.
+    records
+        The records.
+    criteria
+        The thresholds; by default `Criteria()`.
+    axes
+        The scope: "longitudinal", "lateral" or "full".
+
+    Returns
+    -------
+    Flight
+        The aircraft with its prepared records.
+
+    Raises
+    ------
+    InputError
+        If the records lack inputs of every model, or contain no outputs.
     """
     criteria = criteria or Criteria()
     noise, axes = criteria.noise, axes or axes_of(records)
@@ -372,7 +402,7 @@ _NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def as_updated(record: Record, outputs: Sequence[str]) -> Record:
-    """The record without readings that only repeat the one before, in `outputs` that a slower recorder updates."""
+    """The record without repeated readings, for `outputs` that a slower recorder updates."""
     slow, notes = {}, []
     for name in (o for o in outputs if o in record):
         new = real_updates(record.t, record[name])
@@ -383,16 +413,17 @@ def as_updated(record: Record, outputs: Sequence[str]) -> Record:
 
 
 def has(record: Record, name: str, criteria: NoiseCriteria) -> bool:
-    """Whether enough of the samples are there."""
+    """Whether the record contains enough samples of a channel."""
     return name in record and np.isfinite(record[name]).sum() > int(criteria.present * len(record))
 
 
 def that_have(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> list[Record]:
+    """The records that contain enough samples of a channel."""
     return [record for record in records if has(record, name, criteria)]
 
 
 def moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
-    """Whether a channel is measured in some record, and is no constant."""
+    """Whether a channel is measured in some record and is not constant."""
     values = [record[name][np.isfinite(record[name])] for record in that_have(records, name, criteria)]
     return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
 
@@ -400,8 +431,11 @@ def moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool
 def with_all(
     record: Record, outputs: Sequence[str], criteria: NoiseCriteria, left_out: Mapping[str, str] = _NOTHING
 ) -> Record:
-    """The record with all of the `outputs`, as missing samples where it does not measure one, and notes of these and of
-    channels that are `left_out`, with the reason. Raises InputError when it measures less than two."""
+    """The record with all `outputs`; those that it does not measure have missing samples.
+
+    It gets notes about these channels and about channels that are `left_out`, with the reason. Raises InputError if it
+    measures fewer than two outputs.
+    """
     shown = [name for name in outputs if has(record, name, criteria)]
     if len(shown) < 2:
         raise InputError(
@@ -415,13 +449,13 @@ def with_all(
 
 
 def hides_noise(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
-    """Whether the high band of a channel shows less than the smallest noise that is believed."""
+    """Whether the high band of a channel shows less than the smallest plausible noise."""
     series = [record[name] for record in records]
     return pooled_sigma(series) < criteria.smallest * float(np.nanstd(np.concatenate(series)))
 
 
 def sigma_of(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
-    """1-sigma of the noise; the smallest there is where the samples are too few to tell."""
+    """1-sigma of the noise; the smallest plausible noise if there are too few samples."""
     noise, variation = pooled_sigma(series, continuous=True), float(np.nanstd(np.concatenate(series)))
     return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)
 
@@ -432,12 +466,13 @@ RATE_OF: Mapping[str, str] = MappingProxyType({"pdot": "p", "qdot": "q", "rdot":
 def is_derived(
     records: Sequence[Record], acceleration: str, sigma: Mapping[str, float], criteria: NoiseCriteria
 ) -> bool:
-    """Whether a filter makes an angular acceleration of the rate of the same axis; `sigma` their noise.
+    """Whether an angular acceleration was computed from the rate of the same axis with a filter; `sigma` is their
+    noise.
 
-    The filter is fitted by least squares. Behind one that only predicts the acceleration, the rate's noise is left over
-    beside that of the acceleration, sigma |h| at least; where it is what the acceleration was made with, nothing is.
-    A filter that is longer, as of a smoother of the whole record, shows by its effect: an acceleration that is
-    quieter than any instrument, and quieter by far than the differences of its rate.
+    A filter is fitted by least squares. If the acceleration was measured, the residual contains the noise of the rate,
+    at least sigma |h|. If it was computed from the rate with such a filter, the residual is nearly zero. A longer
+    filter, such as a smoother of the complete record, is recognised by its effect: the acceleration has less noise than
+    any instrument, and much less than the differences of its rate.
     """
     rate = RATE_OF[acceleration]
     if _is_smoothed(records, acceleration, criteria):
@@ -454,8 +489,7 @@ def is_derived(
 
 
 def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCriteria) -> bool:
-    """Whether the high band of an acceleration has next to nothing of what its variation, and differences of its rate,
-    would leave there."""
+    """Whether the high band of an acceleration has almost none of the noise that its variation and its rate imply."""
     both = [r for r in records if acceleration in r and RATE_OF[acceleration] in r]
     if not both:
         return False
@@ -466,7 +500,7 @@ def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCr
 
 
 def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 2 reach + 1) samples of a rate around each of the (n,) of its acceleration, where all are there."""
+    """(n, 2 reach + 1) Samples of a rate around each of the (n,) samples of its acceleration, where all are present."""
     width = 2 * reach + 1
     if rate not in record or acceleration not in record or len(record) < width:
         return np.empty((0, width)), np.empty(0)

@@ -1,4 +1,4 @@
-"""A hypothesis: which effects, in which records and of which size, are added to the aircraft of the file."""
+"""A hypothesis: the effects that are added to the aircraft file, with their sizes and records."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from casid.model.station import control
 
 
 class Sizes(Protocol):
-    """What measures the sizes of causes and of missing inputs beside a fit, in units of what matters."""
+    """Interface that measures causes and latent inputs beside a fit, in units of the smallest size that matters."""
 
     def share_of(self, fit: Any, one: Attached) -> float: ...
     def missing_share(self, fit: Any, missing: Any) -> float: ...
@@ -24,12 +24,12 @@ class Sizes(Protocol):
 class Attached:
     """An effect with its values.
 
-    values   "value" and the further parameters of the effect
-    onsets   record -> onset [s], for a timed effect
-    records  names of the records that have it; empty: all
-    passes   whether noise of the recorded input passes through it. Not while it is tried: what smooths the record
-             predicts with less noise, whether it is the cause or not
-    nuisance   whether it was put in beforehand as too small to matter, and is known to be about that small at most
+    values    "value" and the further parameters of the effect
+    onsets    record -> onset [s], for a timed effect
+    records   names of the records in which it acts; empty for all
+    passes    whether noise of the recorded input passes through it. It does not during a trial: an effect that smooths
+              the record leads to smaller predicted noise whether it is the cause or not
+    nuisance  whether it was added before the search as too small to matter; its prior has that size
     """
 
     effect: Effect
@@ -44,26 +44,31 @@ class Attached:
         return self.effect.name
 
     def concerns(self, record: str) -> bool:
+        """Whether it acts in a record."""
         if self.effect.timed:
             return record in self.onsets
         return not self.records or record in self.records
 
     def in_record(self, record: str) -> dict[str, float]:
-        """Values that the effect's functions take for this record."""
+        """The values that the functions of the effect take for this record."""
         return dict(self.values) | ({"onset": self.onsets[record]} if self.effect.timed else {})
 
     @property
     def passes_noise(self) -> bool:
-        """Whether noise of the recorded input is another one behind it; what is in some records only leaves it."""
+        """Whether noise of the recorded input is changed by the effect; not for an effect that acts in some records
+        only.
+        """
         return self.passes and self.effect.noise is not None and not self.records
 
     @property
     def numeric(self) -> tuple[str, ...]:
-        """Values that are estimated by differences, because they enter a time series and not the symbols."""
+        """The values that are estimated with finite differences, because they enter a time series and not the symbolic
+        model.
+        """
         return () if self.effect.symbolic else tuple(self.values)
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
-        """With other values; an event that takes longer begins earlier: what the data tell of it is its middle."""
+        """With other values. An event that becomes longer begins earlier, because the data determine its middle."""
         extent, onsets = self.effect.extent, self.onsets
         if extent is not None and extent in values:
             longer = values[extent] - self.values[extent]
@@ -72,7 +77,7 @@ class Attached:
 
 
 def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:
-    """What noise of recorded inputs is behind the attached effects that it passes."""
+    """The noise model with noise of recorded inputs as changed by the attached effects that it passes through."""
     inputs, coloured = dict(noise.inputs), dict(noise.coloured)
     for one in attached:
         station = control(one.effect.target)
@@ -84,7 +89,7 @@ def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> 
 def station_series(
     one: Attached, names: Sequence[str], t: np.ndarray, known: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Station -> (N, R) time history that an attached effect puts on it."""
+    """Port -> (N, R) time history that an attached effect adds there."""
     found: dict[str, np.ndarray] = {}
     for j, record in enumerate(names):
         if one.effect.series is not None and one.concerns(record):
@@ -101,7 +106,7 @@ def disturbance_series(
     known: Mapping[str, np.ndarray],
     disturbances: Sequence[str],
 ) -> np.ndarray:
-    """(N, R, nw) time histories that attached effects put on the disturbance stations."""
+    """(N, R, nw) Time histories that the attached effects add at the disturbances."""
     W = np.zeros((*t.shape, len(disturbances)))
     for one in attached:
         for station, series in station_series(one, names, t, known).items():
@@ -117,7 +122,7 @@ def readings(
     outputs: Sequence[str],
     known: Mapping[str, np.ndarray],
 ) -> np.ndarray:
-    """(N, R, ny) what instruments with attached output effects read when the model's output is `output`."""
+    """(N, R, ny) Readings of instruments with the attached effects, if the model has the output `output`."""
     read = output.copy()
     for one in attached:
         if one.effect.output is None:

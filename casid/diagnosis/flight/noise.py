@@ -1,8 +1,8 @@
-"""Noise that cannot be read from the records is estimated with the fit: how strong it is, and how slowly it moves.
+"""Noise that cannot be measured in the records is estimated with the model: its level and its correlation time.
 
-A channel that was filtered, held or rounded does not show its noise (`Flight.doubted`), and what a model leaves of it
-is mostly what the model does not have. Both are believed no more than that. What the fit leaves of such a channel is
-taken for its noise, level and correlation time by maximum likelihood, and once more after every cause that is named.
+A channel that was filtered, held or rounded does not show its noise (`Flight.doubted`). Its residuals consist mostly of
+errors of the model. Level and correlation time are therefore estimated from the residuals by maximum likelihood, and
+again after every named cause.
 """
 
 from __future__ import annotations
@@ -28,8 +28,11 @@ from casid.signals import SURFACES
 
 
 def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
-    """The fit with the noise of doubted outputs as it leaves it: first how strong it is, by a free simulation, then how
-    slowly it moves, by its innovations; each until it stays. With forces free, which no simulation flies, only that."""
+    """The fit with the noise of doubted outputs estimated from its residuals.
+
+    The level is estimated first, with a free simulation, and then the correlation time, from the innovations; each
+    until it converges. Noise is estimated only if it was measured for no output.
+    """
     numerics = fitted.criteria.numerics.fit
     if not fitted.flight.noise_by_fit:
         return fitted
@@ -47,26 +50,29 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
 
 
 def is_far(fitted: FlightFit, most: float) -> bool:
-    """Whether what is left per reading is `most` times the noise or more, in squares, though that was read: then it is
-    no noise of the instruments, nor what a single cause could explain."""
+    """Whether the mean square residual exceeds `most`, in units of the measured noise.
+
+    The residuals then contain more than instrument noise, or than a single cause could explain. It is false if the
+    noise was estimated with the model.
+    """
     return not fitted.flight.noise_by_fit and float(np.sum(fitted.white**2)) > most * fitted.readings
 
 
 def unread(flight: Flight) -> Flight:
-    """The flight with the noise of all outputs doubted that the file does not state."""
+    """The flight with the noise of all outputs doubted, except where the file states it."""
     unsure = tuple(o for o in flight.outputs if not flight.aircraft.noise.get(o))
     return replace(flight, doubted=unsure).within_the_motion()
 
 
 def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> FlightFit:
-    """The fit under other noise of its outputs."""
+    """The fit under another noise of its outputs."""
     flight = replace(fitted.flight, sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
     return fit(flight, fitted.attached, noise, fitted, free=free, iterations=15)
 
 
 def level_of(fitted: FlightFit) -> dict[str, float]:
-    """Output -> r.m.s. of what a free simulation leaves of every doubted one, and no more than it varies by."""
+    """Output -> r.m.s. residual of a free simulation, at most the variation of the channel; for doubted outputs."""
     residual, found = free_simulation(fitted).residual, {}
     for name in fitted.flight.doubted:
         i = fitted.model.outputs.index(name)
@@ -78,7 +84,7 @@ def level_of(fitted: FlightFit) -> dict[str, float]:
 
 
 def as_slow_as_left(fitted: FlightFit) -> FlightFit:
-    """The fit with noise of outputs that is white in part and slow in part, as it leaves it (`slow_of`)."""
+    """The fit with noise of outputs that is partly white and partly slow, as its residuals are (`slow_of`)."""
     if fitted.noise.colour:
         return fitted
     noise = replace(fitted.noise, slow=slow_of(fitted))
@@ -86,8 +92,11 @@ def as_slow_as_left(fitted: FlightFit) -> FlightFit:
 
 
 def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
-    """The fit with innovations as coloured as it leaves them: of what moving air does a process is a rough model, and
-    leaves some of it in readings without noise of their own being slow. More than that is not noise (`slow_of`)."""
+    """The fit with innovations as coloured as it leaves them.
+
+    The model of turbulence is approximate, and leaves part of its effect in readings whose own noise is not slow.
+    Residuals larger than the limit of `slow_of` are not noise.
+    """
     most = fitted.criteria.noise.slow
     left = colour_of(fitted, fitted.model.outputs)
     colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
@@ -95,8 +104,11 @@ def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
 
 
 def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Slow noise of every output as a fit leaves it (`NoiseModel.slow`): an offset in every record, and a part that
-    moves, where that gains. More than instruments may have of that is not theirs, and no noise."""
+    """Slow noise of every output according to the residuals of a fit (`NoiseModel.slow`).
+
+    It consists of an offset in every record and, if significant, a slowly varying part. Residuals larger than an
+    instrument may have are not taken for noise.
+    """
     white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
     found = white_and_slow(fitted.batch.t, white, fitted.linear.seen)
     flown, slow = sum(record.duration for record in fitted.flight.records), {}
@@ -106,7 +118,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     usual = usual_offset(offsets, np.array([one.stds for one in found]).T)
     for name, one in zip(fitted.model.outputs, found, strict=True):
         largest = sensor_bias(name).smallest_that_matters(fitted.flight.aircraft) or np.inf
-        # a variance is known from as many independent values as correlation times were flown
+        # The number of independent values of a variance is the flown time over the correlation time.
         most = (criteria.slow - 1.0) * (1.0 + criteria.slow_sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
         if one.gain > criteria.slow_gain and one.slow**2 < most:
@@ -116,7 +128,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
 
 
 def _put_in(fitted: FlightFit) -> np.ndarray:
-    """(R, ny) offsets of readings that attached effects make: what they add there and does not change with time."""
+    """(R, ny) Offsets of readings due to attached effects: their constant contributions."""
     batch, output = fitted.batch, fitted.linear.output
     found, rounding = np.zeros(output.shape[1:]), fitted.criteria.structure.rounding
     for one in fitted.attached:
@@ -127,8 +139,7 @@ def _put_in(fitted: FlightFit) -> np.ndarray:
 
 
 def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
-    """Output -> (1-sigma, correlation time [s]) of the innovations of each of these that is measured, in units of its
-    noise."""
+    """Output -> (1-sigma, correlation time [s]) of its innovations, in units of its noise, for measured outputs."""
     white, seen, t = _innovations(fitted), fitted.linear.seen, fitted.batch.t
     found = {}
     for name in outputs:
@@ -140,7 +151,7 @@ def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[floa
 
 
 def _innovations(fitted: FlightFit) -> np.ndarray:
-    """(N, R, ny) innovations of a fit, of no colour."""
+    """(N, R, ny) Innovations of a fit whose noise model has no colour."""
     plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
     through = fitted.filter.through
     column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
@@ -148,12 +159,16 @@ def _innovations(fitted: FlightFit) -> np.ndarray:
 
 
 def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
-    """The flight with the noise of its doubted outputs judged by the model that `attached` extends, and that of its
-    inputs by what a filter common to all channels took from the outputs."""
+    """The flight with its noise estimated.
+
+    The noise of doubted outputs is estimated with the model and the effects `attached`. That of the inputs is raised if
+    a filter common to all channels reduced it.
+    """
     return _by_the_model(flight, attached).with_filtered_inputs().within_the_motion()
 
 
 def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
+    """The flight with the noise of doubted outputs estimated with the model."""
     if not flight.doubted:
         return flight
     criteria, numerics = flight.criteria.noise, flight.criteria.numerics.fit
@@ -172,11 +187,12 @@ def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
 
 
 def _left(flight: Flight, record: Record, residual: np.ndarray) -> Record:
+    """The record with the residuals in place of its outputs."""
     return record.with_channels(**{o: residual[:, i] for i, o in enumerate(flight.outputs)})
 
 
 def without_outliers(fitted: FlightFit) -> FlightFit:
-    """The fit without the outliers that it shows, and without those that then show; the same when there is none."""
+    """The fit without the outliers that it shows, repeated until there are none."""
     for _ in range(fitted.criteria.numerics.fit.outlier_fits):
         at, outputs = outliers(fitted), fitted.model.outputs
         if not at.any():
@@ -193,8 +209,11 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
 
 
 def outliers(fitted: FlightFit) -> np.ndarray:
-    """(N, R, ny) True at single innovations far from those before and behind. Not of an output that a surface enters
-    at once, where one moves: a surface that is late by a sample makes such an innovation, too."""
+    """(N, R, ny) True at single innovations far from their neighbours.
+
+    Samples at which a surface moves are excluded for outputs that the surface affects immediately: a surface that is
+    late by a sample causes such an innovation too.
+    """
     white, seen, at_once = fitted.white, fitted.linear.seen, _at_once(fitted)
     found = np.zeros(seen.shape, dtype=bool)
     for r in range(seen.shape[1]):
@@ -205,14 +224,14 @@ def outliers(fitted: FlightFit) -> np.ndarray:
 
 
 def _at_once(fitted: FlightFit) -> np.ndarray:
-    """(ny,) True of outputs that a surface enters without a state between."""
+    """(ny,) True for outputs that a surface affects without a state in between."""
     stations = [control(name) for name in SURFACES if control(name) in fitted.model.disturbances]
     index = [fitted.model.disturbances.index(name) for name in stations]
     return np.any(fitted.linear.Dw[..., index] != 0.0, axis=(0, 1, 3))
 
 
 def _moving(fitted: FlightFit) -> np.ndarray:
-    """(N, R) samples at which a surface moves, and those beside them that feel it."""
+    """(N, R) True at samples at which a surface moves, and at their neighbours."""
     flight, batch, moving = fitted.flight, fitted.batch, np.zeros(fitted.batch.live.shape, dtype=bool)
     for name in (one for one in SURFACES if one in fitted.model.inputs):
         U = batch.U[..., fitted.model.inputs.index(name)]
@@ -227,8 +246,10 @@ def _moving(fitted: FlightFit) -> np.ndarray:
 
 
 def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
-    """The fit with inputs that run between samples as the surfaces agree that they do, if that is another way and gains
-    enough. And, beside causes that are `named` already, if it is worth another naming."""
+    """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better.
+
+    Beside causes that are `named` already, the change must be large enough to require another search.
+    """
     criteria, share = fitted.criteria.input_timing, held_share(fitted, named=named)
     late = 2.0 * criteria.change_s / float(np.median(fitted.batch.dt))
     worth = min(criteria.change, late) if named else criteria.step
@@ -240,9 +261,12 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
 
 
 def held_share(fitted: FlightFit, *, named: bool = False) -> float:
-    """Share of a sample interval over which inputs are held (`Batch.held`), in steps, on which two surfaces agree that
-    move enough to tell; as it is where they do not. One that tells alone may be late for other reasons: it does so of
-    inputs that are wholly held, and beside causes that are `named` already."""
+    """Share of a sample interval over which inputs are held (`Batch.held`), in steps.
+
+    Two surfaces that determine it well must agree; otherwise the present share is returned. A single surface may be
+    late for other reasons. It is sufficient for inputs that are held over the complete interval, and beside causes that
+    are `named` already.
+    """
     shares, stds, gains = surface_shares(fitted)
     criteria = fitted.criteria.input_timing
     clear = stds < criteria.std
@@ -258,10 +282,11 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
 
 
 def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of each surface that moves and acts the share that linearisation predicts, its 1-sigma, and the deviance's drop.
+    """(shares, their 1-sigmas, decreases of the deviance) Predicted by linearisation, for each surface that moves and
+    acts.
 
-    What the fit leaves of each channel is taken as a first-order autoregressive process, whitened once more: timing
-    shows in quick movements, and most of what a model may miss is slower.
+    The innovations of each channel are taken as a first-order autoregressive process and whitened once more: timing
+    shows in fast motion, and most errors of the model are slower.
     """
     linear, batch = fitted.linear, fitted.batch
     moving = dict(zip(fitted.model.inputs, np.ptp(batch.U, axis=(0, 1)), strict=True))
@@ -277,14 +302,17 @@ def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     information[range(k), range(k)] += fitted.prior_weight
     covariance = scaled_inverse(information)[k:]
     change, variance = covariance @ (both.T @ left.reshape(-1)), np.diag(covariance[:, k:])
-    acts = variance > 0.0  # a surface of axes that do not move tells nothing, and rounding may leave less than that
+    acts = variance > 0.0  # a surface of an axis out of scope has no information, or a negative rounding error
     change, variance = change[acts], variance[acts]
     return fitted.flight.held + change, np.sqrt(variance), change**2 / variance
 
 
 def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Innovations (N, R, ny), and (N, R, ny, columns) with them, less what the sample before tells, in units of what is
-    left: channels that the model misses count for less."""
+    """Innovations (N, R, ny) and columns (N, R, ny, n) less their prediction from the previous sample, over the
+    remaining r.m.s.
+
+    Channels with large errors of the model therefore have less weight.
+    """
     before, after = white[:-1], white[1:]
     carried = np.sum(before * after, axis=(0, 1)) / np.maximum(np.sum(before**2, axis=(0, 1)), 1e-300)
     left = after - carried * before

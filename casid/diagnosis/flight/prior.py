@@ -1,4 +1,4 @@
-"""What is known of the parameters before the records: as the aircraft file states it, and nothing that it does not."""
+"""Prior of the parameters: the uncertainty that the aircraft file states, or the usual size of a derivative."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from casid.model.causes import sensor_bias
 from casid.model.system import Model
 from casid.model.terms import Term, derivative_term
 
-OFFSET = "bias_"  # and the channel: parameter of a model
+OFFSET = "bias_"  # prefix of the parameter of a channel's offset
 
 
 class Believed(Protocol):
-    """What is asked of what a model describes."""
+    """Interface of an object whose parameters have a prior."""
 
     def model(self) -> Model: ...
     def prior_std(self, model: Model, name: str) -> float: ...
 
 
 class Stated(Protocol):
-    """What is asked of a flight."""
+    """Interface of a flight whose aircraft file states uncertainties."""
 
     @property
     def aircraft(self) -> Aircraft: ...
@@ -35,7 +35,7 @@ class Stated(Protocol):
 
 
 def prior(flight: Believed, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and inverse variance of what is fitted; effects, and what has no name among the parameters, have none."""
+    """Mean and inverse variance of the fitted parameters; effects and unnamed parameters have no prior."""
     mean, weight = np.zeros(len(names)), np.zeros(len(names))
     of_the_file = flight.model().parameters
     for i, name in enumerate(names):
@@ -46,15 +46,18 @@ def prior(flight: Believed, model: Model, names: Sequence[str | None]) -> tuple[
 
 
 def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None) -> float:
-    """Least uncertainty of a derivative: what is stated relative to one near zero says nothing."""
+    """Smallest prior standard deviation of a derivative; a relative uncertainty means nothing near zero."""
     known = criteria or PriorCriteria()
     return known.stated * known.typical.of(coefficient)
 
 
 def derivative_std(flight: Stated, model: Model, name: str) -> float:
-    """1-sigma as the file states it, or of a derivative that the file has at zero as large as it is in aircraft. Where
-    that is not known, so loose that it says nothing, by what its regressor does in these records. An offset of an
-    instrument is small beside what matters as a cause."""
+    """Prior standard deviation of a derivative or offset.
+
+    It is the one that the file states. A derivative that the file has at zero has the usual size of that derivative. If
+    neither is known, the prior is wide, and wider still for a regressor that moves little in these records. The offset
+    of an instrument is as large as a bias that matters.
+    """
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
@@ -75,7 +78,9 @@ def derivative_std(flight: Stated, model: Model, name: str) -> float:
 
 
 def _as_in_the_file(aircraft: Aircraft, term: Term) -> float:
-    """Factor of a derivative by a rate where the file does not make rates dimensionless with half of a length."""
+    """Factor of a derivative by a rate, if the file does not use half of a reference length to make rates
+    dimensionless.
+    """
     lengths = {
         "p": (aircraft.moment_length_lateral, aircraft.rate_length_lateral),
         "q": (aircraft.moment_length_pitch, aircraft.rate_length_pitch),

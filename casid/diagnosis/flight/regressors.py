@@ -1,4 +1,4 @@
-"""Aerodynamic regressors along the motion of a flight, as it was measured and as it was estimated."""
+"""Aerodynamic regressors along the measured and the estimated motion of a flight."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from casid.records.record import Record
 
 
 class Flown(Protocol):
-    """What regressors ask of a flight."""
+    """Interface of a flight with regressors."""
 
     @property
     def aircraft(self) -> Aircraft: ...
@@ -45,8 +45,10 @@ class Flown(Protocol):
 
 
 class Regressors:
-    """The aerodynamic regressors of an aircraft along trajectories, by name, its inputs, and what its own aerodynamics
-    make of them (`given_series`)."""
+    """The aerodynamic regressors of an aircraft along trajectories by name, its inputs, and its own aerodynamics.
+
+    The last are the series of `given_series`.
+    """
 
     def __init__(self, flight: Flown, model: Model) -> None:
         named = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
@@ -75,17 +77,16 @@ class Regressors:
         self.recorded = {name: quiet[..., i] for i, name in enumerate(self._inputs)}
 
     def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each record the windows over which an input may be averaged."""
+        """For each record, the windows over which an input may be averaged."""
         sigma, samples = self._sigma.get(control(name), 0.0), self._batch.live.sum(axis=0)
         return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nu) recorded inputs with the most likely `noise` (disturbance -> (N, R)) that the motion shows taken
-        into account, denoised.
+        """(N, R, nu) Recorded inputs corrected by their most likely `noise` (disturbance -> (N, R)), and denoised.
 
-        Noise in a recorded input is noise in what is made of it, and would match the residual that it causes itself;
-        what is left of it beside the motion does not. More noise than there can be is a fault's, and counts the less
-        the more of it there is.
+        Noise of a recorded input is also in the regressors computed from it, and would correlate with the residual that
+        it causes. The noise that remains beside the motion does not. Noise larger than possible indicates a fault; it
+        is reduced in proportion to its excess.
         """
         U, live = self._batch.U.copy(), self._batch.live
         for i, name in enumerate(self._inputs):
@@ -99,11 +100,11 @@ class Regressors:
         return U
 
     def variation(self, term: Term) -> float:
-        """Standard deviation of a term along the motion as it was measured."""
+        """Standard deviation of a term along the measured motion."""
         return float(np.std(self.measured(term)))
 
     def measured(self, term: Term) -> np.ndarray:
-        """(samples,) a term along the motion as it was measured."""
+        """(samples,) A term along the measured motion."""
         live = self._batch.live
         return np.broadcast_to(term.evaluate(self._as_measured), live.shape)[live]
 
@@ -113,8 +114,19 @@ class Regressors:
         return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
 
     def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
-        """name -> (N, R): regressors of the trajectory X (N, R, nx) with `inputs` (N, R, nu) in moving air
-        (disturbances W (N, R, nw)), rates of the flow angles by differences included, and the inputs."""
+        """Name -> (N, R) regressors and inputs along a trajectory.
+
+        Rates of the flow angles, from finite differences, are included.
+
+        Parameters
+        ----------
+        X
+            (N, R, nx) Trajectory.
+        W
+            (N, R, nw) Disturbances, including moving air.
+        inputs
+            (N, R, nu) Inputs.
+        """
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}

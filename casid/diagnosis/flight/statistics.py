@@ -1,4 +1,4 @@
-"""How well a fitted model explains each channel: residual, whiteness, Theil, R2, spectrum."""
+"""Statistics of a fitted model for each channel: residual, whiteness, Theil's coefficient, R2, spectrum."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from casid.estimation.fitted import channel_fit
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelStatistics:
-    """One channel over all records.
+    """Statistics of one channel over all records.
 
-    rms          of measured minus simulated, the simulation running freely from each record's fitted initial state
+    rms          r.m.s. of measured minus simulated; the simulation runs freely from each record's fitted initial state
     noise        1-sigma of the instrument, from the band above the motion
-    whiteness_p  Ljung-Box p-value of the innovations; small: something systematic is left
-    theil        inequality coefficient of measured and simulated, 0 perfect, 1 useless
-    R2           share of the channel's variance that the simulation explains; NaN of one that never changes
+    whiteness_p  Ljung-Box p-value of the innovations; a small value indicates a systematic error
+    theil        Theil's coefficient of measured and simulated: 0 is perfect, 1 is no relation
+    R2           share of the variance of the channel that the simulation explains; NaN for a constant channel
     """
 
     rms: float
@@ -35,16 +35,21 @@ class ChannelStatistics:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SimulatedRecords:
-    """Free simulation of a fit: `output` (N, R, ny), `residual` measured minus simulated with NaN where not seen."""
+    """Free simulation of a fit.
+
+    output    (N, R, ny) readings
+    residual  (N, R, ny) measured minus simulated, NaN where not measured
+    """
 
     output: np.ndarray
     residual: np.ndarray
 
 
 def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> SimulatedRecords:
-    """Fly every record from its fitted initial state, or from `start` (R, states), open loop on the recorded inputs.
+    """Simulate every record from its fitted initial state, or from `start` (R, states), open loop with the recorded
+    inputs.
 
-    What leaves the range of numbers is infinite.
+    A result that overflows is infinite.
     """
     begin = fit.linear.X[0] if start is None else start
     model, batch = fit.model, fit.batch
@@ -71,7 +76,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
         error = simulated.residual[..., i]
         if not fit.linear.seen[..., i].any() or np.isnan(error).all():
             continue
-        # where it was measured: the samples that a late reading is compared at stand elsewhere
+        # Use the measured samples. A late reading is compared at other samples.
         measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
         flown = channel_fit(measured.ravel(), (measured - error).ravel())
         table[name] = ChannelStatistics(
@@ -85,7 +90,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
 
 
 def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:
-    """Ljung-Box p-value over a number of `lags`, pooled over the columns (records) of a channel (N, R)."""
+    """Ljung-Box p-value with a number of `lags`, pooled over the records of a channel (N, R)."""
     statistic, dof = 0.0, 0
     for r in range(white.shape[1]):
         e = white[seen[:, r], r]
@@ -100,7 +105,7 @@ def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:
 
 
 def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarray) -> np.ndarray:
-    """(ny, bands) energy of the free-simulation residual over that of the instrument's noise, per frequency band."""
+    """(ny, bands) Energy of the free-simulation residual over that of the instrument noise, per frequency band."""
     ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
     for i, name in enumerate(fit.model.outputs):
         total = np.zeros(len(edges_hz) - 1)
@@ -119,7 +124,7 @@ def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarra
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """A fitted model and how it explains a set of records."""
+    """A fitted model with its simulation and statistics of a set of records."""
 
     fit: FlightFit
     simulated: SimulatedRecords
@@ -137,7 +142,7 @@ class View:
 
     @property
     def records(self) -> tuple[str, ...]:
-        """Names of its records."""
+        """Names of the records."""
         return self.fit.flight.names
 
     def to_dict(self) -> dict[str, Any]:
