@@ -326,8 +326,9 @@ _MAX_ONSETS = 4
 
 def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
-    found = _without(diagnosis, cause)
-    if not cause.onset_s or found is None:
+    # the model without the cause is fitted only for one that has an onset
+    found = _without(diagnosis, cause) if cause.onset_s else None
+    if found is None:
         return None
     base, attached = found
     profiles = onset_profiles(base, attached)

@@ -14,6 +14,7 @@ from casid.diagnosis.given.account import account_sentence
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.model.effects import effect_of
+from casid.native.threads import single_threaded
 from casid.records.readers import write_record
 from casid.report import tables
 from casid.report.aircraft_figures import derivatives, envelope, envelope_table
@@ -190,6 +191,7 @@ class Section:
     figures: tuple[Figure, ...]
 
 
+@single_threaded()
 def write_report(
     diagnosis: Diagnosis | SystemDiagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None
 ) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from casid.signals import unit_of
@@ -60,10 +61,17 @@ class Picture:
     wide: bool = False
 
     def svg(self) -> bytes:
-        """The figure as SVG; the same figure gives the same bytes."""
+        """The figure as SVG; the same figure gives the same bytes.
+
+        The canvas is asked itself, which draws once: `Figure.savefig` draws twice to have the axes placed.
+        """
         buffer = io.BytesIO()
         with settings():
-            self.figure.savefig(buffer, format="svg", metadata={"Date": None})
+            shown = self.figure.canvas
+            try:
+                FigureCanvasSVG(self.figure).print_svg(buffer, metadata={"Date": None})
+            finally:
+                self.figure.set_canvas(shown)
         return buffer.getvalue()
 
 
