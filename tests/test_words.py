@@ -1,8 +1,11 @@
-"""The words of the pages: plain terms of the field, and every public name has an entry in the reference."""
+"""The words of pages and docstrings: plain terms of the field, and every public name has an entry in the reference."""
 
 from __future__ import annotations
 
+import ast
 import re
+import tokenize
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,14 @@ import pytest
 import casid
 
 REPO = Path(__file__).resolve().parent.parent
+# Files whose docstrings and comments follow the same rules.
+CODE = (
+    "casid/diagnosis/*.py",
+    "casid/diagnosis/engine/*.py",
+    "casid/diagnosis/evidence/*.py",
+    "casid/diagnosis/flight/*.py",
+    "casid/diagnosis/kinematics/*.py",
+)
 PAGES = (REPO / "README.md", REPO / "CONTRIBUTING.md", *sorted((REPO / "docs").glob("*.md")))
 
 # Words that only insiders understand -> what a page says instead. Terms are defined in docs/glossary.md.
@@ -21,7 +32,7 @@ REPLACEMENTS = {
     r"\bthat is said\b|\band is said\b": "this is reported",
     r"\bas wholes\b|\bwholes are\b": "complete hypotheses",
     r"\bsmall (further )?terms of\b": "model discrepancy",
-    r"\b(unknown|anonymous|slow) (history|histories)\b|\banonymous input": "latent input",
+    r"\b(unknown|anonymous|slow) (history|histories)\b|\banonymous\b": "latent input",
     r"\bdrops? of the deviance\b": "likelihood-ratio statistic",
     r"\bits price\b|\bthe price of its\b": "selection penalty",
     r"\bpromises?\b|\bpromised\b(?! gain\b)": "predicted (score statistic)",
@@ -39,19 +50,46 @@ REPLACEMENTS = {
     r"\bbelieved to\b|\bis believed\b": "accepted; trusted",
     r"\bput in (first|beforehand)\b": "added before the search",
     r"\bmend(ed|s)?\b": "corrected",
+    r"\bbears? (it |them )?out\b|\bborne out\b": "supported",
+    r"\bstands? (under|beside|behind)\b": "is listed under; is together with; follows",
 }
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_a_page_has_no_private_words(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
+def private_words(text: str) -> list[str]:
+    """The private words of a text, each with what to write instead."""
     prose = re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)  # programs and names keep theirs
     prose = re.sub(r"\s+", " ", prose)
-    found = [
+    return [
         f"'{hit.group()}': write '{instead}'"
         for words, instead in REPLACEMENTS.items()
         for hit in re.finditer(words, prose, flags=re.IGNORECASE)
     ]
+
+
+def prose_of(path: Path) -> Iterator[str]:
+    """Docstrings and comments of a Python file, and the texts of its criteria."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef)):
+            yield ast.get_docstring(node) or ""
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "number":
+            yield from (a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str))
+    with tokenize.open(path) as file:
+        yield from (token.string for token in tokenize.generate_tokens(file.readline) if token.type == tokenize.COMMENT)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_has_no_private_words(page: Path) -> None:
+    found = private_words(page.read_text(encoding="utf-8"))
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize(
+    "path",
+    [path for glob in CODE for path in sorted(REPO.glob(glob))],
+    ids=lambda path: f"{path.parent.name}/{path.name}",
+)
+def test_docstrings_have_no_private_words(path: Path) -> None:
+    found = private_words("\n".join(prose_of(path)))
     assert not found, "\n".join(found)
 
 

@@ -1,4 +1,4 @@
-"""`diagnose`: of an aircraft file, or of a simulation of any dynamic system."""
+"""`diagnose` for an aircraft file, or for a model of any dynamic system."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def diagnose(
 
 
 def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | SystemDiagnosis:
-    """What a simulation gets wrong, given measured records.
+    """Diagnose what a simulation gets wrong, with measured records.
 
     Parameters
     ----------
@@ -58,34 +58,35 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
     records
         Records to be fitted, in SI units and radians, or names of files.
     hold_out
-        Records that are never fitted. When none is given, one record is held back, or the last third of a single one.
+        Records that are never fitted. If none is given, the last record is held out, or the last third of a single one.
     report
-        Is called with the name of every stage.
+        Function that is called with the name of every stage.
     criteria
-        The numbers by which the diagnosis decides; by default those of `Criteria()`.
+        Thresholds of the diagnosis; by default `Criteria()`.
     as_recorded
-        Of an aircraft: the data stay as they were recorded, and faults are only told.
+        For an aircraft: the data stay as recorded, and faults are only reported.
     axes
-        Of an aircraft: "longitudinal", "lateral" or "full"; by default what the records can tell of.
+        For an aircraft: the scope, "longitudinal", "lateral" or "full"; by default the largest that the records
+        support.
     ports
-        Of a model: where reality may differ; by default every state derivative, input and output not in `exact`.
+        For a model: where reality may differ; by default every state derivative, input and output not in `exact`.
     exact
-        Of a model: names of states whose equations are beyond doubt, and of such inputs and outputs.
+        For a model: names of states with exact equations, and of exact inputs and outputs.
     library
-        Of a model: the causes that are considered; by default all that any system may have.
+        For a model: the causes that are considered; by default all that any system may have.
 
     Returns
     -------
     Diagnosis or SystemDiagnosis
-        Of an aircraft or of a model: named causes with their sizes and what each is worth on records that were not
-        fitted. Print it for the account; `save` keeps it and `write_report` makes a page of it.
+        For an aircraft or a model: the named causes with their sizes, and the improvement by each on records that were
+        not fitted. Print it for the account; `save` stores it and `write_report` makes a page of it.
 
     Raises
     ------
     InputError
-        For records that cannot feed the simulation, and for ports of an aircraft, which has its own.
+        For records that lack inputs of the simulation, and for ports of an aircraft, whose ports are fixed.
     EstimationError
-        When the model cannot be fitted at all.
+        If the model cannot be fitted at all.
 
     Examples
     --------

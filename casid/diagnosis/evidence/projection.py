@@ -13,7 +13,7 @@ from casid.model.station import Station
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Projection:
-    """Normal equations of n whitened responses, with fitted parameters and small terms of an evidence eliminated.
+    """Normal equations of n whitened responses, with fitted parameters and small terms eliminated.
 
     gram   (n, n) products of the projected responses: the information on their sizes
     match  (n,) their products with the innovations

@@ -27,7 +27,7 @@ _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallTerms:
-    """The small terms of a fit.
+    """The small terms for a fit.
 
     names    (coefficient, term) of each
     series   (N, R, n) their regressors

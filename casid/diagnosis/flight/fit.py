@@ -160,8 +160,8 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
 class _Point:
     """A point of the iteration.
 
-    squares  sum of squares that the steps decrease
-    promise  predicted decrease by the next full step
+    `squares`  sum of squares that the steps decrease
+    `promise`  predicted decrease by the next full step
     """
 
     fit: FlightFit
