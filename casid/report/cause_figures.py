@@ -326,9 +326,7 @@ _MAX_ONSETS = 4
 
 def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
-    # the model without the cause is fitted only for one that has an onset
-    found = _without(diagnosis, cause) if cause.onset_s else None
-    if found is None:
+    if not cause.onset_s or (found := _without(diagnosis, cause)) is None:
         return None
     base, attached = found
     profiles = onset_profiles(base, attached)
