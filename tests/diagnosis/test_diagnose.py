@@ -71,7 +71,7 @@ def test_the_extended_model_predicts_what_it_never_saw() -> None:
     assert after.log_likelihood > before.log_likelihood
 
 
-@pytest.mark.parametrize("seed", [11, 12])
+@pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
 def test_clean_data_give_no_name(seed: int) -> None:
     """The structure of the file is right, and its moments, which it states as exact, are 30 % below the truth."""
     found = diagnose(rough_file(), flights(seed=seed, count=4))
@@ -79,6 +79,7 @@ def test_clean_data_give_no_name(seed: int) -> None:
     (moments,) = found.factors
     assert {"Cm_delta_e", "Cl_p", "Cn_beta"} <= set(moments.derivatives) and moments.row == "all moments"
     assert abs(moments.factor - 1.0 / 0.7) < 4.0 * moments.std and not found.contradicted
+    assert "worth a look" not in found.sentence
 
 
 TWO = [
@@ -142,15 +143,14 @@ def test_turbulence_is_named_with_its_velocity_and_no_instrument_for_it() -> Non
     assert abs(found.causes[0].value - 1.0) < 3.0 * found.causes[0].std
 
 
-@pytest.mark.parametrize(("size", "told"), [(0.02, True), (0.0, False)])
-def test_what_is_nearly_clear_is_worth_a_look_and_no_cause(size: float, told: bool) -> None:
+def test_what_is_nearly_clear_is_worth_a_look_and_no_cause() -> None:
     """A scale error of five sigma: less than a name asks for, more than chance makes of 700 causes in clean data."""
-    hidden = Attached(effect=sensor_scale("beta"), values={"value": size})
+    hidden = Attached(effect=sensor_scale("beta"), values={"value": 0.02})
     found = diagnose(
         rough_file(), flights([hidden], seed=5, noise={name: 1.5 * sigma for name, sigma in NOISE.items()})
     )
     assert (found.verdict, found.causes) == ("values wrong", ())
-    assert ("worth a look: the measured sideslip angle has a scale error" in found.sentence) == told
+    assert "worth a look: the measured sideslip angle has a scale error" in found.sentence
 
 
 @pytest.mark.parametrize("hidden", [cg_offset("x"), accelerometer_position("x")], ids=lambda e: e.name)
