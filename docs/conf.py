@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -48,10 +49,13 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
     "show_memory": False,
     "write_computation_times": False,
+    "parallel": 2,  # examples run beside each other
     "plot_gallery": "True",
     "filename_pattern": r"/plot_",
     "abort_on_example_error": True,
 }
 suppress_warnings = ["config.cache"]
+# joblib replaces a process that has grown by 300 MB, as one does that ran several examples; no example is lost.
+warnings.filterwarnings("ignore", message="A worker stopped while some jobs", category=UserWarning)
 
 written.write(HERE / "reference")
