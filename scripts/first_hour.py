@@ -59,6 +59,7 @@ class Desk:
         """Run a command of the environment in the folder and return what it printed; StepError for another status."""
         program, *rest = map(str, words)
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "VIRTUAL_ENV")}
+        environment["MPLCONFIGDIR"] = str(self.binaries.parent / "matplotlib")  # a list of fonts of this environment
         command = [str(self.binaries / program), *rest]
         done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, env=environment, check=False)
         if done.returncode != status:

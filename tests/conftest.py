@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
@@ -15,6 +16,12 @@ import hypothesis
 import pytest
 
 os.environ["MPLBACKEND"] = "Agg"  # before anything imports matplotlib; scripts run as processes inherit it
+
+# matplotlib's list of fonts is built afresh in each session: one that another environment left in the user's cache
+# names fonts that are not there, and matplotlib then warns on stderr. Workers and processes inherit the folder.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    MATPLOTLIB_FOLDER = tempfile.TemporaryDirectory(prefix="casid-matplotlib-")  # removed when the session ends
+    os.environ["MPLCONFIGDIR"] = MATPLOTLIB_FOLDER.name
 
 REPO = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(REPO)  # scripts run as processes take this checkout, whatever is installed
