@@ -101,6 +101,7 @@ class Answer:
     mismatch    coefficient -> what the terms of the aircraft file, at their best, leave of it without anything hidden:
                 r.m.s. as a part of the coefficient's variation
     conditions  rate [Hz], noise level and such
+    values      derivatives and terms of the aircraft that flew, named as in the aircraft file
     """
 
     of: str
@@ -111,6 +112,7 @@ class Answer:
     hidden: tuple[Hidden, ...]
     mismatch: Mapping[str, float]
     conditions: Mapping[str, Any]
+    values: Mapping[str, float] = field(default_factory=dict)
 
     def write(self, path: Path) -> None:
         hidden = [{**asdict(one), "unit": one.unit} for one in self.hidden]

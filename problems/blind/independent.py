@@ -49,6 +49,7 @@ def flight(case: str, seed: int, size: float) -> tuple[tuple[Record, ...], Aircr
             "noise": round(flown.plan.noise, 3),
             "durations_s": flown.plan.durations,
         },
+        values={f"{c}_{_words(term)}": v for c, terms in flown.fit.values.items() for term, v in terms.items()},
     )
     return records, aircraft_of(flown), answer
 

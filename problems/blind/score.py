@@ -19,6 +19,8 @@ OTHER_WORDS: Mapping[str, tuple[tuple[str, str, str | None], ...]] = {
     "rotor_gyroscope": (("aero_term", "Cm", "r"), ("aero_term", "Cn", "q")),
     "wing_bending": (("unsteady_aero", "CL", None),),
 }
+_OUTSIDE_AIRCRAFT = ("controls", "sensors", "air")  # families that leave the derivatives of the aircraft as they are
+_NORMAL = 1.96  # 1-sigmas of a 95 % interval
 ELSEWHERE = "same kind, elsewhere"
 NOTHING, UNEXPLAINED, FAILED = "adequate", "unexplained", "failed"
 
@@ -35,6 +37,8 @@ class Score:
     described  outside the catalogue: every cause says the same in other words
     onsets     hidden onsets and how many lie in the stated interval
     sized      relative error and whether the 95 % interval has the size; None: not named by its own name
+    values     numbers of the file that were told against flight, and how many of their 95 % intervals hold the truth;
+               none where what is hidden changes the aircraft itself
     """
 
     answer: Answer
@@ -48,6 +52,7 @@ class Score:
     onsets: tuple[int, int]
     sized: tuple[float, bool] | None
     seconds: float
+    values: tuple[int, int] = (0, 0)
 
 
 def score(answer: Answer, found: Found) -> Score:
@@ -83,6 +88,7 @@ def score(answer: Answer, found: Found) -> Score:
         onsets=_onsets(hidden, causes),
         sized=_sized(answer, own),
         seconds=sum(found["seconds"].values()),
+        values=_values(answer, found["contradicted"]),
     )
 
 
@@ -142,6 +148,15 @@ def _onsets(hidden: tuple[Hidden, ...], causes: list[Found]) -> tuple[int, int]:
     return inside, total
 
 
+def _values(answer: Answer, contradicted: list[Found]) -> tuple[int, int]:
+    """(intervals that hold the truth, intervals) of the numbers of the file that were told against flight."""
+    if any(_family_of(one) not in _OUTSIDE_AIRCRAFT for one in answer.hidden):
+        return 0, 0
+    told = [c for c in contradicted if c["parameter"] in answer.values and not c["impossible"]]
+    off = [abs(c["flight"] - answer.values[c["parameter"]]) for c in told]
+    return sum(error <= _NORMAL * c["std"] for error, c in zip(off, told, strict=True)), len(told)
+
+
 def _sized(answer: Answer, own: Found | None) -> tuple[float, bool] | None:
     if own is None or not answer.hidden:
         return None
@@ -150,4 +165,4 @@ def _sized(answer: Answer, own: Found | None) -> tuple[float, bool] | None:
     if one.kind in LOADING and set(own["records"]) == fitted - set(one.records):
         value = -value  # the same difference, told of the other fitted records
     error = value - one.value
-    return error / abs(one.value), abs(error) <= 1.96 * own["std"]
+    return error / abs(one.value), abs(error) <= _NORMAL * own["std"]

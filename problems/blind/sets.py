@@ -219,6 +219,7 @@ def _attempt(of: str, case: str, seed: int, size: float, structure: Structure | 
             "structure": {c: list(t) for c, t in scene.structure.items()},
             **({} if installed is None else {"instruments": asdict(installed)}),
         },
+        values={f"{c}_{term}": v for c, terms in found.values.items() for term, v in terms.items()},
     )
     return Set(
         records=tuple(_recorded(record, plan, noise, installed) for record in flown),

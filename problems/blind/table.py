@@ -47,6 +47,7 @@ def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
     visible = [s for s in single if not s.answer.hidden[0].imitated]
     onsets = [s.onsets for s in scores if s.onsets[1]]
     sized = [s.sized for s in single if s.sized is not None]
+    values = [s.values for s in scores]
     done = sorted(s.seconds for s in scores if s.verdict != FAILED)
     return [
         ("sets", str(len(scores))),
@@ -69,6 +70,7 @@ def summary(scores: Sequence[Score]) -> list[tuple[str, str]]:
         ("onset inside its interval", _part(sum(i for i, _ in onsets), sum(n for _, n in onsets))),
         ("size inside its 95 % interval", _part(sum(inside for _, inside in sized), len(sized))),
         ("size: median of the absolute error", f"{100 * median(abs(e) for e, _ in sized):.1f} %" if sized else "–"),
+        ("contradicted values: truth inside the 95 % interval", _part(*map(sum, zip(*values, strict=True)))),
         ("failed", _rate(scores, lambda s: s.verdict == FAILED)),
         ("seconds per diagnosis: median, largest", f"{median(done):.1f}, {done[-1]:.1f}" if done else "–"),
     ]

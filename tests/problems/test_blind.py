@@ -316,7 +316,12 @@ def answer(*hidden: Hidden, case: str = "gust") -> Answer:
 
 
 def found(*causes: Mapping[str, Any], verdict: str = "explained") -> dict[str, Any]:
-    return {"verdict": verdict, "causes": list(causes), "seconds": {"naming": 2.0, "kinematics": 1.0}}
+    return {
+        "verdict": verdict,
+        "causes": list(causes),
+        "contradicted": [],
+        "seconds": {"naming": 2.0, "kinematics": 1.0},
+    }
 
 
 def cause(kind: str, target: str, value: float = 1.0, std: float = 0.1, **more: Any) -> dict[str, Any]:
@@ -365,6 +370,22 @@ def test_scores_by_definition() -> None:
     said = score(gyroscope, found(cause("aero_term", "Cm", term="r")))
     assert (said.described, said.wrong) == (True, 1)
     assert score(answer(GUST), {"failed": "no"}).verdict == "failed"
+
+
+def test_intervals_of_contradicted_values_are_counted() -> None:
+    """One deviation away is inside the 95 % interval, three are not. Another lift changes the aircraft: no value of
+    the healthy one is the truth then."""
+    told = [
+        {"parameter": "Cm_q", "flight": -33.0, "std": 3.0, "impossible": False},
+        {"parameter": "Cm_alpha", "flight": -1.2, "std": 0.1, "impossible": False},
+        {"parameter": "inertia", "flight": None, "std": None, "impossible": True},
+    ]
+    truth = replace(answer(GUST), values={"Cm_q": -42.0, "Cm_alpha": -1.3})
+    counted = score(truth, found() | {"contradicted": told})
+    assert counted.values == (1, 2)
+    assert dict(summary([counted, counted]))["contradicted values: truth inside the 95 % interval"] == "2 of 4 (50 %)"
+    term = replace(truth, hidden=(Hidden(kind="aero_term", target="Cm", term="alpha^3", value=-60.0),))
+    assert score(term, found() | {"contradicted": told}).values == (0, 0)
 
 
 def test_change_of_configuration_need_not_have_its_smallest_step() -> None:
