@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache, partial
 
 import numpy as np
 from scipy import signal, special
@@ -11,9 +13,11 @@ from scipy import signal, special
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read
 from casid.diagnosis.data.relations import RELATIONS, Relation
+from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 from casid.model.plausible import doubts
+from casid.model.trim import trim as trim_of
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
 
@@ -111,28 +115,55 @@ def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[...,
     return level
 
 
-def _needed_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
+def _needed_thrust(
+    c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria, trimmed: Callable[[], _TrimDrag | None]
+) -> float:
     """Thrust balances the drag that the file has in its trim, and the rate at which kinetic and potential energy grow.
 
     T = D + m (dV/dt + g sin(gamma)), with the drag of the trim scaled by dynamic pressure. Far from the airspeed of the
     trim the drag coefficient is another one, and where the energy does most of it, the drag tells little."""
-    trim = aircraft.trim if aircraft is not None else {}
-    if aircraft is None or not {"V", "thrust"} <= trim.keys() or not (c.has("altitude") or c.has("theta", "alpha")):
+    if aircraft is None or not (c.has("altitude") or c.has("theta", "alpha")):
         return 0.0
-    density = trimmed_density(aircraft)
-    if density is None:
+    known = trimmed()
+    if known is None:
         return 0.0
-    V, weight = max(_mean(c, "V"), 1e-3), aircraft.mass * g
-    drag = trim["thrust"] * _mean(c, "rho") * V**2 / (density * trim["V"] ** 2)
+    V, weight, at = max(_mean(c, "V"), 1e-3), aircraft.mass * g, aircraft.trim["V"]
+    drag = known.drag * _mean(c, "rho") * V**2 / (known.rho * at**2)
     measured = c.has("altitude")
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
     unknown = criteria.path_by_altitude if measured else criteria.path_known
     needed = drag + aircraft.mass * _slope(c, "V") + weight * path
     if needed < criteria.drag_part * drag:
         return 0.0
-    by_drag = math.hypot(criteria.trim_drag, 2.0 * math.log(V / trim["V"])) * drag
+    by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
     sigma = math.hypot(by_drag, unknown * weight) / needed
     return _ratio(_mean(c, "thrust"), needed, sigma, criteria)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _TrimDrag:
+    """Drag [N] in the trim of a file, at density `rho`, and its `uncertainty` besides that of a stated one."""
+
+    drag: float
+    rho: float
+    uncertainty: float
+
+
+def _drag_of_trim(aircraft: Aircraft) -> _TrimDrag | None:
+    """The thrust that the trim of a file states, or else the drag of its aerodynamics there, which is as uncertain as
+    its derivatives; None where the file has no trim point, or is itself in doubt."""
+    trim, density = aircraft.trim, trimmed_density(aircraft)
+    if density is None or "V" not in trim:
+        return None
+    if "thrust" in trim:
+        return _TrimDrag(drag=trim["thrust"], rho=density, uncertainty=0.0)
+    if doubts(aircraft):
+        return None
+    try:
+        level = trim_of(aircraft, V=trim["V"], rho=density)
+    except InputError:  # an aircraft that does not fly level there says nothing of its drag
+        return None
+    return _TrimDrag(drag=level.thrust, rho=density, uncertainty=aircraft.relative_uncertainty)
 
 
 def trimmed_density(aircraft: Aircraft) -> float | None:
@@ -221,7 +252,6 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("V",), ("V",), _usual_speed),
     (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim_density)),
     (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
-    (("thrust", "V", "rho"), ("thrust", "V", "rho", "altitude", "theta", "alpha", "t"), _needed_thrust),
     (("rho",), ("rho",), _usual_density),
     (("thrust",), ("thrust",), _usual_thrust),
     (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),
@@ -239,7 +269,13 @@ def level_terms(
     def term(needs: tuple[str, ...], level: Callable[..., float]) -> Callable[[Read], float]:
         return lambda c: level(c, aircraft, gravity, criteria) if c.has(*needs) else 0.0
 
+    @cache
+    def trimmed() -> _TrimDrag | None:
+        return None if aircraft is None else _drag_of_trim(aircraft)
+
     weighed = aircraft is not None and not doubts(aircraft)
+    balance = partial(_needed_thrust, trimmed=trimmed)
+    yield frozenset(("thrust", "V", "rho", "altitude", "theta", "alpha", "t")), term(("thrust", "V", "rho"), balance)
     for needs, uses, level in _LEVELS:
         if weighed or level is not _usual_thrust:
             yield frozenset(uses), term(needs, level)
