@@ -56,7 +56,7 @@ def table_of(value: Any, what: str, like: str) -> Mapping[str, Any]:
     raise InputError(f"{what} is {given(value)}; expected a table like {like}")
 
 
-def an(value: Any, kind: type[Kind] | tuple[type[Kind], ...], what: str, write: str) -> Kind:
+def require(value: Any, kind: type[Kind] | tuple[type[Kind], ...], what: str, write: str) -> Kind:
     """`value` when it is of the kind; else InputError: `what` it is and what to `write`, like "cs.OutputError()"."""
     if isinstance(value, kind):
         return value

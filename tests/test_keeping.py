@@ -50,7 +50,7 @@ def test_what_cannot_be_kept_or_read_is_one_line(fit: cs.Fit, tmp_path: Path) ->
     content = whole.read_bytes()
     for change, words in (
         (b"t,alpha\n0,1\n", "no result of casid"),
-        (content.replace(b"result/1", b"result/9", 1), "casid.result/9"),
+        (content.replace(b"result/", b"result/9", 1), "casid.result/9"),
         (content[: len(content) // 2], "damaged"),
     ):
         whole.write_bytes(change)

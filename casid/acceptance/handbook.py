@@ -19,7 +19,7 @@ from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
 from casid.acceptance.parameters import Known, known_by_diagnosis, known_by_file, known_by_fit
 from casid.acceptance.steady import Implicit, SteadyFlight
-from casid.arguments import an, number
+from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
@@ -198,7 +198,7 @@ def modes(
     ['short period', 'phugoid', 'dutch roll', 'roll', 'spiral']
     """
     file = given_aircraft(aircraft, "modes")
-    an(fit, (Fit, Diagnosis, type(None)), "modes: fit", "fit=cs.solve(...) or fit=cs.diagnose(...)")
+    require(fit, (Fit, Diagnosis, type(None)), "modes: fit", "fit=cs.solve(...) or fit=cs.diagnose(...)")
     point = flight_point(file, V, altitude, rho) | {"climb_angle": number(climb_angle, "modes: climb_angle")}
     flight = SteadyFlight(file)
     if isinstance(fit, Diagnosis):

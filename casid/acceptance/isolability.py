@@ -23,7 +23,7 @@ import numpy as np
 from scipy.stats import norm
 
 from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
-from casid.arguments import an, names, numbers_by_name
+from casid.arguments import names, numbers_by_name, require
 from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import meaningful_share
@@ -231,7 +231,7 @@ def isolability(
     True
     """
     file, records = given_aircraft(aircraft, "isolability"), given_records(manoeuvres, "isolability")
-    criteria = an(criteria or Criteria(), Criteria, "isolability: criteria", "Criteria(...)")
+    criteria = require(criteria or Criteria(), Criteria, "isolability: criteria", "Criteria(...)")
     if not records:
         raise InputError("isolability: no manoeuvre is given; expected records of the surfaces")
     axes = axes_of(records)
@@ -336,7 +336,7 @@ def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tupl
     else:
         chosen: list[Effect] = []
         for one in [causes] if isinstance(causes, str) else causes:
-            an(one, (str, Effect), "isolability: one of the causes", "'sensor_*' or an Effect")
+            require(one, (str, Effect), "isolability: one of the causes", "'sensor_*' or an Effect")
             found = (
                 [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, one.replace("[", "[[]"))]
             )

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casid.arguments import an, number, table_of, whole
+from casid.arguments import number, require, table_of, whole
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import solve
@@ -211,7 +211,7 @@ def bootstrap(
     >>> drawn.estimates.shape, drawn.failed
     ((5, 1), 0)
     """
-    an(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
+    require(fit, Fit, "bootstrap: fit", "cs.solve(problem)")
     whole(runs, "bootstrap: runs", least=2)
     whole(seed, "bootstrap: seed", least=0)
     for name, sigma in table_of(input_noise or {}, "bootstrap: input_noise", "{'delta_e': 0.001}").items():

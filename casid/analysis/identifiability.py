@@ -16,7 +16,7 @@ import numpy as np
 
 from casid.analysis.excitation import Excitation, Suggestion, best_manoeuvre, candidates, excitations
 from casid.analysis.relinearise import relinearise
-from casid.arguments import an
+from casid.arguments import require
 from casid.errors import unknown
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
@@ -230,7 +230,7 @@ def identifiability(
     >>> told.names, len(told.weak)
     (('k1', 'k2'), 1)
     """
-    an(fit, Fit, "identifiability: fit", "cs.solve(problem)")
+    require(fit, Fit, "identifiability: fit", "cs.solve(problem)")
     problem = fit.problem
     for name in controls or ():
         if name not in problem.model.inputs:

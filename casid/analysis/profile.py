@@ -14,15 +14,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from casid.arguments import an, number
 from casid.arguments import names as argument_names
+from casid.arguments import number, require
 from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.constraints import limit_parameter as limits_of
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
-from casid.estimation.robust_noise import Huber, StudentT
+from casid.estimation.noise import Huber, StudentT
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Solver
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
@@ -132,7 +132,7 @@ def profile(
     >>> interval.status, interval.lower < 0.4 < interval.upper
     ('found', True)
     """
-    an(fit, Fit, "profile: fit", "cs.solve(problem)")
+    require(fit, Fit, "profile: fit", "cs.solve(problem)")
     _check(fit, level, method)
     wanted = argument_names(names, "profile: names")
     return {name: _ProfileSearch(fit, fit[name].name, method, solver).interval(level) for name in wanted}

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.arguments import an, names, number, numbers_by_name, table_of
+from casid.arguments import names, number, numbers_by_name, require, table_of
 from casid.errors import InputError, unknown
 from casid.model.simulate import simulate
 from casid.model.system import Model
@@ -71,7 +71,7 @@ class Experiment:
     values: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        model = an(self.model, Model, "Experiment: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+        model = require(self.model, Model, "Experiment: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
         for what in ("surfaces", "noise", "limits"):
             table_of(getattr(self, what), f"Experiment: {what}", "{'delta_e': 0.05}")
         numbers_by_name(self.rest, "Experiment: rest")

@@ -20,7 +20,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.arguments import an, one_of, whole
+from casid.arguments import one_of, require, whole
 from casid.design.experiment import Experiment
 from casid.design.input_shapes import Multisine, Shape, StepInput
 from casid.errors import EstimationError
@@ -186,8 +186,10 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
 
 
 def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
-    an(experiment, Experiment, "design_input: experiment", "cs.Experiment(model=..., surfaces={'delta_e': 0.05}, ...)")
-    an(shape, (StepInput, Multisine), "design_input: shape", "cs.StepInput(pulses=4) or cs.Multisine(lines=8)")
+    require(
+        experiment, Experiment, "design_input: experiment", "cs.Experiment(model=..., surfaces={'delta_e': 0.05}, ...)"
+    )
+    require(shape, (StepInput, Multisine), "design_input: shape", "cs.StepInput(pulses=4) or cs.Multisine(lines=8)")
     one_of(criterion, ("D", "A"), "design_input: criterion")
     shape.check(experiment.duration)
 

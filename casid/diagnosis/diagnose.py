@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.diagnosis.causes import causes_of, trace_of_search
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.check import channels_of, check
@@ -77,7 +77,7 @@ def diagnose(
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     channels_of(as_recorded, "diagnose: as_recorded")
-    criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
+    criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     stages = Stages(report)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)

@@ -4,16 +4,14 @@ from casid.estimation.constraints import limit_combination, limit_function, limi
 from casid.estimation.cost import CombinedError, EquationError, OutputError, RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
-from casid.estimation.fitted import ChannelFit, Estimate, Population, StateHistory
+from casid.estimation.fitted import ChannelFit, Estimate, Minimum, Population, Starts, StateHistory
 from casid.estimation.initial_state import InitialState
-from casid.estimation.noise import Noise
+from casid.estimation.noise import Huber, Noise, StudentT
 from casid.estimation.problem import Problem
 from casid.estimation.results import Results
-from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic
-from casid.estimation.starts import Minimum, Starts
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting
 
 __all__ = [

@@ -8,13 +8,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.arguments import an, given, names, number, numbers_by_name, table_of
+from casid.arguments import given, names, number, numbers_by_name, require, table_of
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
 from casid.estimation.initial_state import InitialState
-from casid.estimation.noise import Noise
-from casid.estimation.robust_noise import Huber, StudentT
+from casid.estimation.noise import Huber, Noise, StudentT
 from casid.model.aircraft import Aircraft
 from casid.model.expressions import Symbols, expressions
 from casid.model.feedback import SampledFeedback
@@ -31,7 +30,7 @@ def check_model(model: Any) -> None:
             "Problem: model is an Aircraft; write cs.aircraft_model(aircraft), with records that are "
             "cs.flight_inputs(aircraft, record)"
         )
-    an(model, Model, "Problem: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    require(model, Model, "Problem: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
 
 
 def check_records(model: Model, records: tuple[Record, ...], simulated: bool) -> None:
@@ -195,7 +194,7 @@ def check_constraints(constraints: Any) -> tuple[Constraint, ...]:
     if isinstance(constraints, (str, Mapping)) or not hasattr(constraints, "__iter__"):
         raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.limit_parameter('Cm_q', upper=0.0)]")
     for one in constraints:
-        an(
+        require(
             one,
             _CONSTRAINTS,
             "Problem: a constraint",
@@ -226,6 +225,6 @@ def check_feedback(feedback: Any, model: Model) -> None:
     if feedback is None:
         return
     check_continuous(model, "Problem: a control law in the loop")
-    an(feedback, SampledFeedback, "Problem: feedback", "cs.SampledFeedback(model=model, received=...)")
+    require(feedback, SampledFeedback, "Problem: feedback", "cs.SampledFeedback(model=model, received=...)")
     if feedback.model is not model:
         raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")

@@ -7,25 +7,25 @@ from contextlib import suppress
 
 import numpy as np
 
-from casid.arguments import an, whole
+from casid.arguments import require, whole
 from casid.estimation.attempt import check_part
-from casid.estimation.failure import status_in_words
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
-from casid.estimation.many_starts import best_of
+from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.population import solved_with_population
 from casid.estimation.problem import Problem
+from casid.estimation.results import status_in_words
 from casid.estimation.robust import solved_robustly
-from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.timed import timed
+from casid.estimation.starts import best_of
+from casid.estimation.strategy import Ending, ending
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
-from casid.estimation.way import Ending, ending
 from casid.estimation.working import working
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
@@ -98,7 +98,7 @@ def solve(
     >>> fit.status, round(fit.values["T"], 3)
     ('converged', 0.4)
     """
-    an(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
+    require(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
     begin = time.perf_counter()

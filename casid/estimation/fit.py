@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.errors import unknown
-from casid.estimation.fitted import ChannelFit, Estimate, Population, StateHistory
-from casid.estimation.jumps import jump_remarks
+from casid.estimation.fitted import ChannelFit, Estimate, Population, Starts, StateHistory
 from casid.estimation.problem import Problem
-from casid.estimation.remarks import remarks
+from casid.estimation.remarks import jump_remarks, remarks
 from casid.estimation.results import Results, result_of
-from casid.estimation.starts import Starts
 from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.keeping import save
 from casid.views import view

@@ -1,11 +1,15 @@
-"""Parts of a fit: a parameter, a channel, the states of a record."""
+"""Parts of a fit: a parameter, a channel, the states of a record, the minima that starts found."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+
+_SHOWN = 4  # minima in a line
+_EQUAL = 0.01  # of ln(likelihood), as good as the integration is: mirror images of one another, as a rule
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,6 +163,94 @@ class StateHistory:
 
     def __repr__(self) -> str:
         return f"<StateHistory: {self.trajectory.shape[0]} samples of {self.trajectory.shape[1]} states>"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Minimum:
+    """A place where starts ended.
+
+    Attributes
+    ----------
+    count
+        How many starts ended here.
+    cost
+        Of the fit here, at its own weights.
+    behind
+        By how much -ln(likelihood x prior) is larger than at the best.
+    values
+        Name -> estimate.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> best = cs.solve(problem, starts=3).starts.minima[0]
+    >>> best.behind, round(best.values["T"], 2)
+    (0.0, 0.4)
+    """
+
+    count: int
+    cost: float
+    behind: float
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Starts:
+    """How many starts ended where.
+
+    Attributes
+    ----------
+    minima
+        Distinct ends that converged, the best first.
+    lost
+        Status -> how many starts ended with it instead.
+
+    Examples
+    --------
+    >>> import numpy as np, casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> t = 0.02 * np.arange(200)
+    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
+    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    >>> starts = cs.solve(problem, starts=3).starts
+    >>> len(starts.minima), starts.lost
+    (1, Counter())
+    """
+
+    minima: tuple[Minimum, ...]
+    lost: Mapping[str, int]
+
+    @property
+    def count(self) -> int:
+        """All starts."""
+        return sum(m.count for m in self.minima) + sum(self.lost.values())
+
+    def __repr__(self) -> str:
+        ends = [f"{m.count} at {_place(i, m)} (cost {m.cost:.6g})" for i, m in enumerate(self.minima[:_SHOWN])]
+        if len(self.minima) > _SHOWN:
+            rest = self.minima[_SHOWN:]
+            ends.append(f"{sum(m.count for m in rest)} at {len(rest)} others further behind")
+        if self.lost:
+            ends.append(f"{sum(self.lost.values())} not converged")
+        return f"<Starts: of {self.count} ended {', '.join(ends)}>"
+
+
+def _place(i: int, minimum: Minimum) -> str:
+    if i == 0:
+        return "the best minimum"
+    return "another as good" if minimum.behind < _EQUAL else f"one {minimum.behind:.3g} behind"
 
 
 def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:

@@ -1,14 +1,14 @@
-"""What may be said of the noise of one output beyond a number: a formula of its 1-sigma, log-normal noise."""
+"""Noise of the outputs as a problem states it: by a formula, log-normal, or with heavy tails."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
-from casid.arguments import an, given, number
+from casid.arguments import given, number, numbers_by_name, require
 from casid.errors import InputError
 from casid.model.expressions import Symbols, expressions
 from casid.model.system import Model
@@ -43,7 +43,7 @@ class Noise:
     logarithmic: bool = False
 
     def __post_init__(self) -> None:
-        an(self.logarithmic, bool, "Noise: logarithmic", "logarithmic=True or logarithmic=False")
+        require(self.logarithmic, bool, "Noise: logarithmic", "logarithmic=True or logarithmic=False")
         if isinstance(self.sigma, str) or callable(self.sigma):
             return
         if not isinstance(self.sigma, int | float):
@@ -66,3 +66,71 @@ class Noise:
         }
         space = Symbols(where, named | {name: model.h[i] for i, name in enumerate(model.outputs)})
         return expressions(lambda s: {"sigma": function(s)}, space, ("sigma",), "sigma", where)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudentT:
+    """Noise of Student's t distribution, for `Problem(noise=cs.StudentT())`: a reading far away hardly counts.
+
+    Attributes
+    ----------
+    degrees
+        Of freedom: the fewer, the more large errors. From about 30 it is normal noise.
+    sigma
+        Output -> scale of the distribution; None: it is estimated along with the parameters.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not positive.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> cs.StudentT(degrees=4.0)
+    StudentT(degrees=4.0, sigma=None)
+    """
+
+    degrees: float = 4.0
+    sigma: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        number(self.degrees, "StudentT: degrees", positive=True)
+        _check_sigma(self.sigma, "StudentT")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Huber:
+    """Noise that is normal near zero with exponential tails, for `Problem(noise=cs.Huber())`: beyond the threshold a
+    residual counts linearly (Huber, Ann. Math. Stat. 35, 1964).
+
+    Attributes
+    ----------
+    threshold
+        In units of sigma. At 1.345 the estimates have 95 % of the efficiency of least squares under normal noise.
+    sigma
+        Output -> scale of the distribution; None: it is estimated along with the parameters.
+
+    Raises
+    ------
+    InputError
+        For numbers that are not positive.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> cs.Huber()
+    Huber(threshold=1.345, sigma=None)
+    """
+
+    threshold: float = 1.345
+    sigma: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        number(self.threshold, "Huber: threshold", positive=True)
+        _check_sigma(self.sigma, "Huber")
+
+
+def _check_sigma(sigma: Mapping[str, float] | None, where: str) -> None:
+    for name, value in numbers_by_name(sigma or {}, f"{where}: sigma").items():
+        number(value, f"{where}: sigma of '{name}'", positive=True)

@@ -22,9 +22,8 @@ from scipy.optimize import brentq, minimize
 from casid.errors import EstimationError
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Population
-from casid.estimation.freedom import freedom
 from casid.estimation.problem import Problem
-from casid.estimation.uncertainty import Rescaled, Uncertainty
+from casid.estimation.uncertainty import Rescaled, Uncertainty, freedom
 
 _ROUNDS = 30
 _SETTLED = 1e-3  # of a spread, and of the standard errors of values and means

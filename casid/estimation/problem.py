@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.arguments import an, listed, numbers_by_name
+from casid.arguments import listed, numbers_by_name, require
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.checks import (
     check_constraints,
@@ -28,8 +28,7 @@ from casid.estimation.checks import (
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
 from casid.estimation.initial_state import InitialState
-from casid.estimation.noise import Noise
-from casid.estimation.robust_noise import Huber, StudentT
+from casid.estimation.noise import Huber, Noise, StudentT
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
@@ -145,12 +144,12 @@ class Problem:
         if not self.parameters:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         check_start(self.start, (*self.parameters, *self.model.parameters))
-        an(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
+        require(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
         check_initial_state(self.model, self.initial_state, own)
         check_spread(self.spread, self.local, own)
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
-        an(self.prior, bool, "Problem: prior", "prior=True or prior=False")
+        require(self.prior, bool, "Problem: prior", "prior=True or prior=False")
         if isinstance(self.noise, str | np.ndarray) and self.weights != (1.0, 0.0):
             raise EstimationError(
                 "Problem: correlated noise is that of simulated outputs alone; equations take noise per channel"

@@ -19,8 +19,8 @@ from scipy.stats import norm
 
 from casid.arguments import number
 from casid.estimation.fit import Fit
+from casid.estimation.noise import Huber, StudentT
 from casid.estimation.problem import Problem
-from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.uncertainty import Rescaled
 
 _ROUNDS = 100

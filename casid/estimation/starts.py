@@ -1,109 +1,22 @@
-"""Many starts for one problem: where they are drawn, and how many ended where."""
+"""Solution from many starts: where they are drawn, the best of their fits, and which of them are one minimum."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.stats import norm, qmc
 
 from casid.errors import InputError
+from casid.estimation.fit import Fit
+from casid.estimation.fitted import Minimum, Starts
 from casid.estimation.problem import Problem
 
 _DECADES = 1.0  # either way of a start of which nothing else is known
 _TAIL = 0.0014  # of a normal distribution beyond three deviations, which is not drawn
-_SHOWN = 4  # minima in a line
-_EQUAL = 0.01  # of ln(likelihood), as good as the integration is: mirror images of one another, as a rule
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Minimum:
-    """A place where starts ended.
-
-    Attributes
-    ----------
-    count
-        How many starts ended here.
-    cost
-        Of the fit here, at its own weights.
-    behind
-        By how much -ln(likelihood x prior) is larger than at the best.
-    values
-        Name -> estimate.
-
-    Examples
-    --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> best = cs.solve(problem, starts=3).starts.minima[0]
-    >>> best.behind, round(best.values["T"], 2)
-    (0.0, 0.4)
-    """
-
-    count: int
-    cost: float
-    behind: float
-    values: Mapping[str, float]
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class Starts:
-    """How many starts ended where.
-
-    Attributes
-    ----------
-    minima
-        Distinct ends that converged, the best first.
-    lost
-        Status -> how many starts ended with it instead.
-
-    Examples
-    --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> starts = cs.solve(problem, starts=3).starts
-    >>> len(starts.minima), starts.lost
-    (1, Counter())
-    """
-
-    minima: tuple[Minimum, ...]
-    lost: Mapping[str, int]
-
-    @property
-    def count(self) -> int:
-        """All starts."""
-        return sum(m.count for m in self.minima) + sum(self.lost.values())
-
-    def __repr__(self) -> str:
-        ends = [f"{m.count} at {_place(i, m)} (cost {m.cost:.6g})" for i, m in enumerate(self.minima[:_SHOWN])]
-        if len(self.minima) > _SHOWN:
-            rest = self.minima[_SHOWN:]
-            ends.append(f"{sum(m.count for m in rest)} at {len(rest)} others further behind")
-        if self.lost:
-            ends.append(f"{sum(self.lost.values())} not converged")
-        return f"<Starts: of {self.count} ended {', '.join(ends)}>"
-
-
-def _place(i: int, minimum: Minimum) -> str:
-    if i == 0:
-        return "the best minimum"
-    return "another as good" if minimum.behind < _EQUAL else f"one {minimum.behind:.3g} behind"
 
 
 def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
@@ -151,3 +64,69 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
             f"cs.limit_parameter('{name}', lower=-1.0, upper=1.0), or another start"
         )
     return lambda u: float(np.clip(start * 10.0 ** (_DECADES * (2.0 * u - 1.0)), low, high))
+
+
+_SAME, _LIKELY = 0.5, 0.1  # standard deviations and ln(likelihood) between two ends that are one
+_ROUNDED = 1e-6  # of an estimate, likewise
+_DRAWS = 5  # times as many starts, where some are lost
+
+
+def best_of(
+    problem: Problem, starts: int, seed: int, solved: Callable[[Problem], Fit], tried: Callable[[Problem], Fit] | None
+) -> Fit:
+    """The best of the fits from the problem's own start and from others drawn over its ranges, with an account of all.
+
+    `solved` does what it can from a start; `tried`, if there is one, only what is quick. Then starts that it loses give
+    way to further ones, and are solved only where all that are drawn leave too few.
+    Raises InputError for a parameter without a range.
+    """
+    fits, lost = [solved(problem)], list[tuple[Problem, Fit]]()
+    for start in drawn(problem, (starts - 1) * (_DRAWS if tried else 1), seed):
+        if len(fits) == starts:
+            break
+        one = replace(problem, start=start)
+        fit = (tried or solved)(one)
+        if fit.converged or tried is None:
+            fits.append(fit)
+        else:
+            lost.append((one, fit))
+    lost.sort(key=lambda pair: _badness(pair[1]))
+    again = starts - len(fits)
+    fits += [solved(one) for one, _ in lost[:again]]
+    good = [fit for fit in fits if fit.converged]
+    best = min(good or fits[:1], key=_badness)
+    every = fits + [fit for _, fit in lost[again:]]
+    seconds = sum(fit.seconds for fit in every)
+    account = Starts(minima=_minima(good), lost=Counter(fit.status for fit in every if not fit.converged))
+    return replace(best, problem=problem, seconds=seconds, starts=account)
+
+
+def _badness(fit: Fit) -> float:
+    """-ln(likelihood x prior), up to a constant of the problem."""
+    return fit.uncertainty.objective.misfit(fit.uncertainty.value)
+
+
+def _minima(fits: Sequence[Fit]) -> tuple[Minimum, ...]:
+    """Distinct ends, the best first."""
+    groups: list[list[Fit]] = []
+    for fit in sorted(fits, key=_badness):
+        own = next((group for group in groups if _same(group[0], fit)), None)
+        if own is None:
+            groups.append([fit])
+        else:
+            own.append(fit)
+    ends = [group[0] for group in groups]
+    return tuple(
+        Minimum(count=len(group), cost=end.cost, behind=_badness(end) - _badness(ends[0]), values=dict(end.values))
+        for group, end in zip(groups, ends, strict=True)
+    )
+
+
+def _same(one: Fit, other: Fit) -> bool:
+    """Whether two ends are one minimum: no data could tell them apart."""
+    if abs(_badness(one) - _badness(other)) > _LIKELY:
+        return False
+    value = np.array(list(one.values.values()))
+    std = np.sqrt(np.maximum(np.diagonal(one.covariance), 0.0))
+    apart = np.abs(value - np.array(list(other.values.values())))
+    return bool((apart <= _SAME * np.where(np.isfinite(std), std, 0.0) + _ROUNDED * np.abs(value)).all())

@@ -2,6 +2,16 @@
 
 Initial states, and every other unknown of a record, are eliminated, not fixed. A sample's row is its sensitivity to
 the parameters with the states re-estimated (u_i below), obtained from the same banded system as the step.
+
+Errors at an active limit have one side. A limit r'p <= b has a multiplier m > 0: along the direction V that leaves it,
+all other parameters following, -ln(likelihood) rises by m d + K d^2/2 with the distance d, K = V'HV. It has risen by
+z^2/2 at
+
+    d = z^2 / (m + sqrt(m^2 + K z^2)).
+
+This is z standard deviations of the free estimate where the limit is only just active, and z^2/(2 m) where the
+multiplier is large. For noise other than the information H assumes, with the covariance S of the gradient, K becomes
+V'SV under the root and d is V'SV/K times as large. Each of several active limits counts separately.
 """
 
 from __future__ import annotations
@@ -12,11 +22,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import casadi as ca
 import numpy as np
 from scipy.stats import chi2, norm
 
-from casid.estimation.freedom import freedom
-from casid.estimation.one_sided import HeldDirections, held_directions
 from casid.estimation.residual_colour import (
     ORDER,
     ChannelSums,
@@ -31,10 +40,11 @@ from casid.estimation.residual_colour import (
 )
 from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, ObjectiveValue
+from casid.estimation.solvers.point import Levels, Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.kernel import whitened
+from casid.model.system import Model
 from casid.native.threads import single_threaded
 from casid.views import brief
 
@@ -58,7 +68,7 @@ class Uncertainty:
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
     does, bias above all, is in neither covariance.
-    A parameter that an active limit holds has an error to one side (see one_sided). Both covariances are not a number
+    A parameter that an active limit holds has an error to one side (see above). Both covariances are not a number
     where parameters are confused and where nothing could be linearised (`linear` None).
     """
 
@@ -356,3 +366,81 @@ def _parts(
         weighted = np.nan_to_num(residuals) * objective.equation_weights(value.noise.levels)
         for samples, rows in objective.equation_slabs(value, r):
             yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
+
+
+def freedom(objective: Objective, levels: Levels, parameters: float) -> float:
+    """Factor N / (N - f) of the variance of noise that was estimated from N samples along with f unknowns; 1 where the
+    noise was given, infinity where nothing is left of the samples.
+
+    The unknowns are the `parameters` as far as the data and not a prior determine them. So are the initial states of
+    all records that some output shows and of which the caller knew no more than the scale, and what the equations have
+    eliminated. It is exact for one channel (Draper and Smith, Applied Regression Analysis, ch. 1); several channels
+    share the unknowns evenly.
+    """
+    if levels.fixed:
+        return 1.0
+    unknown, samples = parameters + _initial_states(objective), levels.count
+    unknown += objective.equations.eliminated if objective.equations is not None else 0
+    return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf
+
+
+def _initial_states(objective: Objective) -> int:
+    if objective.dynamics is None:
+        return 0
+    model = objective.problem.model
+    weak = objective.initial_precision * model.scale_vector() <= 1.0 + 1e-9
+    return int((weak & ~objective.exact & shown_states(model)).sum())
+
+
+def shown_states(model: Model) -> np.ndarray:
+    """(states,) whether any output depends on the state, at once or by way of other states."""
+    shown = np.array([ca.depends_on(model.h, model.x[i]) for i in range(len(model.states))], dtype=bool)
+    moved_by = np.zeros((len(model.states),) * 2, dtype=bool)
+    for motion in (model.f, *model.events.values()):
+        moved_by |= np.array(ca.DM(ca.jacobian_sparsity(motion, model.x), 1.0).full(), dtype=bool)
+    for _ in model.states:
+        shown = shown | (shown @ moved_by)
+    return shown
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldDirections:
+    """Directions (parameters, k) that leave the active limits, along which they are left by one; multipliers (k,);
+    curvature (k,) of -ln(likelihood) along them."""
+
+    directions: np.ndarray
+    multipliers: np.ndarray
+    curvature: np.ndarray
+
+    def distances(self, score: np.ndarray, z: float) -> np.ndarray:
+        """(k,) of the limits at which -ln(likelihood) has risen by z^2/2; score (parameters, parameters)."""
+        variance = np.maximum(np.einsum("ik,ij,jk->k", self.directions, score, self.directions), 0.0)
+        known = self.curvature > 0.0
+        excess = np.where(known, variance / np.where(known, self.curvature, 1.0), 1.0)
+        pull = np.abs(self.multipliers)
+        return excess * z**2 / (pull + np.sqrt(pull**2 + variance * z**2))
+
+    def covariance(self, score: np.ndarray) -> np.ndarray:
+        """(parameters, parameters) what leaving the limits by one deviation adds."""
+        moved = self.directions * self.distances(score, 1.0)
+        return moved @ moved.T
+
+    def sides(self, score: np.ndarray, z: float) -> np.ndarray:
+        """(2, parameters) squared changes of the parameters, down and up, at z deviations."""
+        moved = -self.directions * np.sign(self.multipliers) * self.distances(score, z)
+        return np.stack([(np.minimum(moved, 0.0) ** 2).sum(axis=1), (np.maximum(moved, 0.0) ** 2).sum(axis=1)])
+
+
+def held_directions(
+    rows: np.ndarray, multipliers: np.ndarray, equal: np.ndarray, hessian: np.ndarray, inverse: np.ndarray
+) -> HeldDirections | None:
+    """Of limits `rows` (rows, parameters); `equal` (rows,) those that are no inequality, which are never left.
+    `inverse` is that of the information `hessian` in the directions that are free. None where nothing is held."""
+    active = (multipliers != 0.0) & ~equal
+    if not active.any():
+        return None
+    holding = active | equal
+    leaving = np.linalg.pinv(rows[holding])[:, active[holding]]
+    directions = leaving - inverse @ (hessian @ leaving)
+    curvature = np.einsum("ik,ij,jk->k", directions, hessian, directions)
+    return HeldDirections(directions=directions, multipliers=multipliers[active], curvature=curvature)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import minimize
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem, check_plain
@@ -191,7 +191,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     >>> fit.status, round(fit.values["T"], 1)
     ('converged', 0.4)
     """
-    an(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
+    require(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
     begin = time.perf_counter()
     system = _prepare(problem, process_noise)
     theta, X = problem.start_vector, _guess(problem, system.batch)

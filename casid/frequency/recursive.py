@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from casid.arguments import an, names, number, numbers_by_name
+from casid.arguments import names, number, numbers_by_name, require
 from casid.errors import EstimationError, InputError
 from casid.estimation.problem import chosen_parameters
 from casid.estimation.transcriptions.equation import equation_form
@@ -131,7 +131,7 @@ def track_derivatives(
     20 -2.0
     """
     where = "track_derivatives"
-    an(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    require(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     grid = np.asarray(omega, dtype=float)
     if grid.ndim != 1 or len(grid) < 2 or not np.isfinite(grid).all() or not (grid > 0.0).all():
         raise InputError(f"{where}: omega has to be at least two positive frequencies in rad/s, (frequencies,)")

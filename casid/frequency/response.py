@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import an, names, number
+from casid.arguments import names, number, require
 from casid.errors import InputError, unknown
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
@@ -237,7 +237,7 @@ def frequency_response(
     channels = (input, output, *names(other_inputs, "frequency_response: other_inputs"))
     if len(set(channels)) < len(channels):
         raise InputError(f"frequency_response: {', '.join(channels)}: expected different channels")
-    an(overlap, (int, float), "frequency_response: overlap", "a number like 0.8")
+    require(overlap, (int, float), "frequency_response: overlap", "a number like 0.8")
     if not 0.0 <= overlap <= 0.95:
         raise InputError(f"frequency_response: overlap is {overlap:g}; expected 0 to 0.95")
     flown = given_records(records, "frequency_response", own=channels)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.arguments import an, names, numbers_by_name
+from casid.arguments import names, numbers_by_name, require
 from casid.errors import EstimationError, unknown
 from casid.estimation.problem import chosen_parameters
 from casid.frequency.model_response import Point, linear_model
@@ -84,7 +84,7 @@ def fit_state_space(
     {'Lp': -2.0, 'Lda': -8.0, 'tau_delta_a': 0.05}
     """
     where = "fit_state_space"
-    an(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    require(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     measured = measured_responses(responses, None if band is None else check_band(band, where), where)
     for one in measured:
         for what, name, valid in (

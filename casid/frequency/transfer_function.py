@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.arguments import an, numbers_by_name
+from casid.arguments import numbers_by_name, require
 from casid.errors import InputError, unknown
 from casid.frequency.regression import check_band
 from casid.frequency.response_fit import (
@@ -223,8 +223,8 @@ def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferF
         if form not in LOW_ORDER:
             raise unknown("form", form, LOW_ORDER, "fit_transfer_functions")
         return LOW_ORDER[form]
-    for one in an(form, Mapping, where, '"short period" or {"q": cs.TransferFunction(gain="K_q", ...)}').values():
-        an(one, TransferFunction, where, 'cs.TransferFunction(gain="K_q", ...)')
+    for one in require(form, Mapping, where, '"short period" or {"q": cs.TransferFunction(gain="K_q", ...)}').values():
+        require(one, TransferFunction, where, 'cs.TransferFunction(gain="K_q", ...)')
     return form
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import casadi as ca
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.errors import EstimationError
 from casid.model.system import Model
 
@@ -45,8 +45,8 @@ class SampledFeedback:
     received: ca.SX
 
     def __post_init__(self) -> None:
-        model = an(self.model, Model, "SampledFeedback: model", "the model of the problem")
-        an(self.received, ca.SX, "SampledFeedback: received", "an expression like model.u - 0.1 * model.x[1]")
+        model = require(self.model, Model, "SampledFeedback: model", "the model of the problem")
+        require(self.received, ca.SX, "SampledFeedback: received", "an expression like model.u - 0.1 * model.x[1]")
         if self.received.shape != model.u.shape:
             got, expected = self.received.shape[0], len(model.inputs)
             raise EstimationError(f"SampledFeedback: {got} rows, the model '{model.name}' has {expected} inputs")

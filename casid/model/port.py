@@ -12,8 +12,8 @@ from typing import Literal
 
 import casadi as ca
 
-from casid.arguments import an
 from casid.arguments import names as names_of
+from casid.arguments import require
 from casid.errors import InputError, unknown
 from casid.model.system import Model
 
@@ -92,7 +92,7 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
     """Raises InputError for a port that the model does not have, or that stands twice."""
     valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
-        an(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
+        require(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
         if port.name not in valid[port.kind]:
             raise unknown(port.kind, port.name, valid[port.kind], f"ports of '{model.name}'")
     names = [port.disturbance for port in ports]

@@ -9,7 +9,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from casid.arguments import an, given, listed, number, numbers_by_name, one_of, table_of, whole
+from casid.arguments import given, listed, number, numbers_by_name, one_of, require, table_of, whole
 from casid.errors import InputError, unknown
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
@@ -139,7 +139,7 @@ def simulate(
     >>> simulation.outputs.shape, round(float(simulation.output("y")[-1]), 3)
     ((200, 1), 1.0)
     """
-    an(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    require(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     record, start = given_record(record, "simulate"), _start(model, start)
     whole(substeps, "simulate: substeps")
     by_cvodes = one_of(integrator, INTEGRATORS, "simulate: integrator") == "cvodes"

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from casid.arguments import an, given, number
+from casid.arguments import given, number, require
 from casid.arguments import names as argument_names
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import check_keys, text
@@ -326,8 +326,8 @@ def table(
     ('Cm', ('alpha',))
     """
     for what, value in (("coefficient", coefficient), ("name", name), ("times", times)):
-        an(value, str, f"table: {what}", "a text, like 'Cm'")
-    an(free, bool, "table: free", "free=True or free=False")
+        require(value, str, f"table: {what}", "a text, like 'Cm'")
+    require(free, bool, "table: free", "free=True or free=False")
     names = (axes,) if isinstance(axes, str) else argument_names(axes, "table: axes")
     called = name or f"{coefficient}({', '.join(names)})" + (f"*{times}" if times != "0" else "")
     lists = [breakpoints] if breakpoints and not isinstance(breakpoints[0], (list, tuple, np.ndarray)) else breakpoints

@@ -2,7 +2,7 @@
 
 from casid.records.column_map import ColumnMap, ColumnTerm, parse_map_option
 from casid.records.readers import read_record, read_records, write_record
-from casid.records.record import Record, require
+from casid.records.record import Record, require_channels
 
 __all__ = [
     "ColumnMap",
@@ -11,6 +11,6 @@ __all__ = [
     "parse_map_option",
     "read_record",
     "read_records",
-    "require",
+    "require_channels",
     "write_record",
 ]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import a_path, an, given, is_path
+from casid.arguments import a_path, given, is_path, require
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
 from casid.records.ardupilot import read_ardupilot
@@ -202,7 +202,7 @@ def write_record(record: Record, path: str | Path) -> None:
     >>> bool(np.array_equal(again["q"], record["q"]))
     True
     """
-    an(record, Record, "write_record: record", "cs.write_record(record, 'm1.csv')")
+    require(record, Record, "write_record: record", "cs.write_record(record, 'm1.csv')")
     path = a_path(path, "write_record")
     if path.suffix.lower() != ".csv":
         raise InputError(f"{path}: records are written as .csv; got '{path.suffix}'")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import an, given, listed
+from casid.arguments import given, listed, require
 from casid.arguments import names as argument_names
 from casid.errors import InputError, nearest, unknown
 from casid.records.checks import checked_fields
@@ -204,7 +204,7 @@ class Record:
 
     def renamed(self, name: str) -> Record:
         """The same record under another name."""
-        return self._with(name=an(name, str, "Record.renamed: name", "renamed('m2')"))
+        return self._with(name=require(name, str, "Record.renamed: name", "renamed('m2')"))
 
     def with_notes(self, *notes: str) -> Record:
         """The same record with further notes."""
@@ -322,7 +322,7 @@ def check_radians(record: Record, least: float = 0.0) -> None:
             )
 
 
-def require(record: Record, channels: Iterable[str], why: str) -> None:
+def require_channels(record: Record, channels: Iterable[str], why: str) -> None:
     """Raise InputError, naming `why` they are needed, unless the record has all the channels."""
     missing = [name for name in channels if name not in record and name != "t"]
     if not missing:

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.given.account import account_sentence
 from casid.diagnosis.result import Diagnosis
@@ -222,7 +222,7 @@ def write_report(
     if isinstance(diagnosis, SystemDiagnosis):
         write_system_report(diagnosis, folder, provenance(0) if made_with is None else made_with)
         return
-    an(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
+    require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance(0) if made_with is None else made_with
     following = next_flights(diagnosis)
     shown = pictures(diagnosis) | {one.picture.name: one.picture for one in following.proposals}

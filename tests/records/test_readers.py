@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from casid.errors import InputError
-from casid.records import Record, read_record, read_records, require, write_record
+from casid.records import Record, read_record, read_records, require_channels, write_record
 from casid.signals import CHANNELS
 
 FORMAT = [
@@ -227,9 +227,9 @@ def test_patterns_and_names(tmp_path):
 
 def test_require_names_channel_reason_and_remedy():
     record = flight(("t", "delta_e", "q"))
-    require(record, ["t", "q"], "nothing")
+    require_channels(record, ["t", "q"], "nothing")
     with pytest.raises(InputError) as caught:
-        require(record, ["q", "delta_a", "rho"], "the model of six degrees of freedom")
+        require_channels(record, ["q", "delta_a", "rho"], "the model of six degrees of freedom")
     message = str(caught.value)
     assert "'m1': needs delta_a (aileron), rho (air density) for the model of six degrees of freedom" in message
     assert "--map delta_a=COLUMN:unit" in message

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.diagnosis.data import words
 from casid.diagnosis.data.answers import answers
 from casid.diagnosis.data.criteria import DataCriteria
@@ -150,7 +150,7 @@ def check(
     believed_as_read = channels_of(undo, "check: undo")
     undo = undo is True
     if criteria is not None:
-        an(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
+        require(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
     answered = [answers(record, plane) if plane is not None else None for record in given]
     alone = (channel_faults(record, answers=known) for record, known in zip(given, answered, strict=True))
     faults = [fault for some in alone for fault in some] + constant_in_one(given)
@@ -184,7 +184,7 @@ def channels_of(undo: bool | Sequence[str], where: str) -> frozenset[str]:
     if isinstance(undo, bool):
         return frozenset()
     argument = where.rpartition(" ")[2]
-    for name in an(undo, (list, tuple), where, f'{argument}=True or names of channels, {argument}=["q"]'):
+    for name in require(undo, (list, tuple), where, f'{argument}=True or names of channels, {argument}=["q"]'):
         if name not in CHANNELS:
             raise unknown("channel", str(name), CHANNELS, where)
     return frozenset(undo)

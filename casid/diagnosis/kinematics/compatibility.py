@@ -32,7 +32,7 @@ from casid.model.causes import sensor_bias
 from casid.model.vocabulary import effect_title
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
-from casid.records.record import Record, require
+from casid.records.record import Record, require_channels
 from casid.signals import SURFACES, for_a_person
 
 _TRIED = ("sensor_scale", "sensor_delay", "vane_position", "accelerometer_position")
@@ -255,12 +255,12 @@ def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | No
     able = [name for name, needed in NEEDED.items() if all(c in record for record in records for c in (*needed, "V"))]
     if axes is None and not able:
         for record in records:
-            require(record, (*NEEDED["longitudinal"], "V"), "the check of compatibility")
+            require_channels(record, (*NEEDED["longitudinal"], "V"), "the check of compatibility")
     axes = axes or (able[0] if able else "longitudinal")
     if axes not in NEEDED:
         raise InputError(f"compatibility: axes is '{axes}'; expected one of {', '.join(NEEDED)}")
     for record in records:
-        require(record, (*NEEDED[axes], "V"), f"the check of compatibility ({axes})")
+        require_channels(record, (*NEEDED[axes], "V"), f"the check of compatibility ({axes})")
     plane = _nominal(records, aircraft)
     bare = [record.without("thrust", *(s for s in SURFACES)) for record in records]
     still = [one.with_channels(**{s: np.zeros(len(one)) for s in SURFACES}) for one in bare]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
-from casid.arguments import an
+from casid.arguments import require
 from casid.diagnosis.causes import still_missing, trace_of_search
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import Baseline
@@ -89,8 +89,8 @@ def diagnose_system(
     """
     begin = time.perf_counter()
     check_continuous(model, "diagnose")
-    criteria = an(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
-    library = an(library or Library(), Library, "diagnose: library", "cs.Library(...)")
+    criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
+    library = require(library or Library(), Library, "diagnose: library", "cs.Library(...)")
     if model.events:
         raise InputError(f"diagnose: model '{model.name}' has events, which are not taken here; give one without")
     report("reading the records")

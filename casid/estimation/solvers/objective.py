@@ -14,9 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.noise import Noise
+from casid.estimation.noise import Huber, Noise, StudentT
 from casid.estimation.problem import Problem
-from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from casid.arguments import an, number, numbers_by_name, whole
+from casid.arguments import number, numbers_by_name, require, whole
 from casid.errors import EstimationError, InputError
 from casid.estimation.cost import RangeWeights
+from casid.estimation.noise import Huber, StudentT
 from casid.estimation.problem import Problem
-from casid.estimation.robust_noise import Huber, StudentT
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import Layout, build_layout
@@ -66,7 +66,7 @@ class SingleShooting:
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "SingleShooting")
-        an(self.implicit, bool, "SingleShooting: implicit", "implicit=True")
+        require(self.implicit, bool, "SingleShooting: implicit", "implicit=True")
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
@@ -129,7 +129,7 @@ class MultipleShooting:
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "MultipleShooting")
-        an(self.implicit, bool, "MultipleShooting: implicit", "implicit=True")
+        require(self.implicit, bool, "MultipleShooting: implicit", "implicit=True")
         whole(self.interval, "MultipleShooting: interval (samples)")
         for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)

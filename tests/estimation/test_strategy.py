@@ -16,8 +16,8 @@ from scipy.linalg import expm
 import casid as cs
 from casid.estimation.attempt import attempted
 from casid.estimation.results import result_of
-from casid.estimation.second_opinion import doubtful
 from casid.estimation.solvers.timed import timed
+from casid.estimation.strategy import doubtful
 
 Motion = Callable[[float, np.ndarray], list[float]]
 
