@@ -386,6 +386,7 @@ def still_missing(
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]
+    left = [m for m in left if m.place.name not in evidence.fit.flight.unknown]
     found = [*left, *missing_oscillation(evidence)]
     return sorted(
         (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > share), key=lambda m: -m.gain

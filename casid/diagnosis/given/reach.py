@@ -34,7 +34,8 @@ class Reach:
 
     def ready(self, recorded: Split) -> Split:
         """Records before they were mended, made ready like these."""
-        fitted, held = (with_thrust(self.flight.aircraft, some, self.flight.axes)[0] for some in recorded)
+        nodes = self.flight.criteria.numerics.missing_input.spacing
+        fitted, held = (with_thrust(self.flight.aircraft, some, self.flight.axes, nodes).records for some in recorded)
         return fitted, held
 
     def not_judged(self, values: Mapping[str, FlightValue]) -> tuple[NotJudged, ...]:
@@ -53,9 +54,11 @@ class Reach:
         return common_factors(aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
 
     def _open(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> dict[str, FlightValue]:
-        """The values without the level of drag where the thrust is unknown."""
-        open_level = {drag_level(aircraft)} if "thrust" in self.flight.unknown else set()
-        return {name: one for name, one in values.items() if name not in open_level}
+        """The values without the level of drag where the thrust is unknown, and without drag where its history is."""
+        unknown = self.flight.unknown
+        closed = {drag_level(aircraft)} if "thrust" in unknown else set()
+        closed |= {name for name in values if name.partition("_")[0] in unknown}
+        return {name: one for name, one in values.items() if name not in closed}
 
     def _slopes(self, aircraft: Aircraft) -> dict[str, float]:
         return given_slopes(aircraft, self.given)
@@ -68,10 +71,10 @@ def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     """
     fitted, held = records
     judged = axes_that_tell(fitted, axes, criteria.given, aircraft)
-    powered, no_thrust = with_thrust(aircraft, fitted, judged.name)
-    unseen, _ = with_thrust(aircraft, held, judged.name)
-    flight = prepare(aircraft, powered, criteria, judged.name)
+    nodes = criteria.numerics.missing_input.spacing
+    powered = with_thrust(aircraft, fitted, judged.name, nodes)
+    unseen = with_thrust(aircraft, held, judged.name, nodes).records
+    flight = prepare(aircraft, powered.records, criteria, judged.name)
     flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
-    if no_thrust:
-        flight = replace(flight, unknown=("thrust",))
-    return Reach(flight=flight, held=tuple(unseen), given=tuple(fitted), lost=(*judged.not_judged, *no_thrust))
+    flight = replace(flight, unknown=powered.unknown)
+    return Reach(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))

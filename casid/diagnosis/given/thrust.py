@@ -1,10 +1,10 @@
-"""Records without thrust: a constant that balances the drag of the file stands for it, and what hangs on it is not
-judged."""
+"""Records without thrust: a constant, or a time history, that balances the drag of the file stands for it, and what
+hangs on it is not judged."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -15,38 +15,53 @@ from casid.diagnosis.given.not_judged import NotJudged
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.system import Model
+from casid.model.terms import derivative_term
 from casid.records.record import Record
 
 
-def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str) -> tuple[list[Record], tuple[NotJudged, ...]]:
-    """The records with a thrust where neither they nor [trim] have one, and what that leaves open.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Powered:
+    """Records that have a thrust.
 
-    Of longitudinal motion the thrust is, record by record, the constant that balances drag and acceleration on average;
-    lateral motion has nothing of it.
+    records  with what stands for a thrust that was not recorded;  lost  what that leaves open
+    unknown  the thrust where it was not recorded, and the coefficient that is as unknown as its history
     """
-    if all("thrust" in record for record in records):
-        return list(records), ()
-    throttled = () if axes == "lateral" else _throttled(records)
-    if "thrust" in aircraft.trim:
-        return list(records), throttled
-    why = "no channel thrust and none in [trim]"
+
+    records: tuple[Record, ...]
+    lost: tuple[NotJudged, ...] = ()
+    unknown: tuple[str, ...] = ()
+
+
+def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes: float) -> Powered:
+    """The records with a thrust where neither they nor [trim] have one.
+
+    Of longitudinal motion the thrust is, record by record, what balances drag and acceleration: a constant, or a
+    history with a node every `nodes` seconds where the record demands one. A throttle that moves is no thrust, and
+    that of [trim] is none for such a record. Lateral motion has nothing of it.
+    """
+    trimmed = "thrust" in aircraft.trim
+    bare = [r for r in records if "thrust" not in r and not (trimmed and (axes == "lateral" or not _throttled(r)))]
+    if not bare:
+        return Powered(records=tuple(records))
+    why = "no channel thrust" if trimmed else "no channel thrust and none in [trim]"
+    stands = {r.name: np.zeros(len(r)) if axes == "lateral" else _balance(aircraft, r, nodes) for r in bare}
+    found = tuple(r.with_channels(thrust=stands[r.name]) if r.name in stands else r for r in records)
     if axes == "lateral":
-        found = [r if "thrust" in r else r.with_channels(thrust=np.zeros(len(r))) for r in records]
-        return found, (NotJudged(what="asymmetric thrust", because=why),)
-    found = [r if "thrust" in r else r.with_channels(thrust=_balance(aircraft, r)) for r in records]
-    because = f"{why}: a constant that balances the drag of the file stands for it"
-    return found, (NotJudged(what="thrust, its line, and the level of drag", because=because), *throttled)
+        lost, unknown = NotJudged(what="asymmetric thrust", because=why), ("thrust",)
+    elif any(np.ptp(series) > 0.0 for series in stands.values()):
+        because = f"{why}: a time history that balances the drag of the file stands for it"
+        lost = NotJudged(what="thrust, its line, and drag", because=because)
+        unknown = ("thrust", derivative_term(drag_level(aircraft))[0])
+    else:
+        because = f"{why}: a constant that balances the drag of the file stands for it"
+        lost, unknown = NotJudged(what="thrust, its line, and the level of drag", because=because), ("thrust",)
+    return Powered(records=found, lost=(lost,), unknown=unknown)
 
 
-def _throttled(records: Sequence[Record]) -> tuple[NotJudged, ...]:
-    """What a throttle that moves leaves open where the thrust is not recorded."""
-    without = [r for r in records if "thrust" not in r and "throttle" in r]
-    if not any(
-        np.isfinite(r["throttle"]).any() and np.nanmax(r["throttle"]) > np.nanmin(r["throttle"]) for r in without
-    ):
-        return ()
-    because = "the throttle moves, and throttle is no thrust: the thrust is taken as constant"
-    return (NotJudged(what="the motion along x that the engine makes, in airspeed, ax and drag", because=because),)
+def _throttled(record: Record) -> bool:
+    """Whether a throttle moves in a record."""
+    throttle = record["throttle"] if "throttle" in record else np.zeros(1)
+    return bool(np.isfinite(throttle).any()) and float(np.nanmax(throttle)) > float(np.nanmin(throttle))
 
 
 def drag_level(aircraft: Aircraft) -> str:
@@ -83,17 +98,48 @@ def _pressure(record: Record) -> float | None:
     return 0.5 * float(np.nanmean(record["rho"]) * np.nanmean(record["V"]) ** 2)
 
 
-def _balance(aircraft: Aircraft, record: Record) -> np.ndarray:
-    """(N,) constant thrust [N] that the longitudinal specific force takes beside the drag of the file; the force from
-    the path of flight where no accelerometer measures it."""
+def _balance(aircraft: Aircraft, record: Record, nodes: float) -> np.ndarray:
+    """(N,) thrust [N] that the longitudinal specific force takes beside the drag of the file; the force is that of the
+    path of flight where no accelerometer measures it.
+
+    Beside the history, the drag of the file may be wrong along angle of attack, pitch rate and elevator. A history is
+    demanded where the Bayesian information criterion prefers it to a constant, with as many samples as the correlation
+    of what the history leaves is worth.
+    """
     unpowered = flight_inputs(aircraft, record.with_channels(thrust=np.zeros(len(record))), "longitudinal")
     model = aircraft_model(aircraft, axes="longitudinal", outputs=("ax",), effects=())
     X, U = model.guess(unpowered), unpowered.matrix(model.inputs)
     ax = ca.Function("ax", [model.x, model.u], [ca.substitute(model.h, ca.vertcat(model.p, model.w), _known(model))])
     dragged = ax.map(len(record))(X.T, U.T).full()[0]
-    state = dict(zip(model.states, X.T, strict=True))
+    state, acting = dict(zip(model.states, X.T, strict=True)), dict(zip(model.inputs, U.T, strict=True))
     measured = record["ax"] if "ax" in record else _along_the_path(aircraft, unpowered, state)
-    return np.full(len(record), aircraft.mass * float(np.nanmean(measured - dragged)))
+    needed = aircraft.mass * (measured - dragged)
+    level = np.full(len(record), float(np.nanmean(needed)))
+    alpha, pressure = np.arctan2(state["w"], state["u"]), state["u"] ** 2 + state["w"] ** 2
+    wrong = pressure * np.stack([alpha, alpha**2, state["q"], acting["delta_e"]])
+    history = _history(record.t, needed, wrong, nodes)
+    return level if history is None else level + history
+
+
+def _history(t: np.ndarray, needed: np.ndarray, wrong: np.ndarray, nodes: float) -> np.ndarray | None:
+    """(N,) history about its mean that what is `needed` demands beside what may be `wrong`, (terms, N); else None."""
+    known = np.isfinite(needed)
+    grid = np.linspace(t[0], t[-1], max(2, round((t[-1] - t[0]) / nodes) + 1))
+    hats = np.stack([np.interp(t, grid, one) for one in np.eye(len(grid))], axis=1)
+    spread = np.maximum(np.ptp(wrong, axis=1), 1e-300)
+    errors = ((wrong - wrong.mean(axis=1, keepdims=True)) / spread[:, None]).T
+    constant, free = np.column_stack([np.ones(len(t)), errors]), np.column_stack([hats, errors])
+    if known.sum() <= free.shape[1]:
+        return None
+    by_constant, by_history = (np.linalg.lstsq(A[known], needed[known], rcond=None)[0] for A in (constant, free))
+    left = needed[known] - free[known] @ by_history
+    before, after = (float(np.mean(x**2)) for x in (needed[known] - constant[known] @ by_constant, left))
+    alike = max(float(np.mean(left[1:] * left[:-1])) / max(after, 1e-300), 0.0)
+    samples = known.sum() * (1.0 - alike) / (1.0 + alike)
+    if samples * np.log(before / max(after, 1e-300)) < (len(grid) - 1) * np.log(max(samples, 1.0)):
+        return None
+    history = hats @ np.linalg.lstsq(hats[known], needed[known], rcond=None)[0]
+    return history - float(np.mean(history[known]))
 
 
 def _known(model: Model) -> ca.DM:
