@@ -15,6 +15,7 @@ from casid.cli.model_file import diagnose_model, model_of
 from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, Whole, records_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.given.shape import with_shapes
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -59,6 +60,7 @@ def diagnose(
     criteria: Path | None = None,
     as_recorded: Flag = False,
     believe: Files | None = None,
+    shapes: Flag = False,
     as_json: AsJson = False,
 ) -> None:
     """Diagnose what a flight simulation lacks, from flight records.
@@ -92,6 +94,8 @@ def diagnose(
         Leave the data as they are: what is wrong with them is told, and neither corrected nor left out.
     believe
         Channels that are believed as they were recorded: `--believe thrust` undoes a correction of the thrust alone.
+    shapes
+        Write the shapes of what stays unexplained to extended.toml too, as tables.
     as_json
         Print diagnosis.json and nothing else.
     """
@@ -101,8 +105,10 @@ def diagnose(
         raise InputError("--hold-out needs records to fit beside it; expected: diagnose RECORD ... --hold-out RECORD")
     if model is not None and (aircraft is not None or axes is not None or not records):
         raise InputError("--model FILE.py:NAME takes records, and neither --aircraft nor --axes")
-    if model is not None and (as_recorded or believe):
-        raise InputError("--as-recorded and --believe are for an aircraft file; leave them out beside --model")
+    if model is not None and (as_recorded or believe or shapes):
+        raise InputError(
+            "--as-recorded, --believe and --shapes are for an aircraft file; leave them out beside --model"
+        )
     if records and aircraft is None and model is None:
         raise InputError("--aircraft FILE is missing; the records alone do not say what flew")
     if aircraft is not None and not records:
@@ -118,7 +124,7 @@ def diagnose(
     file = aircraft or DEMO / "aircraft.toml"
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
-    _write(diagnosed, file, by, out, seed, as_json)
+    _write(diagnosed, file, by, out, seed, shapes, as_json)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -156,7 +162,13 @@ def _flight(
 
 
 def _write(
-    diagnosed: Callable[..., Diagnosis], file: Path, criteria: Criteria, out: Path, seed: int, as_json: bool
+    diagnosed: Callable[..., Diagnosis],
+    file: Path,
+    criteria: Criteria,
+    out: Path,
+    seed: int,
+    shapes: bool,
+    as_json: bool,
 ) -> None:
     """Run a diagnosis of an aircraft file into its folder."""
     made_with = provenance(seed) | {"criteria": criteria.changes}
@@ -165,7 +177,8 @@ def _write(
         stage("report")
         diagnosis.write(folder / "diagnosis.json")
         like = file if file.suffix.lower() == ".toml" else None
-        diagnosis.extended_aircraft.write(folder / "extended.toml", like=like)
+        extended = with_shapes(diagnosis.extended_aircraft, diagnosis.shapes if shapes else ())
+        extended.write(folder / "extended.toml", like=like)
         write_provenance(made_with, folder / "run.json")
         started = time.perf_counter()
         write_report(diagnosis, folder, made_with)

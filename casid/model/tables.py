@@ -330,7 +330,9 @@ def table(
     require(free, bool, "table: free", "free=True or free=False")
     names = (axes,) if isinstance(axes, str) else argument_names(axes, "table: axes")
     called = name or f"{coefficient}({', '.join(names)})" + (f"*{times}" if times != "0" else "")
-    lists = [breakpoints] if breakpoints and not isinstance(breakpoints[0], (list, tuple, np.ndarray)) else breakpoints
+    lists = (
+        [breakpoints] if len(breakpoints) and not isinstance(breakpoints[0], (list, tuple, np.ndarray)) else breakpoints
+    )
     try:
         grid = Grid(
             breakpoints=tuple(tuple(number(x, "a breakpoint") for x in axis) for axis in lists),

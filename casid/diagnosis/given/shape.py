@@ -8,7 +8,7 @@ no cause, and its straight line is shared with the derivatives of the model.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,8 @@ from casid.diagnosis.criterion import number
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.model.aircraft import Aircraft
+from casid.model.tables import table
 from casid.model.terms import VARIABLES
 
 _ALONE = "1"  # in place of a second variable
@@ -97,6 +99,22 @@ class Shape:
             "held_out": self.held_out,
             "sentence": self.sentence,
         }
+
+
+def with_shapes(aircraft: Aircraft, shapes: Sequence[Shape]) -> Aircraft:
+    """The aircraft with each shape as a further table, which keeps its ends beyond what was flown."""
+    tables = [
+        table(
+            one.coefficient,
+            one.over,
+            one.x,
+            one.y,
+            name=f"unexplained_{one.coefficient}_{number}",
+            times=one.times or "0",
+        )
+        for number, one in enumerate(shapes, 1)
+    ]
+    return replace(aircraft, tables=(*aircraft.tables, *tables))
 
 
 def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInput], gains: float) -> tuple[Shape, ...]:

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
+import casadi as ca
 import numpy as np
 import pytest
 
-from casid.diagnosis.given.shape import Points, shape_of
+from casid.diagnosis.given.shape import Points, Shape, shape_of, with_shapes
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import aircraft_model
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.record import Record
+from problems.do328 import V_TRIM, do328
 
 RECORDS = 3
 
@@ -59,3 +68,30 @@ def test_noise_has_no_shape(seed: int) -> None:
 def test_a_shape_that_held_out_records_do_not_have_is_dropped() -> None:
     """The bend of the fitted records is the other way on the one that is held out."""
     assert shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: -bend(a), 2, 1), 1.1) is None
+
+
+def test_a_shape_flies_as_a_table_of_the_extended_file(tmp_path: Path) -> None:
+    """Do 328 whose pitching moment bends above its trim: the file with the shapes, written and read again, flies as
+    the aircraft with the bend, alone and times a rate."""
+    level = trim(do328(), V=V_TRIM, altitude=3000.0)
+    t = np.arange(0.0, 6.0, 0.04)
+    channels = {name: np.full(len(t), value) for name, value in level.inputs.items()}
+    channels["delta_e"] = channels["delta_e"] - 0.03 * np.sin(2.0 * np.pi * 0.4 * t)
+    record = Record(name="m1", t=t, channels=channels)
+    x = level.alpha + np.linspace(-0.1, 0.3, 41)  # the bend is at one of them
+    found = [
+        Shape(coefficient="Cm", over="alpha", times=times, x=x, y=y, std=0.01 * np.ones(41), held_out=2.0)
+        for times, y in (("", bend(x - level.alpha + 0.03)), ("q", -20.0 * np.maximum(x - level.alpha, 0.0)))
+    ]
+
+    def bent_moment(at):
+        above = ca.fmax(at.alpha - level.alpha, 0.0)
+        return {"Cm": -0.8 * above - 20.0 * above * at.q}
+
+    with_shapes(do328(), found).write(tmp_path / "extended.toml")
+    truth = replace(do328(), aerodynamics=bent_moment)
+    plain, extended, bent = (
+        simulate(aircraft_model(one), record, level.state).as_record("m1")["alpha"]
+        for one in (do328(), Aircraft.read(tmp_path / "extended.toml"), truth)
+    )
+    assert np.abs(extended - bent).max() < 1e-3 * np.abs(bent - plain).max()
