@@ -31,7 +31,7 @@ USED_MOST = (
     "SingleShooting",
 )
 RULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["numpydoc_validation"]
-OF_MEMBERS = {"PR01", "RT01", "YD01", "EX01"}  # types and one sentence tell these of a method
+OF_MEMBERS = {"EX01"}  # the example of the class uses its methods
 OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02", "EX01"}  # one function for aircraft and systems takes any arguments
 WITH_EXAMPLES = [name for name in casid.__all__ if ">>>" in (inspect.getdoc(getattr(casid, name)) or "")]
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)

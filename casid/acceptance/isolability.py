@@ -147,14 +147,26 @@ class Isolability:
         return [tuple(name for name in seen if name in one) for one in found]
 
     def plot(self) -> Any:
-        """The matrix of confusion, a matplotlib figure."""
+        """The matrix of confusion, a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
         return view("isolability.plot")(self)
 
     def __str__(self) -> str:
         return view("isolability.text")(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of isolability.json; an infinite size is None."""
+        """The content of isolability.json; an infinite size is None.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "schema": "casid.isolability/1",
             "aircraft": self.aircraft,

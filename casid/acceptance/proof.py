@@ -176,7 +176,13 @@ class ProofOfMatch:
         return f"{said[0].upper()}{said[1:]}."
 
     def to_dict(self) -> dict[str, Any]:
-        """As `match.json`, "casid.match/1": SI units and radians; what is no number is null."""
+        """As `match.json`, "casid.match/1": SI units and radians; what is no number is null.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         standard = {key: getattr(self.standard, key) for key in ("name", "edition", "source")}
         return {
             "schema": "casid.match/1",
@@ -190,7 +196,13 @@ class ProofOfMatch:
         }
 
     def to_frame(self) -> DataFrame:
-        """A row for each row of each test, as a pandas data frame; needs the extra `pandas`."""
+        """A row for each row of each test, as a pandas data frame; needs the extra `pandas`.
+
+        Returns
+        -------
+        DataFrame
+            Data frame of pandas.
+        """
         return view("match.frame")(self)
 
     def plot(self, test: str | None = None) -> Any:
@@ -198,11 +210,27 @@ class ProofOfMatch:
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         test that was not flown.
+
+        Parameters
+        ----------
+        test
+            Paragraph of the standard, like ``2.c.10``.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
         """
         return view("match.plot")(self, test)
 
     def report(self, folder: str | Path) -> None:
-        """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made."""
+        """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made.
+
+        Parameters
+        ----------
+        folder
+            Name of the folder.
+        """
         view("match.report")(self, folder)
 
     def __str__(self) -> str:

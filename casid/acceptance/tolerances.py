@@ -176,6 +176,16 @@ class Standard:
     def read(cls, tolerances: str | Path) -> Standard:
         """A table that comes with casid by its name, "part60", or one's own TOML file.
 
+        Parameters
+        ----------
+        tolerances
+            ``part60``, or the name of a TOML file.
+
+        Returns
+        -------
+        Standard
+            Its tests with their tolerances.
+
         Raises
         ------
         InputError

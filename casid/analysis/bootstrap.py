@@ -68,15 +68,49 @@ class Bootstrap:
         object.__setattr__(self, "covariance", np.atleast_2d(np.cov(self.estimates.T)))
 
     def std(self, name: str) -> float:
-        """Scatter of a parameter."""
+        """Scatter of a parameter.
+
+        Parameters
+        ----------
+        name
+            Of the parameter.
+
+        Returns
+        -------
+        float
+            Standard deviation of the drawn estimates.
+        """
         return float(np.sqrt(self.covariance[self._index(name), self._index(name)]))
 
     def bias(self, name: str) -> float:
-        """Mean of the drawn estimates minus the value that they were drawn with."""
+        """Mean of the drawn estimates minus the value that they were drawn with.
+
+        Parameters
+        ----------
+        name
+            Of the parameter.
+
+        Returns
+        -------
+        float
+            In the unit of the parameter.
+        """
         return float(self.estimates[:, self._index(name)].mean() - self.values[name])
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:
         """Basic bootstrap interval: quantiles of the error, turned about the estimate, so that a bias is undone.
+
+        Parameters
+        ----------
+        name
+            Of the parameter.
+        level
+            Probability that the interval contains the true value.
+
+        Returns
+        -------
+        tuple
+            Lower and upper limit.
 
         Raises
         ------

@@ -72,7 +72,13 @@ class Gate:
         return f"{self.gate}: {self.value:.4g} {sign} {self.threshold:.4g}{by}{others}"
 
     def to_dict(self) -> dict[str, Any]:
-        """An entry of `gates` in diagnosis.json."""
+        """An entry of `gates` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         entry: dict[str, Any] = {
             "gate": self.gate,
             "value": float(self.value),
@@ -85,7 +91,18 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry that `to_dict` made; a number that JSON cannot hold becomes NaN."""
+        """The gate of an entry that `to_dict` made; a number that JSON cannot hold becomes NaN.
+
+        Parameters
+        ----------
+        entry
+            An entry of ``gates`` in diagnosis.json.
+
+        Returns
+        -------
+        Gate
+            The gate.
+        """
         numbers = {k: math.nan if entry[k] is None else float(entry[k]) for k in ("value", "threshold")}
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         return cls(
@@ -145,7 +162,13 @@ class Decision:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """An entry of `decisions` in diagnosis.json."""
+        """An entry of `decisions` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "cause": self.cause,
             "round": self.round,
@@ -156,7 +179,18 @@ class Decision:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Decision:
-        """The decision of an entry that `to_dict` made."""
+        """The decision of an entry that `to_dict` made.
+
+        Parameters
+        ----------
+        entry
+            An entry of ``decisions`` in diagnosis.json.
+
+        Returns
+        -------
+        Decision
+            The decision.
+        """
         gates = tuple(Gate.from_dict(gate) for gate in entry["gates"])
         return cls(
             cause=entry["cause"],
@@ -186,6 +220,16 @@ class Trace:
     def of(self, cause: str) -> Trace:
         """The decisions of one cause: "actuator_lag(delta_e)", "actuator_lag delta_e", or a kind with all its targets.
 
+        Parameters
+        ----------
+        cause
+            Kind with or without target.
+
+        Returns
+        -------
+        Trace
+            Decisions on this cause only.
+
         Raises
         ------
         InputError
@@ -202,6 +246,16 @@ class Trace:
 
     def against(self, cause: str) -> Trace:
         """The decisions that kept a cause from being named.
+
+        Parameters
+        ----------
+        cause
+            Kind with or without target.
+
+        Returns
+        -------
+        Trace
+            Decisions on this cause only.
 
         Raises
         ------
@@ -240,6 +294,16 @@ class Trace:
         """One line for each cause with the gate that decided, named causes first.
 
         `most` is the number of lines for refused and untried causes; those with the most gates come first.
+
+        Parameters
+        ----------
+        most
+            Largest number of lines for causes that were refused or not tried.
+
+        Returns
+        -------
+        str
+            One line for each cause.
         """
         chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
         rest = [one for one in self.deciding if one not in chosen and one.failed]

@@ -156,6 +156,16 @@ class Diagnosis:
     def why_not(self, cause: str) -> Trace:
         """The decisions that kept a cause from being named, see `why`.
 
+        Parameters
+        ----------
+        cause
+            Kind and target, like ``actuator_lag(delta_e)``.
+
+        Returns
+        -------
+        Trace
+            The gates that the cause did not pass.
+
         Raises
         ------
         InputError
@@ -242,11 +252,23 @@ class Diagnosis:
         return view("diagnosis.html")(self)
 
     def save(self, path: str | Path) -> None:
-        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
+
+        Parameters
+        ----------
+        path
+            Name of the file.
+        """
         save(self, path)
 
     def to_frame(self) -> DataFrame:
-        """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""
+        """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`.
+
+        Returns
+        -------
+        DataFrame
+            Data frame of pandas.
+        """
         return view("diagnosis.frame")(self)
 
     def __str__(self) -> str:
@@ -268,7 +290,13 @@ class Diagnosis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of diagnosis.json."""
+        """The document of diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "schema": SCHEMA,
             "verdict": self.verdict,
@@ -337,7 +365,13 @@ class Diagnosis:
         return dict(sorted(ratio.items(), key=lambda item: -item[1]))
 
     def write(self, path: str | Path) -> None:
-        """Write diagnosis.json whole or not at all."""
+        """Write diagnosis.json whole or not at all.
+
+        Parameters
+        ----------
+        path
+            Name of the file.
+        """
         with whole_file(path) as temporary:
             temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 

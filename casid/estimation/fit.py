@@ -170,7 +170,20 @@ class Fit:
         return self.parameters[name]
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of the errors of two parameters; raises InputError for a name that was not estimated."""
+        """Correlation of the errors of two parameters; raises InputError for a name that was not estimated.
+
+        Parameters
+        ----------
+        first
+            Name of a parameter.
+        second
+            Name of another one.
+
+        Returns
+        -------
+        float
+            Between -1 and 1.
+        """
         names = list(self.parameters)
         i, j = names.index(self[first].name), names.index(self[second].name)
         return float(self.correlations[i, j])
@@ -186,7 +199,13 @@ class Fit:
         return matrix
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None."""
+        """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
 
         def number(value: float) -> float | None:
             return float(value) if math.isfinite(value) else None
@@ -251,6 +270,16 @@ class Fit:
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         record that was not fitted.
+
+        Parameters
+        ----------
+        record
+            Name of the record.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
         """
         return view("fit.plot")(self, record)
 
@@ -260,19 +289,49 @@ class Fit:
         The initial state is fitted to the first `window_s` seconds of what the record measures. Parameters of single
         records keep their a-priori value in a record that was not fitted. Raises InputError for a record that lacks an
         input and for a motion that diverges.
+
+        Parameters
+        ----------
+        record
+            A record, or the name of its file.
+        window_s
+            Time from the start that determines the initial state [s].
+
+        Returns
+        -------
+        Simulation
+            States and outputs over the whole record.
         """
         return view("fit.predict")(self, record, window_s)
 
     def save(self, path: str | Path) -> None:
-        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
+
+        Parameters
+        ----------
+        path
+            Name of the file.
+        """
         save(self, path)
 
     def to_frame(self) -> DataFrame:
-        """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""
+        """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`.
+
+        Returns
+        -------
+        DataFrame
+            Data frame of pandas.
+        """
         return view("fit.frame")(self)
 
     def to_latex(self) -> str:
-        """Estimates as a LaTeX table, for the package booktabs."""
+        """Estimates as a LaTeX table, for the package booktabs.
+
+        Returns
+        -------
+        str
+            Lines of LaTeX.
+        """
         return view("fit.latex")(self)
 
     def _repr_html_(self) -> str:
@@ -291,7 +350,13 @@ class Fit:
         return self.summary()
 
     def summary(self) -> str:
-        """Status, remarks, estimates and channels as text."""
+        """Status, remarks, estimates and channels as text.
+
+        Returns
+        -------
+        str
+            Several lines of text.
+        """
         head = (
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s\n"

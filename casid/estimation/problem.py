@@ -247,7 +247,18 @@ class Problem:
         return np.array([order[n] for n in self.shared + self.local], dtype=int)
 
     def columns(self, record: int) -> np.ndarray:
-        """(free,) where the free parameters of a record stand in `parameters`, in the order of `free_index`."""
+        """(free,) where the free parameters of a record stand in `parameters`, in the order of `free_index`.
+
+        Parameters
+        ----------
+        record
+            Its position among the records.
+
+        Returns
+        -------
+        ndarray
+            Positions in `parameters`.
+        """
         return self._columns[record]
 
     @cached_property
@@ -275,7 +286,18 @@ class Problem:
         return np.array([known.get(name.split("[")[0], np.inf) for name in self.parameters])
 
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
-        """(records, model parameters) values that each record is simulated with."""
+        """(records, model parameters) values that each record is simulated with.
+
+        Parameters
+        ----------
+        theta
+            Free parameters, in the order of `parameters`.
+
+        Returns
+        -------
+        ndarray
+            In the order of the model's parameters.
+        """
         values = self._known.copy()
         values[:, self.free_index] = theta[self._columns]
         return values
@@ -291,7 +313,18 @@ class Problem:
         return np.array([self.model.nominal_vector(self.fixed_in(record.name)) for record in self.records])
 
     def fixed_in(self, record: str) -> dict[str, float]:
-        """Parameter -> value of what is fixed in a record, or in all if there is none of the name."""
+        """Parameter -> value of what is fixed in a record, or in all if there is none of the name.
+
+        Parameters
+        ----------
+        record
+            Name of the record.
+
+        Returns
+        -------
+        dict
+            Parameter -> value.
+        """
         return of_record(self.fixed, record)
 
     @cached_property
@@ -307,7 +340,18 @@ class Problem:
         return np.reshape(values, shape), np.reshape(stds, shape).astype(float)
 
     def outputs_of(self, record: Record) -> np.ndarray:
-        """(N, outputs) measured outputs, NaN where missing."""
+        """(N, outputs) measured outputs, NaN where missing.
+
+        Parameters
+        ----------
+        record
+            One of the records.
+
+        Returns
+        -------
+        ndarray
+            In the order of the model's outputs.
+        """
         missing = np.full(len(record), np.nan)
         columns = [record.channels.get(name, missing) for name in self.model.outputs]
         return np.stack(columns, axis=1)
@@ -326,7 +370,18 @@ class Problem:
         return np.reshape(rows, (-1, len(self.parameters))), np.array(lower), np.array(upper)
 
     def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
-        """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters."""
+        """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters.
+
+        Parameters
+        ----------
+        constraint
+            A constraint of the problem.
+
+        Returns
+        -------
+        list
+            Coefficients of the free parameters.
+        """
         per_record = any(name in self.local for name in constraint.coefficients)
         rows = []
         for record in self.records if per_record else self.records[:1]:

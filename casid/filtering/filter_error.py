@@ -129,7 +129,13 @@ class FilterFit:
         return {name: sigma * root for name, sigma in self.noise.white.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and texts for a JSON file."""
+        """Plain numbers and texts for a JSON file.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         noise = {name: sigma for name, sigma in self.noise.measurement.items()}
         process = {name: {"sigma": sigma, "correlation_time_s": 0.0} for name, sigma in self.noise.white.items()}
         process |= {n: {"sigma": s, "correlation_time_s": tau} for n, (s, tau) in self.noise.coloured.items()}

@@ -90,6 +90,16 @@ class MismatchEnvelope:
     def read(cls, path: str | Path) -> MismatchEnvelope:
         """The envelope of a CSV file with the columns omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
 
+        Parameters
+        ----------
+        path
+            Name of the file.
+
+        Returns
+        -------
+        MismatchEnvelope
+            The envelope of the file.
+
         Raises
         ------
         InputError
@@ -111,7 +121,18 @@ class MismatchEnvelope:
         return cls(**columns, name=file.stem)
 
     def bounds(self, omega: np.ndarray) -> dict[str, np.ndarray]:
-        """Name of each bound -> (frequencies,) its value; NaN outside the table."""
+        """Name of each bound -> (frequencies,) its value; NaN outside the table.
+
+        Parameters
+        ----------
+        omega
+            Frequencies (frequencies,) [rad/s].
+
+        Returns
+        -------
+        dict
+            Bounds in dB and degrees.
+        """
         at, table = np.log(omega), np.log(self.omega)
         return {n: np.interp(at, table, getattr(self, n), left=np.nan, right=np.nan) for n in _COLUMNS[1:]}
 
@@ -209,11 +230,23 @@ class ResponseComparison:
     envelope: MismatchEnvelope | None
 
     def plot(self) -> Any:
-        """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has."""
+        """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
         return view("comparison.plot")(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and texts."""
+        """Plain numbers, lists and texts.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         models = {
             label: {
                 "cost": one.cost,

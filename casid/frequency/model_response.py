@@ -85,6 +85,11 @@ class LinearModel:
         delay
             A further one [s], such as that of a recorder.
 
+        Returns
+        -------
+        ndarray
+            Complex response (frequencies,).
+
         Raises
         ------
         InputError

@@ -80,6 +80,16 @@ class FourierOutputError:
     def equations(self, problem: Problem) -> FourierOutputs:
         """The transformed outputs of a problem.
 
+        Parameters
+        ----------
+        problem
+            What is estimated.
+
+        Returns
+        -------
+        FourierOutputs
+            Residuals and their derivatives.
+
         Raises
         ------
         EstimationError

@@ -92,6 +92,16 @@ class FourierEquationError:
     def equations(self, problem: Problem) -> FourierEquations:
         """The transformed equations of a problem.
 
+        Parameters
+        ----------
+        problem
+            What is estimated.
+
+        Returns
+        -------
+        FourierEquations
+            Residuals and their derivatives.
+
         Raises
         ------
         EstimationError

@@ -117,15 +117,33 @@ class FrequencyResponse:
         return phase_deg(self.response, self.usable)
 
     def plot(self) -> Any:
-        """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey."""
+        """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
         return view("response.plot")(self)
 
     def to_frame(self) -> DataFrame:
-        """A pandas data frame, a row for each frequency; needs the extra `pandas`."""
+        """A pandas data frame, a row for each frequency; needs the extra `pandas`.
+
+        Returns
+        -------
+        DataFrame
+            Data frame of pandas.
+        """
         return view("response.frame")(self)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Name -> (frequencies,): what tables have."""
+        """Name -> (frequencies,): what tables have.
+
+        Returns
+        -------
+        dict
+            Name of the column -> values (frequencies,).
+        """
         return {
             "omega": self.omega,
             "gain_db": self.gain_db,
@@ -139,7 +157,13 @@ class FrequencyResponse:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of response.json: plain numbers, lists and texts; a number that does not exist is None."""
+        """The content of response.json: plain numbers, lists and texts; a number that does not exist is None.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         rows = {name: [float(v) if math.isfinite(v) else None for v in c] for name, c in self.columns().items()}
         return {
             "schema": "casid.response/1",
@@ -153,7 +177,13 @@ class FrequencyResponse:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
+
+        Parameters
+        ----------
+        path
+            Name of the file.
+        """
         save(self, path)
 
     def __repr__(self) -> str:

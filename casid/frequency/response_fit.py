@@ -180,7 +180,13 @@ class ResponseFit:
         return precision(self)
 
     def plot(self) -> Any:
-        """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
+        """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has.
+
+        Returns
+        -------
+        Figure
+            Figure of matplotlib.
+        """
         return view("response_fit.plot")(self)
 
     def __getitem__(self, name: str) -> ResponseParameter:

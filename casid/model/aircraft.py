@@ -202,11 +202,33 @@ class Aircraft:
         return {name: one.coefficient for one in self.tables if one.free for name in one.knots}
 
     def with_derivatives(self, derivatives: Mapping[str, float]) -> Aircraft:
-        """The same aircraft with derivatives replaced or added."""
+        """The same aircraft with derivatives replaced or added.
+
+        Parameters
+        ----------
+        derivatives
+            Name -> value [per rad]; those that are not named stay.
+
+        Returns
+        -------
+        Aircraft
+            A copy.
+        """
         return replace(self, derivatives={**self.derivatives, **derivatives})
 
     def with_terms(self, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
-        """The same aircraft with terms replaced or added, coefficient -> monomial -> value."""
+        """The same aircraft with terms replaced or added, coefficient -> monomial -> value.
+
+        Parameters
+        ----------
+        terms
+            Coefficient -> monomial -> value, like ``{"Cm": {"alpha^2": 0.4}}``.
+
+        Returns
+        -------
+        Aircraft
+            A copy.
+        """
         merged = {coefficient: dict(table) for coefficient, table in self.terms.items()}
         for coefficient, table in terms.items():
             canonical = {parse_term(name, f"terms: '{coefficient}'").name: value for name, value in table.items()}
@@ -214,7 +236,18 @@ class Aircraft:
         return replace(self, terms=merged)
 
     def with_effects(self, effects: Iterable[EffectValue]) -> Aircraft:
-        """The same aircraft with effects added to those that it has."""
+        """The same aircraft with effects added to those that it has.
+
+        Parameters
+        ----------
+        effects
+            Kind, target and value of each.
+
+        Returns
+        -------
+        Aircraft
+            A copy.
+        """
         return replace(self, effects=(*self.effects, *effects))
 
     @classmethod
@@ -272,7 +305,18 @@ class Aircraft:
     @classmethod
     def read(cls, path: str | Path) -> Aircraft:
         """The aircraft of a TOML file, or of JSBSim's XML; raises InputError that names file, section, key and the
-        nearest valid name."""
+        nearest valid name.
+
+        Parameters
+        ----------
+        path
+            Name of the file, ``.toml`` or ``.xml``.
+
+        Returns
+        -------
+        Aircraft
+            The aircraft of the file, in SI units and radians.
+        """
         if a_path(path, "Aircraft.read").suffix.lower() == ".xml":
             return cls.from_jsbsim(path)
         data = read_toml(path)

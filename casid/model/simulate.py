@@ -58,13 +58,35 @@ class Simulation:
     outputs: np.ndarray
 
     def state(self, name: str) -> np.ndarray:
-        """(N,) one state; raises InputError for a name that the model does not have."""
+        """(N,) one state; raises InputError for a name that the model does not have.
+
+        Parameters
+        ----------
+        name
+            Of the state.
+
+        Returns
+        -------
+        ndarray
+            At the time stamps of the record.
+        """
         if name not in self.model.states:
             raise unknown("state", str(name), self.model.states, f"simulation of '{self.model.name}'")
         return self.states[:, self.model.states.index(name)]
 
     def output(self, name: str) -> np.ndarray:
-        """(N,) one output; raises InputError for a name that the model does not have."""
+        """(N,) one output; raises InputError for a name that the model does not have.
+
+        Parameters
+        ----------
+        name
+            Of the output.
+
+        Returns
+        -------
+        ndarray
+            At the time stamps of the record.
+        """
         if name not in self.model.outputs:
             raise unknown("output", str(name), self.model.outputs, f"simulation of '{self.model.name}'")
         return self.outputs[:, self.model.outputs.index(name)]
@@ -77,7 +99,18 @@ class Simulation:
         )
 
     def as_record(self, name: str | None = None) -> Record:
-        """The record with its measured outputs replaced by the simulated ones."""
+        """The record with its measured outputs replaced by the simulated ones.
+
+        Parameters
+        ----------
+        name
+            Of the new record; None: that of the simulated one.
+
+        Returns
+        -------
+        Record
+            Inputs as given, outputs as simulated.
+        """
         flown = self.record.with_channels(**{o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)})
         return flown.renamed(name or self.record.name)
 

@@ -171,7 +171,18 @@ class Model:
         self.__dict__.update({"period": None} | state)
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
-        """(parameters,) nominal values, with `values` put over them by name."""
+        """(parameters,) nominal values, with `values` put over them by name.
+
+        Parameters
+        ----------
+        values
+            Parameter -> value.
+
+        Returns
+        -------
+        ndarray
+            In the order of ``parameters``.
+        """
         values = values or {}
         for name in values:
             if name not in self.parameters:
@@ -190,7 +201,13 @@ class Model:
         }
 
     def scale_vector(self) -> np.ndarray:
-        """(states,) typical size of each state."""
+        """(states,) typical size of each state.
+
+        Returns
+        -------
+        ndarray
+            In the order of ``states``.
+        """
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
 
 

@@ -232,7 +232,20 @@ class Table:
         return any("dot" in name for name in (*self.axes, self.times))
 
     def at(self, regressors: Mapping[str, Any], parameters: Mapping[str, Any]) -> Any:
-        """Its part of the coefficient; `parameters` hold the knots of a free table."""
+        """Its part of the coefficient; `parameters` hold the knots of a free table.
+
+        Parameters
+        ----------
+        regressors
+            Name -> symbol or number.
+        parameters
+            Name -> symbol or number.
+
+        Returns
+        -------
+        SX or float
+            Value of the table.
+        """
         for axis in self.axes:
             if axis not in regressors:
                 raise InputError(f"table '{self.name}': no value for '{axis}'; give V in [trim]")
@@ -242,7 +255,18 @@ class Table:
         return looked_up * factor.evaluate(regressors) if factor.factors else looked_up
 
     def with_knots(self, values: Mapping[str, float]) -> Table:
-        """The table with values replaced by name, where there is one."""
+        """The table with values replaced by name, where there is one.
+
+        Parameters
+        ----------
+        values
+            Name of a knot -> value.
+
+        Returns
+        -------
+        Table
+            A copy.
+        """
         if not self.free:
             return self
         given = tuple(float(values.get(name, value)) for name, value in self.knots.items())
@@ -259,7 +283,18 @@ class Table:
         )
 
     def beyond(self, channels: Mapping[str, np.ndarray]) -> Iterator[str]:
-        """What is to be said of regressors that leave the breakpoints."""
+        """What is to be said of regressors that leave the breakpoints.
+
+        Parameters
+        ----------
+        channels
+            Regressor -> values (N,).
+
+        Yields
+        ------
+        Iterator
+            One sentence for each regressor that leaves the table.
+        """
         for axis, points in zip(self.axes, self.grid.breakpoints, strict=True):
             series = channels.get(axis)
             if series is None or not np.isfinite(series).any() or len(points) < 2:

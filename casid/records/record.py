@@ -107,6 +107,24 @@ class Record:
         as a header does, "alpha [deg]". `notes` has what a person should know. A record without a control surface is
         taken as that of a system other than an aircraft: its names are the user's own, and it may be of any length.
 
+        Parameters
+        ----------
+        name
+            Of the record.
+        t
+            Times (N,) [s], increasing.
+        channels
+            Name -> values (N,).
+        units
+            Channel -> unit, like ``deg`` or ``kt``.
+        hold
+            How channels run between samples: ``linear``, ``held`` or ``cubic``, for all or by channel.
+
+        Returns
+        -------
+        Record
+            In SI units and radians.
+
         Raises
         ------
         InputError
@@ -126,6 +144,22 @@ class Record:
         """A record of a pandas data frame: its columns are the channels, `t` among them or as the name of the index.
 
         All else as in `from_arrays`.
+
+        Parameters
+        ----------
+        frame
+            Data frame of pandas.
+        name
+            Of the record.
+        units
+            Channel -> unit, like ``deg`` or ``kt``.
+        hold
+            As in `from_arrays`.
+
+        Returns
+        -------
+        Record
+            In SI units and radians.
         """
         return record_of_frame(name, frame, units or {}, hold)
 
@@ -161,7 +195,18 @@ class Record:
         self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold, events=events)
 
     def hold_of(self, channel: str) -> str:
-        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
+        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear.
+
+        Parameters
+        ----------
+        channel
+            Name of the channel.
+
+        Returns
+        -------
+        str
+            One of the three.
+        """
         if channel == "t":
             return "linear"
         return self.hold if isinstance(self.hold, str) else self.hold.get(channel, "linear")
@@ -175,7 +220,18 @@ class Record:
 
     def following(self, names: Iterable[str]) -> np.ndarray:
         """(N-1, channels) values at the end of each sample interval: those of the next sample, or of this one where a
-        channel is held."""
+        channel is held.
+
+        Parameters
+        ----------
+        names
+            Channels.
+
+        Returns
+        -------
+        ndarray
+            In the order of the names.
+        """
         names = argument_names(names, "Record.following: names")
         values = self.matrix(names)
         held = np.array([self.hold_of(name) == "held" for name in names], dtype=bool)
@@ -192,30 +248,100 @@ class Record:
         return float(self.t[-1] - self.t[0])
 
     def matrix(self, names: Iterable[str]) -> np.ndarray:
-        """(N, channels) of the named channels."""
+        """(N, channels) of the named channels.
+
+        Parameters
+        ----------
+        names
+            Channels.
+
+        Returns
+        -------
+        ndarray
+            In the order of the names.
+        """
         columns = [self[name] for name in argument_names(names, "Record.matrix: names")]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
     def with_channels(self, **channels: np.ndarray) -> Record:
-        """The same record with channels added or replaced, (N,) each."""
+        """The same record with channels added or replaced, (N,) each.
+
+        Parameters
+        ----------
+        **channels
+            Values (N,) by name.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         where = f"record '{self.name}'"
         added = {name: _channel(name, values, self.t, where) for name, values in channels.items()}
         return self._with(channels={**self.channels, **added})
 
     def renamed(self, name: str) -> Record:
-        """The same record under another name."""
+        """The same record under another name.
+
+        Parameters
+        ----------
+        name
+            The new name.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         return self._with(name=require(name, str, "Record.renamed: name", "renamed('m2')"))
 
     def with_notes(self, *notes: str) -> Record:
-        """The same record with further notes."""
+        """The same record with further notes.
+
+        Parameters
+        ----------
+        *notes
+            One sentence each.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         return self._with(notes=(*self.notes, *notes))
 
     def without(self, *names: str) -> Record:
-        """The same record without the named channels."""
+        """The same record without the named channels.
+
+        Parameters
+        ----------
+        *names
+            Channels.
+
+        Returns
+        -------
+        Record
+            A copy.
+        """
         return self._with(channels={k: v for k, v in self.channels.items() if k not in names})
 
     def between(self, start: float, stop: float, name: str | None = None) -> Record:
-        """The part with start <= t < stop [s], time stamps kept."""
+        """The part with start <= t < stop [s], time stamps kept.
+
+        Parameters
+        ----------
+        start
+            First time [s].
+        stop
+            Time after the last sample [s].
+        name
+            Of the part; None: the name of the record.
+
+        Returns
+        -------
+        Record
+            A copy of the part.
+        """
         for what, value in (("start", start), ("stop", stop)):
             if not isinstance(value, Real):
                 raise InputError(f"record '{self.name}': {what} is {given(value)}; expected a time in s")

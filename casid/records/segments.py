@@ -63,7 +63,13 @@ class Segment:
         return self.stop - self.start
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers by name, in SI."""
+        """Numbers by name, in SI.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "start": self.start,
             "stop": self.stop,

@@ -45,7 +45,13 @@ class Finding:
     indistinguishable_from: tuple[Mapping[str, str], ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """One entry of `data` in diagnosis.json."""
+        """One entry of `data` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "kind": self.kind,
             "target": self.target,

@@ -99,7 +99,13 @@ class InstrumentError:
         return "  not identifiable" if not self.identifiable else "" if self.passed else "  failed"
 
     def to_dict(self) -> dict[str, Any]:
-        """One entry of `errors` in compatibility.json."""
+        """One entry of `errors` in compatibility.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         kept = ("kind", "target", "value", "std", "unit", "allowed", "identifiable", "passed")
         return {name: getattr(self, name) for name in kept} | {"rivals": list(self.rivals)}
 
@@ -152,7 +158,13 @@ class Compatibility:
         return not self.failed
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of compatibility.json."""
+        """The content of compatibility.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return {
             "schema": "casid.compatibility/1",
             "records": [record.name for record in self.records],
@@ -415,7 +427,13 @@ class SteadyWind:
         )
 
     def to_dict(self) -> dict[str, float]:
-        """The numbers by name."""
+        """The numbers by name.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         return dict(vars(self))
 
 

@@ -99,7 +99,18 @@ class Library:
                 raise InputError(f"library: regressor '{name}' is {given(function)}; expected a function")
 
     def terms(self, model: Model) -> dict[str, ca.SX]:
-        """name -> expression in the states and inputs of the model."""
+        """name -> expression in the states and inputs of the model.
+
+        Parameters
+        ----------
+        model
+            Model of the system.
+
+        Returns
+        -------
+        dict
+            Name of each term -> its expression.
+        """
         names = (*model.states, *model.inputs)
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         found: dict[str, ca.SX] = {}

@@ -71,7 +71,13 @@ class SystemCause:
         return name_of(self.kind, self.target, self.term)
 
     def to_dict(self) -> dict[str, Any]:
-        """One entry of `causes` or `minor` of diagnosis.json."""
+        """One entry of `causes` or `minor` of diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         others = [{"name": name, "probability": p} for name, p in self.indistinguishable_from]
         return {
             "kind": self.kind,
@@ -202,11 +208,33 @@ class SystemDiagnosis:
     account: tuple[AccountStep, ...] = ()
 
     def why(self, cause: str) -> Trace:
-        """The decisions on a cause that was fitted, as of `Diagnosis.why`."""
+        """The decisions on a cause that was fitted, as of `Diagnosis.why`.
+
+        Parameters
+        ----------
+        cause
+            Name of the cause.
+
+        Returns
+        -------
+        Trace
+            The gates of the cause.
+        """
         return self.trace.of(cause)
 
     def why_not(self, cause: str) -> Trace:
-        """The decisions that kept a cause from being named, as of `Diagnosis.why_not`."""
+        """The decisions that kept a cause from being named, as of `Diagnosis.why_not`.
+
+        Parameters
+        ----------
+        cause
+            Name of the cause.
+
+        Returns
+        -------
+        Trace
+            The gates that the cause did not pass.
+        """
         return self.trace.against(cause)
 
     @property
@@ -228,7 +256,13 @@ class SystemDiagnosis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of diagnosis.json, as far as it speaks of any system."""
+        """The document of diagnosis.json, as far as it speaks of any system.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
         before, after = self.as_given, self.extension
         ratio = {name: after.rms[name] / rms for name, rms in before.rms.items() if rms > 0.0}
         return {
@@ -264,7 +298,13 @@ class SystemDiagnosis:
         }
 
     def write(self, path: str | Path) -> None:
-        """Write diagnosis.json whole or not at all; a number that is not finite becomes null."""
+        """Write diagnosis.json whole or not at all; a number that is not finite becomes null.
+
+        Parameters
+        ----------
+        path
+            Name of the file.
+        """
         with whole_file(path) as temporary:
             temporary.write_text(json.dumps(_plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 

@@ -61,6 +61,11 @@ class GaussNewton:
         ----------
         objective
             Of the problem as it is transcribed.
+
+        Returns
+        -------
+        Outcome
+            Last point, its value, and the status.
         """
         return _Iteration(objective, self).run()
 

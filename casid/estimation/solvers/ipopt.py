@@ -71,6 +71,16 @@ class Ipopt:
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status.
 
+        Parameters
+        ----------
+        objective
+            Cost and transcription of a problem.
+
+        Returns
+        -------
+        Outcome
+            Last point, its value, and the status.
+
         Raises
         ------
         EstimationError

@@ -71,6 +71,16 @@ class SingleShooting:
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
 
+        Parameters
+        ----------
+        problem
+            What is estimated.
+
+        Returns
+        -------
+        Dynamics
+            Simulation of all segments, with its derivatives.
+
         Raises
         ------
         EstimationError
@@ -137,6 +147,16 @@ class MultipleShooting:
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of `interval` samples.
 
+        Parameters
+        ----------
+        problem
+            What is estimated.
+
+        Returns
+        -------
+        Dynamics
+            Simulation of all segments, with its derivatives.
+
         Raises
         ------
         EstimationError
@@ -199,6 +219,16 @@ class Collocation:
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of some samples, whose states are unknowns all the same.
+
+        Parameters
+        ----------
+        problem
+            What is estimated.
+
+        Returns
+        -------
+        Dynamics
+            Simulation of all segments, with its derivatives.
 
         Raises
         ------
