@@ -18,7 +18,7 @@ from problems.independent.atmosphere import G0
 from problems.independent.effects import CASES, Effect
 from problems.independent.flights import Flown, fly_set
 
-__all__ = ["CASES", "NAME", "aircraft_of", "flight"]
+__all__ = ["CASES", "NAME", "aircraft_of", "flight", "records_of"]
 
 NAME = "independent"
 
@@ -32,10 +32,7 @@ def flight(case: str, seed: int, size: float) -> tuple[tuple[Record, ...], Aircr
         flown = fly_set(case, seed, size)
     except ValueError as error:
         raise InputError(str(error)) from None
-    records = tuple(
-        Record(name=name, t=x["t"], channels={c: y for c, y in x.items() if c != "t"}, source="simulated")
-        for name, x in flown.records.items()
-    )
+    records = records_of(flown)
     answer = Answer(
         of=NAME,
         case=case,
@@ -52,6 +49,14 @@ def flight(case: str, seed: int, size: float) -> tuple[tuple[Record, ...], Aircr
         values={f"{c}_{_words(term)}": v for c, terms in flown.fit.values.items() for term, v in terms.items()},
     )
     return records, aircraft_of(flown), answer
+
+
+def records_of(flown: Flown) -> tuple[Record, ...]:
+    """What was recorded, as flight records of casid."""
+    return tuple(
+        Record(name=name, t=x["t"], channels={c: y for c, y in x.items() if c != "t"}, source="simulated")
+        for name, x in flown.records.items()
+    )
 
 
 def aircraft_of(flown: Flown) -> Aircraft:

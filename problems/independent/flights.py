@@ -89,13 +89,33 @@ def fly_set(case: str, seed: int, size: float = 1.0) -> Flown:
         if effect is not None and effect.kind not in INSTRUMENTS:
             _, log = fly(with_effect(healthy, effect), plan, effect)
         if _within(plan, log):
-            break
-    else:
-        raise ValueError(f"{case}, seed {seed}: no flyable set in {_ATTEMPTS} attempts; choose another seed")
-    fit = fitted(plane, points)
+            return _set(plane, plan, (level, log), points, effect)
+    raise ValueError(f"{case}, seed {seed}: no flyable set in {_ATTEMPTS} attempts; choose another seed")
+
+
+def fly_effect(plane: Plane, seed: int, effect: Effect | None) -> Flown:
+    """A set of an aircraft with a chosen effect, or with none; the seed draws inputs, noise and file."""
+    plan = plan_of(plane, np.random.default_rng([_STREAM, seed]))
+    healthy = healthy_craft(plane, len(RECORDS))
+    level, log = fly(healthy, plan, None)
+    points = variables(plane, plan, log)
+    if effect is not None and effect.kind not in INSTRUMENTS:
+        _, log = fly(with_effect(healthy, effect), plan, effect)
+    return _set(plane, plan, (level, log), points, effect)
+
+
+def _set(
+    plane: Plane,
+    plan: Plan,
+    flown: tuple[Level, Mapping[str, np.ndarray]],
+    points: Mapping[str, np.ndarray],
+    effect: Effect | None,
+) -> Flown:
+    """What is recorded of a flight, with its file; `points` are the tables' variables along the healthy flight."""
+    (level, log), fit = flown, fitted(plane, points)
     return Flown(
         plane=plane,
-        records=_records(with_effect(healthy, effect), plan, log, effect),
+        records=_records(with_effect(healthy_craft(plane, len(RECORDS)), effect), plan, log, effect),
         level=level,
         fit=fit,
         derivatives=guessed(fit, np.random.default_rng([plan.seed, 1])),

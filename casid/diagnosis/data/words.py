@@ -70,7 +70,7 @@ def handled_as(
     odds = f"odds of {math.exp(log_odds):.0e} to 1".replace("e+0", "e").replace("e+", "e")
     if kind == "data_swap":
         return f"; they were changed back ({odds})."
-    return f"; it was multiplied by {value:.4g} ({odds})."
+    return f"; the values were multiplied by {value:.4g} ({odds})."
 
 
 def of_pauses(record: str, pauses: Sequence[tuple[float, float]]) -> str:

@@ -22,7 +22,7 @@ _LATERAL = ("CY", "Cl", "Cn")
 
 def _stretches(aircraft: Airframe) -> Iterable[Effect]:
     """Of every table some neighbouring breakpoints of one axis, up to half of them, at all breakpoints of the other
-    axes or at one of one of these."""
+    axes or at one breakpoint of one of these."""
     every = (*aircraft.tables, *_own_tables(aircraft))
     wanted = {(one.coefficient, term.name): term for one in every for term in _terms_of(one)}
     return (table_increment(*key) for key in sorted(wanted, key=lambda key: (key[0], *_extent(wanted[key]), key[1])))
