@@ -2,7 +2,7 @@
 
 Question     does everything that a newcomer does in the first hour work outside the repository?
 Set-up       the wheel is built and installed into a new virtual environment; everything runs in a temporary folder.
-             The user's own flight is a record of the embedded example, written again in degrees and knots.
+             The user's own flight is a record of the embedded example, written again in degrees, knots, g and feet.
 Expectation  every step ends with the status, the files and the numbers that are stated here. Status 1 names the step
              that did not.
 
@@ -26,7 +26,14 @@ from pathlib import Path
 REPO = Path(__file__).resolve().parent.parent
 MOST_MB = 3.0  # of the wheel
 MOST_IMPORT_S = 0.1  # of processor time
-DEGREES = ("alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "delta_e", "delta_a", "delta_r")
+# unit of the header -> its columns, and its size in SI
+UNITS = {
+    "deg": (("alpha", "beta", "phi", "theta", "psi", "delta_e", "delta_a", "delta_r"), math.pi / 180.0),
+    "deg/s": (("p", "q", "r"), math.pi / 180.0),
+    "kt": (("V",), 1852.0 / 3600.0),
+    "g": (("ax", "ay", "az"), 9.80665),
+    "ft": (("altitude",), 0.3048),
+}
 PLOT = """
 import matplotlib; matplotlib.use("Agg")
 import casid as cs
@@ -113,27 +120,42 @@ def demonstration(desk: Desk) -> None:
 
 
 def own_flight(desk: Desk) -> None:
-    """Records of the example as a user may have them: degrees and knots, units in the header."""
+    """Records of the example as a user may have them: degrees, knots, g and feet, units in the header."""
     demo = REPO / "casid" / "cli" / "demo"
     for i in (1, 2):
         with (demo / f"m{i}.csv").open(encoding="utf-8") as file:
             rows = list(csv.reader(file))
         head, *body = rows
-        factors = [180.0 / math.pi if n in DEGREES else 3600.0 / 1852.0 if n == "V" else 1.0 for n in head]
-        names = [_foreign(name) for name in head]
+        names, sizes = zip(*map(_foreign, head), strict=True)
         with (desk.folder / f"flight{i}.csv").open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(names)
-            writer.writerows([[repr(float(v) * f) if v else "" for v, f in zip(r, factors, strict=True)] for r in body])
+            writer.writerows([[repr(float(v) / s) if v else "" for v, s in zip(r, sizes, strict=True)] for r in body])
     (desk.folder / "mine.toml").write_text((demo / "aircraft.toml").read_text(encoding="utf-8"), encoding="utf-8")
     desk.run("casid", "convert", "flight1.csv", "si.csv")
-    desk.need("si.csv")
+    for name, worst in _differences(desk.folder / "si.csv", demo / "m1.csv").items():
+        if worst > 1e-9:
+            raise StepError(f"si.csv: {name} is not that of the example: {worst:g} of its largest value off")
 
 
-def _foreign(name: str) -> str:
-    if name not in DEGREES:
-        return "V [kt]" if name == "V" else name
-    return f"{name} [deg/s]" if name in ("p", "q", "r") else f"{name} [deg]"
+def _differences(file: Path, other: Path) -> dict[str, float]:
+    """Column of `other` -> largest difference of `file` from it, over its largest value."""
+    columns = []
+    for path in (file, other):
+        with path.open(encoding="utf-8") as opened:
+            rows = list(csv.DictReader(opened))
+        columns.append({name: [float(row[name]) for row in rows if row[name]] for name in rows[0]})
+    mine, its = columns
+    return {
+        name: max(abs(a - b) for a, b in zip(mine[name], values, strict=True)) / (max(map(abs, values)) or 1.0)
+        for name, values in its.items()
+    }
+
+
+def _foreign(name: str) -> tuple[str, float]:
+    """Header of a column with its unit, and the size of that unit in SI."""
+    unit, size = next(((unit, size) for unit, (names, size) in UNITS.items() if name in names), ("", 1.0))
+    return f"{name} [{unit}]" if unit else name, size
 
 
 def work(desk: Desk) -> None:
@@ -173,7 +195,7 @@ def walk(wheel: Path | None, place: Path) -> None:
         "the wheel": lambda: check_wheel(built),
         "install": lambda: install(desk, built),
         "demonstration": lambda: demonstration(desk),
-        "own flight in deg and kt": lambda: own_flight(desk),
+        "own flight in deg, kt, g and ft": lambda: own_flight(desk),
         "check, estimate, simulate, plot, save, load, diagnose": lambda: work(desk),
         "mistakes": lambda: mistakes(desk),
     }

@@ -328,7 +328,7 @@ def _headline(diagnosis: Diagnosis) -> Headline:
 
 
 def _values_told(diagnosis: Diagnosis) -> str:
-    told, against = sum(one.determined for one in diagnosis.flight.values()), len(diagnosis.contradicted)
+    told, against = sum(one.flight.determined for one in diagnosis.parameters), len(diagnosis.contradicted)
     moved = next((one.what for one in diagnosis.account if one.step == "values"), ())
     largest = f" The largest significant changes: {', '.join(moved[:5])}." if moved else ""
     if not against:
@@ -345,6 +345,5 @@ def _facts(diagnosis: Diagnosis) -> str:
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
     count = f"{view.samples:,}".replace(",", " ")
     return (
-        f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings; "
-        f"{sum(diagnosis.flight[o].determined for o in view.fit.derivatives)} derivatives identifiable from them."
+        f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings."
     )
