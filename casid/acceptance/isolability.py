@@ -30,6 +30,7 @@ from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import responses
 from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -249,15 +250,14 @@ def isolability(
     axes = axes_of(records)
     sigma = _noise(file, axes, channels, numbers_by_name(noise, "isolability: noise"))
     flown = rehearsed(file, records, axes)
-    whole = _flight(flown, sigma, criteria)
-    effects, left_out = _wanted(whole, causes)
-    judged = _judged(whole, effects)
+    effects, left_out = _wanted(_flight(flown, sigma, criteria), causes)
+    judged = _judged(flown, sigma, effects, criteria)
     if not judged.names:
         raise InputError("isolability: none of the causes has a size that matters here; ask for others with causes")
     found = Isolability(
         aircraft=file.name,
         manoeuvres=tuple(record.name for record in flown.records),
-        channels={name: sigma[name] for name in whole.outputs},
+        channels={name: sigma[name] for name in judged.channels},
         causes=judged.causes(criteria),
         confusion=judged.confusion,
         additions=(),
@@ -278,6 +278,7 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 class _Judged:
     """Of causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
 
+    channels: tuple[str, ...]
     names: tuple[str, ...]
     units: tuple[str, ...]
     matters: np.ndarray
@@ -359,9 +360,19 @@ def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tupl
     return sized, tuple(e.name for e in chosen if e not in sized)
 
 
-def _judged(flight: Flight, effects: Sequence[Effect]) -> _Judged:
+def _fitted(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) -> FlightFit:
+    """The file as it is, along the rehearsed motion: that of a fit of all channels, and not what few of them tell of it
+    (an airspeed and an angle of attack tell nothing of the sideslip by which the side force is linearised)."""
+    every = {name: s for name in flown.outputs if (s := flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name))}
+    whole, flight = _flight(flown, {**every, **sigma}, criteria), _flight(flown, sigma, criteria)
+    moving = fit(whole, [], whole.noise())
+    return fit(flight, [], flight.noise(), replace(moving, flight=flight), anew=True)
+
+
+def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria) -> _Judged:
     """The effects at the sizes that matter, in a flight of the file as it is."""
-    evidence = weigh(fit(flight, [], flight.noise()), discrepancy=False)
+    fitted = _fitted(flown, sigma, criteria)
+    flight, evidence = fitted.flight, weigh(fitted, discrepancy=False)
     rows = [_row(evidence, effect) for effect in effects]
     with_size = [(row, size) for row, size in rows if np.isfinite(size) and size > 0.0]
     own = responses(evidence, [row for row, _ in with_size])
@@ -377,6 +388,7 @@ def _judged(flight: Flight, effects: Sequence[Effect]) -> _Judged:
     # the response of an effect that is not linear is that to the whole of it
     per_size = np.array([1.0 if not e.linear else size for e, size in zip(kinds, matters, strict=True)])
     return _Judged(
+        channels=flight.outputs,
         names=tuple(e.name for e in kinds),
         units=tuple(e.unit for e in kinds),
         matters=matters,
@@ -409,9 +421,9 @@ def _additions(
     for name in flown.outputs:
         more = flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
         if name not in sigma and more:
-            told = _judged(_flight(flown, {**sigma, name: more}, criteria), effects).told(criteria)
+            told = _judged(flown, {**sigma, name: more}, effects, criteria).told(criteria)
             found.append(Addition(kind="channel", what=name, told=told))
     for words, longer in further_manoeuvres(flown):
-        told = _judged(_flight(longer, sigma, criteria), effects).told(criteria)
+        told = _judged(longer, sigma, effects, criteria).told(criteria)
         found.append(Addition(kind="manoeuvre", what=words, told=told))
     return tuple(sorted(found, key=lambda one: -one.told))

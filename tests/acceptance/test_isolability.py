@@ -175,6 +175,20 @@ def test_what_would_add_most_is_what_adds_most() -> None:
     assert again.told == pytest.approx(channels[0].told, abs=1e-6)
 
 
+def test_a_further_channel_hides_no_cause() -> None:
+    """More data of the same motion with the same parameters free: no smallest size grows. Aileron and rudder move too,
+    and none of these channels tells of the motion that they cause."""
+    causes = ["sensor_*(V)", "sensor_*(az)", "actuator_lag(*)", "wind_shear(*)", "cg_offset(z)"]
+    few = ["V", "alpha", "q", "theta", "az"]
+    before, after = (
+        cs.isolability(DEMO / "aircraft.toml", [DEMO / "m1.csv"], channels=channels, causes=causes, suggest=False)
+        for channels in (few, [*few, "ax"])
+    )
+    for name, one in before.causes.items():
+        assert after.causes[name].matters == pytest.approx(one.matters)
+        assert after.causes[name].smallest <= one.smallest * (1.0 + 1e-6), name
+
+
 def test_bad_input_is_said() -> None:
     with pytest.raises(cs.InputError, match="channel 'alfa'"):
         cs.isolability(file(), [manoeuvre()], channels=["alfa"])
