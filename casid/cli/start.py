@@ -6,6 +6,7 @@ This is imported before all that is slow, and is therefore made of the standard 
 from __future__ import annotations
 
 import errno
+import gc
 import os
 import signal
 import sys
@@ -28,6 +29,8 @@ class Terminated(BaseException):
 
 def begin() -> dict[int, object]:
     """While things are imported, Ctrl-C and SIGTERM end the process on the spot. Returns the handlers of before."""
+    # Models are hundreds of thousands of small objects that stay, which the default looks through again and again.
+    gc.set_threshold(100_000)
     _received.clear()
     before: dict[int, object] = {}
     for number in _WORDS:
