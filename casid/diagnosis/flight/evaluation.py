@@ -231,6 +231,7 @@ class Work:
                 self.weight[i] = nuisance[slot.name] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
+        self.by_slot: tuple[np.ndarray, np.ndarray] | None = None  # (Y, F) of every slot at the last point
 
     def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The series from which effects are computed during a fit: the inputs as recorded.
@@ -301,7 +302,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    Y, F = _columns(work, attached, linear, made_of, late)
+    work.by_slot = Y, F = _columns(work, attached, linear, made_of, late)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     columns = kalman.whiten(Y, F)
     deviation = values - work.mean
@@ -399,14 +400,13 @@ def _columns(
 
 
 def gauss_newton_step(work: Work, now: FlightFit) -> tuple[np.ndarray, Motion]:
-    """Change of values and motion by one full Gauss-Newton step."""
+    """Change of values and motion by one full Gauss-Newton step from the last point that was evaluated."""
+    assert work.by_slot is not None
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    late = lateness(now.attached, now.flight, now.model)
-    by_slot = _columns(work, now.attached, now.linear, work.with_recorded(now.known), late)
-    nx = len(work.model.states)
-    F[:, :, :nx] -= by_slot[1] @ change[:, None]
-    return change, smoothed(now, Y - by_slot[0] @ change[:, None], F, first)
+    by_output, by_state = work.by_slot
+    F[:, :, : len(work.model.states)] -= by_state @ change[:, None]
+    return change, smoothed(now, Y - by_output @ change[:, None], F, first)
 
 
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:

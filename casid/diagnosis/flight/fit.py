@@ -82,7 +82,7 @@ def fit(
     best: _Point | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
-        now = None
+        best, now = None if best is None else best.lighter(), None
         with nullcontext() if best is None else suppress(InputError):  # a step may be too long
             now = _flown(work, attached, values, motion)
         if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
@@ -171,6 +171,10 @@ class _Point:
     @classmethod
     def of(cls, work: Work, fit: FlightFit) -> _Point:
         return cls(fit, _squares(work, fit), float(fit.gradient @ fit.covariance @ fit.gradient))
+
+    def lighter(self) -> _Point:
+        """The point without the arrays of its fit: those of one point are in memory at a time."""
+        return replace(self, fit=self.fit.lighter())
 
     @property
     def misfit(self) -> float:
