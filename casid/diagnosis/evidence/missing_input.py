@@ -11,16 +11,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import special, stats
 
-from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.evidence.evidence import Evidence, gram_of
 from casid.diagnosis.evidence.projection import Projection, products_at
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
 from casid.native.processors import side_by_side
+
+# Fit -> port -> (R, n, n) products of the responses to a unit at the nodes: with and without model discrepancy, and for
+# every later evidence of the same fit, they are the same.
+_GRAMS: WeakKeyDictionary[FlightFit, dict[str, np.ndarray]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -185,10 +190,12 @@ def _one_station(
     evidence: Evidence, station: str, grid: _Grid, products: tuple[np.ndarray, np.ndarray]
 ) -> MissingInput:
     """The latent input at one port."""
-    fit, n = evidence.fit, len(grid.nodes)
-    white = response(fit, station, grid.hats)
-    by_record = [white[:, r].reshape(-1, n) for r in range(len(fit.batch.names))]
-    left = Projection.by_record(evidence, by_record, products)
+    known = _GRAMS.setdefault(evidence.fit, {})
+    if station not in known:
+        white = response(evidence.fit, station, grid.hats)
+        flat = (white[:, r].reshape(-1, len(grid.nodes)) for r in range(white.shape[1]))
+        known[station] = np.stack([gram_of(one) for one in flat])
+    left = Projection.by_record(evidence, known[station], products)
     return _most_likely(evidence, station, grid.nodes, left, grid.times)
 
 
@@ -210,10 +217,10 @@ def _most_likely(
     gram, match, R = left.gram, left.match, len(evidence.by_record)
     best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
-        root = _prior_root(nodes, tau, R)
-        values, vectors = np.linalg.eigh(root.T @ gram @ root)
+        root = _prior_root(nodes, tau)
+        values, vectors = np.linalg.eigh(_between(gram, root))
         values = np.maximum(values, 0.0)
-        power = (vectors.T @ (root.T @ match)) ** 2
+        power = (vectors.T @ (match.reshape(R, -1) @ root).reshape(-1)) ** 2
         for variance in ratios / max(values[-1], 1e-300):
             gain = float(np.sum(variance * power / (1 + variance * values)) - np.sum(np.log1p(variance * values)))
             if gain > best[0]:
@@ -233,10 +240,16 @@ def _ratios(numerics: MissingInputNumerics) -> np.ndarray:
     return np.logspace(first, last, numerics.variances)
 
 
-def _prior_root(nodes: np.ndarray, tau: float, records: int) -> np.ndarray:
-    """Cholesky factor of the prior covariance at the nodes of all records, for unit variance."""
+def _prior_root(nodes: np.ndarray, tau: float) -> np.ndarray:
+    """Cholesky factor of the prior covariance at the nodes of a record, for unit variance."""
     covariance = np.exp(-np.abs(nodes[:, None] - nodes) / tau) + 1e-9 * np.eye(len(nodes))
-    return np.kron(np.eye(records), np.linalg.cholesky(covariance))
+    return np.linalg.cholesky(covariance)
+
+
+def _between(gram: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """B' gram B, with the root in every record: B is the block-diagonal matrix of roots."""
+    n, half = len(gram), gram.reshape(-1, len(root)) @ root
+    return (root.T @ half.reshape(-1, len(root), n)).reshape(n, n)
 
 
 def _history(
@@ -246,7 +259,7 @@ def _history(
     n = len(nodes)
     if variance <= 0.0:
         return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
-    root = np.sqrt(variance) * _prior_root(nodes, tau, records)
+    root = np.kron(np.eye(records), np.sqrt(variance) * _prior_root(nodes, tau))
     posterior = root @ np.linalg.inv(np.eye(records * n) + root.T @ gram @ root) @ root.T
     mean, sigma = (
         posterior @ match,

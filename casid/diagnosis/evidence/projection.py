@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.evidence.evidence import Evidence, gram_of
+from casid.diagnosis.evidence.evidence import Evidence
 from casid.model.station import Station
 
 
@@ -34,19 +34,17 @@ class Projection:
         return cls._eliminated(evidence, gram, match, cross)
 
     @classmethod
-    def by_record(
-        cls, evidence: Evidence, responses: Sequence[np.ndarray], products: tuple[np.ndarray, np.ndarray]
-    ) -> Projection:
-        """For responses (samples, n) with separate sizes in every record: n of the first record, and so on.
+    def by_record(cls, evidence: Evidence, grams: np.ndarray, products: tuple[np.ndarray, np.ndarray]) -> Projection:
+        """For responses with separate sizes in every record: n of the first record, and so on.
 
-        `products` are those of `Entrances`.
+        `grams` (R, n, n) are the products of the responses with each other, `products` those of `Entrances`.
         """
-        R, n = len(responses), responses[0].shape[1]
+        R, n = grams.shape[:2]
         gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
         cross = np.zeros((len(evidence.newton), R * n))
-        for r, own in enumerate(responses):
+        for r, own in enumerate(grams):
             at = slice(r * n, (r + 1) * n)
-            gram[at, at] = gram_of(own)
+            gram[at, at] = own
             cross[:, at], match[at] = products[0][r], products[1][r]
         return cls._eliminated(evidence, gram, match, cross)
 

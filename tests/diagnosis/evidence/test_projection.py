@@ -39,7 +39,8 @@ def test_sizes_are_those_of_one_fit_with_all_slots(by_record: bool) -> None:
         innovations = (evidence.fit.white[:, r, 0] for r in range(len(own)))
         products = zip(evidence.by_record, own, innovations, strict=True)
         cross, match = zip(*((c.T @ m, m.T @ e) for c, m, e in products), strict=True)
-        left = Projection.by_record(evidence, own, (np.array(cross), np.array(match)))  # pyright: ignore
+        grams = np.array([m.T @ m for m in own])
+        left = Projection.by_record(evidence, grams, (np.array(cross), np.array(match)))  # pyright: ignore
         zero = np.zeros_like(own[0])
         responses = np.block([[own[0], zero], [zero, own[1]]])
     else:
