@@ -55,7 +55,7 @@ def plot(proof: ProofOfMatch, test: str | None) -> Figure:
     return match_figure(found[0], window).figure
 
 
-def match_figure(one: MatchedTest, empty: Callable[[float], Figure] | None = None) -> Picture:
+def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = blank) -> Picture:
     """A panel for each channel that is compared, in the unit of its tolerance, and one for the inputs.
 
     Grey band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
@@ -64,8 +64,7 @@ def match_figure(one: MatchedTest, empty: Callable[[float], Figure] | None = Non
     power = "thrust" if one.test.manoeuvre == "power change" else None
     count = len(channels) + 1 + bool(power)
     with settings():
-        height = _PANEL * -(-count // 2) + 0.8
-        figure = blank(height, WIDE) if empty is None else empty(height)
+        figure = empty(_PANEL * -(-count // 2) + 0.8, WIDE)
         axes = figure.subplots(-(-count // 2), 2, sharex=True, squeeze=False)
         panels = list(axes.flat)
         for axis, (name, row) in zip(panels, channels.items(), strict=False):

@@ -344,6 +344,4 @@ def _facts(diagnosis: Diagnosis) -> str:
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.fit.flight.records)
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
     count = f"{view.samples:,}".replace(",", " ")
-    return (
-        f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings."
-    )
+    return f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings."

@@ -85,11 +85,11 @@ def blank(height: float, width: float = WIDTH) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def window(height: float) -> Figure:
+def window(height: float, width: float = WIDTH) -> Figure:
     """As `blank`, in pyplot's care: a notebook shows it, and `plt.show()` opens it."""
     from matplotlib import pyplot  # here, as it looks for a display
 
-    return pyplot.figure(figsize=(WIDTH, height), layout="constrained")
+    return pyplot.figure(figsize=(width, height), layout="constrained")
 
 
 def shown_unit(unit: str) -> tuple[float, str]:

@@ -38,6 +38,20 @@ def test_the_band_is_the_tolerance_about_flight(proof: cs.ProofOfMatch) -> None:
     assert np.asarray(edge)[:, 1].min() == pytest.approx(curve.min() - 1.5)
 
 
+def test_all_of_the_legend_is_on_the_figure(proof: cs.ProofOfMatch) -> None:
+    """Geometry of the drawn figure, with a second aircraft in it, on the page and as `plot` shows it."""
+    from matplotlib import pyplot
+
+    both = cs.proof_of_match(
+        DEMO / "aircraft.toml", DEMO / "m4.csv", extended=DEMO / "aircraft.toml", tests={"2.c.10": (6.5, 13.0)}
+    )
+    for figure in (match_figure(both.tests[0]).figure, both.plot()):
+        figure.draw_without_rendering()
+        legend = figure.legends[0].get_window_extent()
+        assert legend.x0 >= 0.0 and legend.x1 <= figure.bbox.x1
+    pyplot.close("all")
+
+
 def test_plot_finds_a_test_by_its_id(proof: cs.ProofOfMatch) -> None:
     from matplotlib import pyplot
 
