@@ -5,16 +5,16 @@ What to call, in the order of the work; `help(casid.solve)` and the like tell mo
 - `read_records("flight/m*.csv")`: flight records, in SI units and radians.
 - `Aircraft.read("aircraft.toml")`: the simulation, as an aircraft file; `define_model` makes one of any system.
 - `check(records, aircraft)`: faults of the data, such as signs, units, swaps, frozen samples.
-- `diagnose(aircraft, records)`: what the simulation gets wrong; `write_report` makes a page of it.
+- `diagnose(aircraft, records)`: the causes of its differences from flight; `write_report` writes a page.
 - `aircraft_model(aircraft)` and `flight_inputs(aircraft, record)`: model and records for an estimation of your own.
 - `solve(Problem(model=..., records=..., free=[...]))`: parameters with their standard errors, a `Fit`.
-- `identifiability(fit)`, `profile(fit, names)` and `bootstrap(fit, runs, seed)`: how far to believe them.
+- `identifiability(fit)`, `profile(fit, names)` and `bootstrap(fit, runs, seed)`: how well they are determined.
 - `frequency_response(records, input, output)` and `compare_responses`: flight and models by frequency.
 - `proof_of_match(aircraft, records)`: whether the simulation is within the tolerances of a simulator standard.
 - `modes(aircraft)`: natural modes and handling qualities from the simulation.
 
-The public names below load the room they live in when they are first used, so that `import casid` is quick. Their
-types stand in `__init__.pyi`.
+The public names below load their package when they are first used, so that `import casid` is quick. Their types are in
+`__init__.pyi`.
 """
 
 import warnings

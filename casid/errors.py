@@ -21,7 +21,7 @@ class CasidError(Exception):
 
 
 class InputError(CasidError):
-    """Bad input from the user: a file, a name, a value. Scripts end with exit status 2.
+    """Bad input from the user, such as a file, a name or a value. Commands end with exit status 2.
 
     Examples
     --------

@@ -32,7 +32,7 @@ USED_MOST = (
 )
 RULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["numpydoc_validation"]
 OF_MEMBERS = {"EX01"}  # the example of the class uses its methods
-OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02", "EX01"}  # one function for aircraft and systems takes any arguments
+OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02"}  # one function for aircraft and systems takes any arguments
 WITH_EXAMPLES = [name for name in casid.__all__ if ">>>" in (inspect.getdoc(getattr(casid, name)) or "")]
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 

@@ -13,14 +13,9 @@ import pytest
 import casid
 
 REPO = Path(__file__).resolve().parent.parent
-# Files whose docstrings and comments follow the same rules.
-CODE = (
-    "casid/diagnosis/*.py",
-    "casid/diagnosis/engine/*.py",
-    "casid/diagnosis/evidence/*.py",
-    "casid/diagnosis/flight/*.py",
-    "casid/diagnosis/kinematics/*.py",
-)
+# Files whose docstrings and comments follow the same rules. Messages follow them in all files.
+CODE = ("casid/diagnosis/**/*.py",)
+MESSAGES = sorted((REPO / "casid").rglob("*.py"))
 PAGES = (REPO / "README.md", REPO / "CONTRIBUTING.md", *sorted((REPO / "docs").glob("*.md")))
 
 # Words that only insiders understand -> what a page says instead. Terms are defined in docs/glossary.md.
@@ -35,7 +30,11 @@ REPLACEMENTS = {
     r"\b(unknown|anonymous|slow) (history|histories)\b|\banonymous\b": "latent input",
     r"\bdrops? of the deviance\b": "likelihood-ratio statistic",
     r"\bits price\b|\bthe price of its\b": "selection penalty",
-    r"\bpromises?\b|\bpromised\b(?! gain\b)": "predicted (score statistic)",
+    r"\bpromis(es?|ed|ing)\b": "predicted (score statistic)",
+    r"\bhonest(ly)?\b": "corrected (standard deviation)",
+    r"\bvalues refitted\b": "values re-estimated",
+    r"\buntil (that|this|it) is\b": "only after this has been ...",
+    r"\bfor what is no\b": "for arguments that are not ...",
     r"\bmakes more missing\b|\bwhat is no\b|\bnumber that is none\b": "say what it is, in a positive sentence",
     r"\bis chance\b|\bcame first is\b": "their ranking is not significant",
     r"\b(cannot be |be )parted\b": "separated",
@@ -77,6 +76,16 @@ def prose_of(path: Path) -> Iterator[str]:
         yield from (token.string for token in tokenize.generate_tokens(file.readline) if token.type == tokenize.COMMENT)
 
 
+def messages_of(path: Path) -> Iterator[str]:
+    """Texts of more than one word in a Python file that are not docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    expressions = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+        if " " in text.strip() and id(node) not in expressions:
+            yield text
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_a_page_has_no_private_words(page: Path) -> None:
     found = private_words(page.read_text(encoding="utf-8"))
@@ -90,6 +99,12 @@ def test_a_page_has_no_private_words(page: Path) -> None:
 )
 def test_docstrings_have_no_private_words(path: Path) -> None:
     found = private_words("\n".join(prose_of(path)))
+    assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("path", MESSAGES, ids=lambda path: f"{path.parent.name}/{path.name}")
+def test_messages_have_no_private_words(path: Path) -> None:
+    found = private_words("\n".join(messages_of(path)))
     assert not found, "\n".join(found)
 
 

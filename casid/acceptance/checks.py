@@ -223,7 +223,7 @@ def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simula
         why = f"{flight.cycles:.1f} cycles are seen, the standard asks for {test.cycles:g}"
         return replace(undecided, why=why)
     if flight.std > limit:
-        return replace(undecided, why="flight tells it less closely than the tolerance")
+        return replace(undecided, why="its standard deviation from flight exceeds the tolerance")
     if not math.isfinite(simulation.value):
         return replace(undecided, passed=False, used=math.inf, why="the simulation does not show it")
     deviation = simulation.value - flight.value

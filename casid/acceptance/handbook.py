@@ -236,7 +236,7 @@ def handbook(flight: SteadyFlight, known: Known, point: Mapping[str, float], spe
     glide, without = best_glide(flight, known, solved)
     if not numbers["CD"].value > 0.0:
         del numbers["lift_over_drag"]
-        without = (*without, "the drag of the file at this point is not positive: no lift over drag is told")
+        without = (*without, "the drag of the file at this point is not positive: no lift over drag is given")
     numbers |= {name: Number(value=v, std=known.std(d), unit=unit) for name, (v, d, unit) in glide.items()}
     return Handbook(
         aircraft=flight.aircraft.name,
@@ -358,7 +358,7 @@ def _curves(flight: SteadyFlight, known: Known, point: Mapping[str, float], V: n
 
 def _notes(flight: SteadyFlight, silent: Sequence[str], known: Known) -> list[str]:
     """What is to be said of the flight: planes without aerodynamics, effects that were left out."""
-    notes = [*known.notes, *(f"the file has no {plane} aerodynamics: no {plane} modes are told" for plane in silent)]
+    notes = [*known.notes, *(f"the file has no {plane} aerodynamics: no {plane} modes are given" for plane in silent)]
     if flight.left_out:
         names = ", ".join(sorted({e.kind for e in flight.left_out}))
         notes.append(f"effects of single records, or that set in at a time, are left out: {names}")

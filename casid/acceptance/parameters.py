@@ -77,7 +77,7 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
     whole = np.zeros((len(model.parameters), len(model.parameters)))
     whole[np.ix_(at, at)] = np.asarray(covariance)[np.ix_(of, of)]
     known = np.asarray(model.nominal_vector({name: values[name] for name in shared}), dtype=float)
-    notes = () if np.isfinite(whole).all() else ("an estimate has no finite deviation: none is told",)
+    notes = () if np.isfinite(whole).all() else ("an estimate has no finite standard deviation: none is given",)
     return Known(values=known, covariance=whole if np.isfinite(whole).all() else None, notes=notes)
 
 

@@ -75,19 +75,19 @@ class MatchedTest:
     Attributes
     ----------
     test
-        Of the standard.
+        The test of the standard: its title, manoeuvre and tolerances.
     record
-        The record, whole.
+        The whole record.
     window
-        Where its manoeuvre is.
+        Begin and end of the manoeuvre in the record.
     axes
-        "full", or those that move; the other motion is then as flight has it.
+        "full", "longitudinal" or "lateral": the motion that is simulated; the other motion is then the measured one.
     flight
-        Samples, curves and quantities of flight.
+        Measured samples, smoothed curves and derived quantities.
     sides
-        "as given", and "extended" where there is one.
+        The same of the simulations: "as given", and "extended" if an extended aircraft was given.
     costs
-        Of each part of the extended aircraft.
+        Effect of each part of the extended aircraft on the tolerances.
 
     Examples
     --------

@@ -27,7 +27,7 @@ _DEFAULT_SOLVER = Automatic()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bootstrap:
-    """Estimates from drawn data.
+    """Estimates from simulated repetitions of the records, see `bootstrap`.
 
     Attributes
     ----------

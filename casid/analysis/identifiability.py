@@ -156,7 +156,7 @@ class Identifiability:
     def __str__(self) -> str:
         lines = [
             f"{len(self.names)} parameters, condition {self.condition:.3g} of the scaled sensitivities (below "
-            f"{_INDEX:g} all are told apart, above {_STRONG:g} some hardly)"
+            f"{_INDEX:g} all are separated, above {_STRONG:g} some hardly)"
         ]
         lines += [f"- {moved.sentence}" for moved in self.excitation]
         for name, helped in self.unseen.items():

@@ -32,7 +32,7 @@ def check(
     """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.
 
     Prints every finding, numbers of the aircraft file that cannot be, and a table of the channels. A file that cannot
-    be read is told, and the others are checked. The status is 0 when nothing is wrong and 1 when something is.
+    be read is reported, and the others are checked. The status is 0 when nothing is wrong and 1 when something is.
     With --out also DIR/check.html, a page with suspected channels as a picture, and DIR/check.json.
 
     Parameters

@@ -26,7 +26,7 @@ def convert(
     """Convert records of any readable format to flight records (CSV), in SI units and radians.
 
     TARGET is a file that ends in .csv, for one record, or a folder: then every record is written to it as NAME.csv. A
-    source that cannot be read is told, the others are converted, and the status is 1.
+    source that cannot be read is reported, the others are converted, and the status is 1.
 
     Parameters
     ----------

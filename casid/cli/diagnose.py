@@ -91,7 +91,7 @@ def diagnose(
     criteria
         TOML file with other numbers to decide by.
     as_recorded
-        Leave the data as they are: what is wrong with them is told, and neither corrected nor left out.
+        Leave the data as they are: faults are reported, and neither corrected nor left out.
     believe
         Channels that are believed as they were recorded: `--believe thrust` undoes a correction of the thrust alone.
     shapes

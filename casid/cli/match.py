@@ -31,7 +31,7 @@ def match(
 
     Flies every test of the table whose manoeuvre a record shows, from the measured state and with the inputs of flight.
     With an extended aircraft, each part that it has and the given one lacks is taken out in turn: which tolerances it
-    costs is told. The status is 0 when the last aircraft passes every test, and 1 when it does not.
+    costs is reported. The status is 0 when the last aircraft passes every test, and 1 when it does not.
     With --out also DIR/match.html, one test per printed page, DIR/match.json and DIR/match_figures.
 
     Parameters
@@ -46,7 +46,7 @@ def match(
         Ids of tests, like 2.c.10; with a time, like 2.c.4=12:30, of one record [s]. Default: every test whose manoeuvre
         is found.
     closed_loop
-        Let small corrections of the surfaces follow the measured attitude; what they are is told.
+        Let small corrections of the surfaces follow the measured attitude; their size is reported.
     axes
         Default: what the surfaces allow and the aircraft has aerodynamics of.
     out

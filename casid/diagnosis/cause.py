@@ -36,6 +36,12 @@ class Cause:
         Probability that this cause itself is present.
     log_odds
         Log odds against all explanations without it.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> [(cause.kind, cause.target, cause.value, cause.std) for cause in found.causes]  # doctest: +SKIP
     """
 
     kind: str

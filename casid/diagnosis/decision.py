@@ -34,6 +34,13 @@ class Gate:
         Whether the value must be at least the threshold; otherwise at most.
     or_else
         Alternative gates, one of which is sufficient if this comparison fails.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> gate = cs.Gate(gate="share", value=0.4, threshold=1.0, criterion="naming.share", least=True)
+    >>> gate.passed
+    False
     """
 
     gate: str
@@ -141,6 +148,14 @@ class Decision:
         The comparisons, in the order in which they were made.
     against
         Names of the causes that it was compared with.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> gate = cs.Gate(gate="share", value=0.4, threshold=1.0, criterion="naming.share", least=True)
+    >>> decision = cs.Decision(cause="actuator_lag(delta_e)", round=1, outcome="refused", gates=(gate,))
+    >>> [one.gate for one in decision.failed]
+    ['share']
     """
 
     cause: str

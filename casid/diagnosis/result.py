@@ -94,6 +94,13 @@ class Diagnosis:
         Probability that nothing that matters is wrong.
     trace
         The decisions on every cause that was considered, see `why` and `why_not`.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> found.verdict, [cause.sentence for cause in found.causes]  # doctest: +SKIP
+    >>> found.extended_aircraft.write("extended.toml")  # doctest: +SKIP
     """
 
     verdict: str = ""
@@ -207,7 +214,7 @@ class Diagnosis:
     @property
     def best(self) -> str:
         """The name of the extended model; without any added cause it is the re-estimated file."""
-        return "extended model" if self.is_extended else "refitted file"
+        return "extended model" if self.is_extended else "re-estimated file"
 
     @property
     def bic(self) -> float:
@@ -284,8 +291,8 @@ class Diagnosis:
         steps = self.budget.together
         lines.append(
             f"error on {', '.join(self.budget.records)}, times the noise: {steps.as_given:.2g} as given, "
-            f"{steps.data_mended:.2g} with the data mended, {steps.values:.2g} with values refitted, "
-            f"{steps.structure:.2g} with the structure extended"
+            f"{steps.data_mended:.2g} with the data corrected, {steps.values:.2g} with values re-estimated, "
+            f"{steps.structure:.2g} with the causes added"
         )
         return "\n".join(lines)
 

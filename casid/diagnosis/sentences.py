@@ -21,8 +21,8 @@ NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
 SLOW_NOISE = "Slow noise and offsets of instruments do as much."
 _ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
-_SMALL = " What is expected of such an aircraft, or too small to matter, is listed as minor."
-_NOTHING_ELSE = "Until that is mended nothing else is certain."
+_SMALL = " Effects that are expected of such an aircraft, or too small to matter, are listed as minor."
+_NOTHING_ELSE = "Other findings are reliable only after this has been corrected."
 
 
 def cause_sentence(one: Attached, records: int) -> str:
@@ -114,7 +114,7 @@ def refined(budget: Budget, least: float) -> str:
     if not steps.data_mended > least * steps.structure:
         return ""
     return (
-        f" Its values, refitted within what the file states of them, take the error on "
+        f" Its values, re-estimated within their stated uncertainty, change the error on "
         f"{', '.join(budget.records)} from {steps.data_mended:.2g} to {steps.structure:.2g} times the noise."
     )
 

@@ -33,7 +33,7 @@ class Cost(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class OutputError:
-    """Measured minus simulated outputs (paper eq. 10).
+    """Measured minus simulated outputs (AIAA 2010-34, eq. 10).
 
     Examples
     --------
@@ -66,7 +66,7 @@ class OutputError:
 
 @dataclass(frozen=True, kw_only=True)
 class EquationError:
-    """Measured minus modelled right-hand sides, evaluated on measured signals (paper eq. 6-9): no simulation.
+    """Measured minus modelled right-hand sides, evaluated on measured signals (AIAA 2010-34, eq. 6-9): no simulation.
 
     Examples
     --------

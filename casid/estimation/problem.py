@@ -66,7 +66,7 @@ class Problem:
         None: the 1-sigma of every measured channel is estimated along with the parameters. name -> 1-sigma: of every
         output, and of every equation, where the cost has any; for an output it may be the name of a channel of the
         records instead, with the 1-sigma of every sample, or a `Noise` by formula. RangeWeights(): weights by range
-        (paper eq. 13).
+        (AIAA 2010-34, eq. 13).
         "full": noise of the outputs is correlated, its covariance is estimated along with the parameters. An array
         (outputs, outputs): that covariance, in the order of `model.outputs`.
     cost

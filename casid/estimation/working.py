@@ -76,7 +76,7 @@ class Working:
         """What is in units of the noise of its sample in units of the channel."""
         outputs, names = self.posed.model.outputs, list(fit.channels)
         if not set(self.posed.sigma_channels) <= set(outputs):
-            raise EstimationError("solve: noise per sample of what is no output")
+            raise EstimationError("solve: noise per sample is given for a channel that is not an output")
         sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
         measured = {r.name: self.posed.outputs_of(r) for r in self.posed.records}
         predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}

@@ -14,15 +14,18 @@ from casid.model.system import Model
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SampledFeedback:
-    """What the plant receives at a sample and keeps until the next, as an expression in the model's x and u.
+    """A control law in discrete time: the inputs that it gives to the plant at a sample, held until the next one.
 
-    The law is part of the set-up: it must not depend on parameters, and outputs of the model that depend on u directly
-    would see the command instead of the surface, so they are refused.
+    The law is known, and must not depend on parameters. Outputs of the model that depend on u directly would contain
+    the command instead of the surface, and raise an error.
 
     Attributes
     ----------
+    model
+        The model of the plant.
     received
-        (inputs,) inputs of the plant; u are then the recorded commands (the stick), not the surfaces.
+        (inputs,) inputs of the plant, an expression in the model's x and u. Here u are the recorded commands, such as
+        the stick, and not the surfaces.
 
     Raises
     ------

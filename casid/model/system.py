@@ -46,6 +46,14 @@ class Model:
 
     Attributes
     ----------
+    name
+        For messages and tables.
+    states, inputs, parameters, outputs
+        Names of the elements of x, u, p and y.
+    x, u, p, w
+        Column vectors of symbols.
+    f, h
+        Derivative of the state (in discrete time: the next state) and output, expressions of these symbols.
     disturbances
         Unknown inputs w (null 0): where process noise, gusts or a missing effect may enter.
     nominal

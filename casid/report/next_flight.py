@@ -207,13 +207,13 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
 @dataclass(frozen=True, kw_only=True)
 class Untold:
     """A number of the file that these records do not tell: its 1-sigma as the file states it, NaN where it does not.
-    What these records would tell by their noise alone, infinite where they have nothing of it; and honestly."""
+    Standard deviation by the noise of these records alone, infinite without any information; and corrected."""
 
     name: str
     given: float
     stated: float
     by_noise: float
-    honest: float
+    corrected: float
 
     def unmoved(self, least: float) -> bool:
         """Whether it was not excited: by noise alone, less than `least` of what is known would come from the
@@ -229,23 +229,23 @@ def _untold(diagnosis: Diagnosis) -> Iterator[Untold]:
         stated = relative * abs(one.a_priori)
         own = 1.0 / one.extended_std**2 - (1.0 / stated**2 if stated > 0.0 else 0.0)  # without the file's own word
         by_noise = own**-0.5 if own > 0.0 else np.inf
-        yield Untold(name=one.name, given=one.a_priori, stated=stated, by_noise=by_noise, honest=one.flight.std)
+        yield Untold(name=one.name, given=one.a_priori, stated=stated, by_noise=by_noise, corrected=one.flight.std)
     flight = diagnosis.extended.fit.flight
     for name, value in flight.aircraft.derivatives.items():
         if any(name.endswith(f"_{surface}") for surface in flight.resting):
-            yield Untold(name=name, given=value, stated=relative * abs(value), by_noise=np.inf, honest=np.inf)
+            yield Untold(name=name, given=value, stated=relative * abs(value), by_noise=np.inf, corrected=np.inf)
 
 
 def limited(diagnosis: Diagnosis) -> ReportTable:
     """Numbers that the motion would tell, were noise the only thing that is unknown: flying more of it is no help."""
     least = diagnosis.criteria.given.from_records
     rows = tuple(
-        Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.honest)))
+        Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected)))
         for one in _untold(diagnosis)
         if not one.unmoved(least)
     )
     return ReportTable(
-        head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "honest 1σ"),
+        head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "corrected 1σ"),
         rows=rows,
         caption="Excited, but not identifiable: the model discrepancy, or differences between stretches of record, "
         "make them uncertain. More of the same motion would not help.",

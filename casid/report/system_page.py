@@ -21,7 +21,7 @@ from casid.report.words import digits, probability_in_words, with_std
 
 _MOST = 4  # explanations told one by one, and held-out records drawn
 _LEAST = 0.005  # a probability, or a relative change, that is told
-_STEPS = {"as given": "as_given", "refitted": "refitted", "extended": "extension"}
+_STEPS = {"as given": "as_given", "re-estimated": "refitted", "extended": "extension"}
 
 
 def write_system_report(diagnosis: SystemDiagnosis, folder: str | Path, made_with: Mapping[str, Any]) -> None:
@@ -61,8 +61,9 @@ def _histories(diagnosis: SystemDiagnosis) -> Iterator[Picture]:
         yield replace(
             picture,
             title=f"{record.name}, which no fit has seen: measured and simulated",
-            caption="Measured outputs, the model as given, with its parameters refitted, and extended by the causes "
-            f"that were found; below the inputs: {', '.join(inputs) or 'none'}. A model that diverges is not drawn.",
+            caption="Measured outputs, the model as given, with its parameters re-estimated, and "
+            f"extended by the named causes; below the inputs: {', '.join(inputs) or 'none'}. "
+            "A model that diverges is not drawn.",
         )
 
 
@@ -103,7 +104,7 @@ def _gained(diagnosis: SystemDiagnosis) -> dict[str, str]:
 
     return {
         "together": f"On {', '.join(diagnosis.budget.records)}, which no fit has seen, the simulation is off by "
-        f"{_times(steps.as_given)} the noise as given, by {_times(steps.values)} refitted, and by "
+        f"{_times(steps.as_given)} the noise as given, by {_times(steps.values)} re-estimated, and by "
         f"{_times(steps.structure)} extended.",
         "worse": told(1.0),
         "better": told(-1.0),
@@ -115,9 +116,16 @@ def _times(ratio: float) -> str:
 
 
 def _causes(diagnosis: SystemDiagnosis) -> ReportTable:
-    head = ("cause", "size ± 1σ", "records", "probability", "gain per reading, held out", "cannot be told apart from")
+    head = (
+        "cause",
+        "size ± 1σ",
+        "records",
+        "probability",
+        "log likelihood gain per reading, held out",
+        "cannot be told apart from",
+    )
     rows = tuple(_cause(one, minor) for some, minor in _named(diagnosis) for one in some)
-    return ReportTable(head=head, rows=rows, caption="Causes, strongest first; what is too small to matter last")
+    return ReportTable(head=head, rows=rows, caption="Causes, strongest first; minor causes last")
 
 
 def _named(diagnosis: SystemDiagnosis) -> tuple[tuple[tuple[SystemCause, ...], bool], ...]:
@@ -146,7 +154,7 @@ def _where(one: SystemCause) -> str:
 
 def _parameters(diagnosis: SystemDiagnosis) -> ReportTable:
     return ReportTable(
-        head=("parameter", "in the model", "its stated 1σ", "refitted ± 1σ", "extended ± 1σ", ""),
+        head=("parameter", "in the model", "its stated 1σ", "re-estimated ± 1σ", "extended ± 1σ", ""),
         rows=tuple(_parameter(one) for one in diagnosis.parameters),
         caption="Parameters of the model. 1σ by Cramer-Rao. Against the records: beyond the stated uncertainty, "
         "or a tenth where none is, and beyond 3σ.",

@@ -120,7 +120,7 @@ def channels(before: View, after: View, best: str) -> ReportTable:
         ]
         cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
         rows.append(Row(cells=(f"{name} [{unit}]", digits(factor * old.noise, 2), *cells)))
-    short = {"extended model": "extended", "refitted file": "refitted"}[best]
+    short = {"extended model": "extended", "re-estimated file": "re-estimated"}[best]
     return ReportTable(
         head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
         rows=tuple(rows),

@@ -54,6 +54,6 @@ diagnosis = cs.diagnose(model, records)
 print(diagnosis)
 
 # %%
-# What each step takes off the error on the held-out record: values refitted, the cause put in.
+# What each step takes off the error on the held-out record: values re-estimated, the cause added.
 diagnosis.budget.plot()
 plt.show()

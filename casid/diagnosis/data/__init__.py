@@ -1,1 +1,1 @@
-"""Faults of the data, before anything is believed: signs, units, swaps, frozen, clipped and held channels."""
+"""Faults of the data, before anything is estimated: signs, units, swaps, frozen, clipped and held channels."""

@@ -1,4 +1,4 @@
-"""The check of flight data before anything is believed: what is wrong with records, and the records as they should be.
+"""Check of flight data before anything is estimated: the faults of the records, and the corrected records.
 
 First what one channel shows alone (`records.channel_faults`), whose samples are left out; then what channels show
 together, by physics that needs no aerodynamics, where alternatives to the records as they stand compete.
@@ -35,24 +35,31 @@ from casid.signals import CHANNELS, SURFACES, for_a_person, unit_of
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DataFindings:
-    """What is wrong with flight data.
+    """Result of a check of flight data.
 
     Attributes
     ----------
     findings
-        Faults: first signs, units and swaps, which concern whole channels, then samples, then what is missing.
+        Faults: first signs, units and swaps of whole channels, then faulty samples, then missing channels.
     records
-        As they should be: signs, units and swaps corrected, samples that are not to be believed missing.
+        The corrected records: signs, units and swaps are changed, and faulty samples are missing.
     recorded
-        As they were given.
+        The records as they were given.
     table
-        Every channel of the records as they were given, in units that a person reads.
+        Range, noise and rate of every channel as given, in degrees, knots and the like.
     doubts
-        Numbers of the aircraft file that cannot be, or with which flight agrees in another unit only.
+        Numbers of the aircraft file that are impossible, or that agree with flight only in another unit.
     impossible
-        Effects of the aircraft file of a size that cannot be, and an inertia of no rigid body.
+        Effects of the aircraft file of an impossible size, and an inertia that no rigid body has.
     unread
-        File -> why it could not be read and was not checked; of the command `casid check`.
+        File -> reason why it could not be read; only in the command `casid check`.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.check("casid/cli/demo/m1.csv", "casid/cli/demo/aircraft.toml")
+    >>> found.clean, len(found.records)
+    (True, 1)
     """
 
     findings: tuple[Finding, ...]
@@ -107,7 +114,7 @@ class DataFindings:
 
 
 @single_threaded()
-@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # absurd numbers are told below
+@np.errstate(over="ignore", invalid="ignore", divide="ignore")  # absurd numbers are reported below
 def check(
     records: Sequence[Record | str | Path] | Record | str | Path,
     aircraft: Aircraft | str | Path | None = None,
@@ -115,7 +122,7 @@ def check(
     undo: bool | Sequence[str] = False,
     criteria: DataCriteria | None = None,
 ) -> DataFindings:
-    """What is wrong with flight data, before anything is believed.
+    """Find the faults of flight data, before anything is estimated.
 
     A sign, a unit or a swap is corrected when one explanation alone fits; else it is reported with its rivals. Frozen,
     held, clipped and outlying samples become missing; outliers in inputs are interpolated.
@@ -127,8 +134,8 @@ def check(
     aircraft
         Brings in weight, trim and the signs of responses to surfaces; without it these are not checked.
     undo
-        True: findings are only told, and `records` stay as they are. Names of channels: these are believed as they were
-        recorded, so that what they contradict is explained otherwise.
+        True: findings are only reported, and `records` stay as they are. Names of channels: these are trusted as
+        they were recorded, so that what they contradict is explained otherwise.
     criteria
         By which it decides; by default those of `DataCriteria()`.
 
@@ -140,7 +147,7 @@ def check(
     Raises
     ------
     InputError
-        For what is no record or aircraft, and as `read_record` and `Aircraft.read`.
+        For arguments that are not records or an aircraft, and as `read_record` and `Aircraft.read`.
 
     Examples
     --------
@@ -183,7 +190,7 @@ def check(
 
 
 def channels_of(undo: bool | Sequence[str], where: str) -> frozenset[str]:
-    """Names of the channels that are believed as they were recorded.
+    """Names of the channels that are trusted as they were recorded.
 
     Raises InputError, which names `where`, for what is neither a truth value nor a list of channels.
     """
@@ -275,9 +282,7 @@ def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: S
     sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
     handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
     if handled != "excluded":
-        sentence = sentence.replace(
-            "are left out", "are interpolated" if handled == "corrected" else "are not believed"
-        )
+        sentence = sentence.replace("are left out", "are interpolated" if handled == "corrected" else "are not trusted")
     return Finding(
         kind=kind,
         target=target,

@@ -23,15 +23,15 @@ class DataCriteria:
         "measured: all axes against one gain -0.4 at least where all are, one against all 7.9 where one is",
         signed=True,
     )
-    said: float = number(7.0, "log posterior odds from which a fault is said", "derived: 1000 to 1")
+    said: float = number(7.0, "log posterior odds from which a fault is reported", "derived: 1000 to 1")
     most_told: float = number(
         13.8,
-        "log odds of a fault that are told at most",
+        "largest log odds of a fault that are reported",
         "derived: 1e6 to 1; what healthy records do is not known better",
     )
     file_said: float = number(
         3.0,
-        "log posterior odds from which a unit of the file is said, where nothing is changed",
+        "log posterior odds from which a unit of the file is reported, where nothing is changed",
         "derived: 20 to 1; measured: -1.4 at most in real flights that are well",
     )
     alone: float = number(4.6, "log odds to the next explanation from which it is corrected", "derived: 100 to 1")
@@ -65,7 +65,7 @@ class DataCriteria:
         0.3, "thrust that drag and energy ask for, of the drag, below which its level is not judged", "chosen"
     )
     steady_thrust: float = number(
-        0.1, "range of a thrust, over its mean, below which its scale is not told from drag", "chosen"
+        0.1, "range of a thrust, over its mean, below which its scale is not separated from drag", "chosen"
     )
     path_by_altitude: float = number(0.005, "1-sigma of the angle of climb by the altitude", "chosen", unit="rad")
     atmosphere: float = number(
@@ -89,14 +89,14 @@ class DataCriteria:
     usual_rho: float = number(0.7, "density that `usual_density` is about", unit="kg/m3")
     usual_thrust: float = number(1.5, "1-sigma of the logarithm of thrust over weight, over a tenth")
     usual_thrust_ratio: float = number(0.1, "thrust over weight that `usual_thrust` is about")
-    slope: float = number(0.3, "part of a force's variation against which its slope over a flow angle is told at least")
+    slope: float = number(0.3, "smallest resolved slope over a flow angle, as a part of a force's variation")
     bias_rate: float = number(
         0.01, "1-sigma of what biases leave of a mean rate", "measured: 0.019 in a raw Twin Otter", unit="rad/s"
     )
     bias_force: float = number(
         0.5, "1-sigma of what biases leave of a mean acceleration", "measured: 1.1 in a raw Twin Otter", unit="m/s2"
     )
-    level_bank: float = number(0.5, "bank up to which the climb is told by theta - alpha", unit="rad")
+    level_bank: float = number(0.5, "bank up to which the climb angle is theta - alpha", unit="rad")
     usual_v: float = number(100.0, "airspeed that `usual_speed` is about", unit="m/s")
     vane_ahead: float = number(8.0, "1-sigma of the place of a vane ahead of the c.g.", unit="m")
     vane_across: float = number(2.0, "1-sigma of the place of a vane across", unit="m")
@@ -111,7 +111,7 @@ class DataCriteria:
     drift: float = number(
         0.01,
         "1-sigma of what one recorder's clock gains on another's",
-        "chosen: it is then told as a drift, and taken for no unit",
+        "chosen: it is then reported as a drift, and not as a unit",
         unit="s/s",
     )
     close: float = number(

@@ -30,6 +30,16 @@ class Finding:
         Of a sign, a unit or a swap against records that are well, 1e6 to 1 at most; None of samples.
     indistinguishable_from
         Kind and target of other faults that explain these data as well.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> record = cs.read_record("casid/cli/demo/m1.csv")
+    >>> beta = record["beta"].copy()
+    >>> beta[300:600] = beta[300]  # the vane freezes for six seconds
+    >>> found = cs.check([record.with_channels(beta=beta)])
+    >>> found.findings[0].kind, found.findings[0].target
+    ('data_stuck', 'beta')
     """
 
     kind: str

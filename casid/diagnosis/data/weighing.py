@@ -58,7 +58,7 @@ class Weighing:
         criteria: DataCriteria,
         as_read: frozenset[str] = frozenset(),
     ) -> None:
-        """`as_read`: channels that are believed as they were recorded."""
+        """`as_read`: channels that are trusted as they were recorded."""
         self._believed = as_read
         self._criteria = criteria
         self._aircraft = aircraft

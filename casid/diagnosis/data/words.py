@@ -62,7 +62,7 @@ def handled_as(
     """What was done about it; `refused` where another kind of correction concerns the same channel. `log_odds`: of the
     fault, against records that are well."""
     if rivals:
-        return f"; or else {' or '.join(rivals[:3])}: these data cannot tell, and nothing was changed."
+        return f"; or else {' or '.join(rivals[:3])}: these data do not decide, and nothing was changed."
     if refused:
         return "; but the channel has another kind of fault, too: two corrections at once are not made."
     if undone:

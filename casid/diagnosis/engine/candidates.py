@@ -69,7 +69,7 @@ def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria
     if candidate.attached.effect.kinematic:
         return ()
     part = criteria.naming.tried_gain * required
-    return (at_least("promised gain beside turbulence", candidate.net, part, "naming.tried_gain"),)
+    return (at_least("predicted statistic beside turbulence", candidate.net, part, "naming.tried_gain"),)
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
@@ -92,12 +92,12 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     for candidate in candidates:
-        effect, enough = candidate.attached.effect, _promised_gain(candidate, base.criteria)
+        effect, enough = candidate.attached.effect, _predicted_statistic(candidate, base.criteria)
         if not enough.passed or len(chosen) == count:
             rank = at_least("places left among those tried", count - len(chosen), 1.0)
             screened[candidate.name] = (enough, *((rank,) if enough.passed else ()))
             continue
-        gates = (enough, *_promised_size(base, candidate))
+        gates = (enough, *_predicted_size(base, candidate))
         if not all_passed(gates):
             screened[candidate.name] = gates
             continue
@@ -114,28 +114,28 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}
-    others = [c for c in candidates if c.name not in names and _promised_gain(c, base.criteria).passed]
-    alike += [c for c in others if any(_promise_the_same(c, one, base.criteria) for one in chosen)]
+    others = [c for c in candidates if c.name not in names and _predicted_statistic(c, base.criteria).passed]
+    alike += [c for c in others if any(_predict_the_same(c, one, base.criteria) for one in chosen)]
     return [*chosen, *alike], screened
 
 
-def _promised_gain(candidate: Candidate, criteria: Criteria) -> Gate:
+def _predicted_statistic(candidate: Candidate, criteria: Criteria) -> Gate:
     """The gate on the score statistic of a cause that is to be fitted."""
     by = criteria.naming
-    return at_least("promised gain", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
+    return at_least("predicted statistic", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
 
 
-def _promised_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
+def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
     """The gates on the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
     share, by = meaningful_share(base, candidate.attached), base.criteria.naming
-    gates = (at_least("promised size", share, by.tried_size, "naming.tried_size"),)
+    gates = (at_least("predicted size", share, by.tried_size, "naming.tried_size"),)
     if candidate.attached.effect.of_an_instrument:
         return gates
     clear = share**2 * candidate.statistic / clear_gain(base)
-    return (*gates, at_least("promised clearness", clear, by.tried_clear, "naming.tried_clear"))
+    return (*gates, at_least("predicted clearness", clear, by.tried_clear, "naming.tried_clear"))
 
 
-def _promise_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
+def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
     """Whether two causes that are not terms act at the same place, like a lag and a delay, with nearly equal
     statistics.
     """

@@ -231,8 +231,12 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
     """
     if name not in {slot.name for slot in evidence.fit.slots}:
         return ()
-    honest = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
-    return (at_least("size, in honest 1-sigmas", honest, evidence.criteria.structure.certain, "structure.certain"),)
+    ratio = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
+    return (
+        at_least(
+            "size, in corrected standard deviations", ratio, evidence.criteria.structure.certain, "structure.certain"
+        ),
+    )
 
 
 def spread(evidence: Evidence, name: str) -> float:

@@ -25,8 +25,8 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AsGiven:
-    """The unmodified file in the records that are fitted, and in those that are held out, with the data mended; and in
-    both as they were `recorded`, where that is not the same."""
+    """Simulations by the unmodified file of the fitted and the held-out records, with the data corrected; and as they
+    were `recorded`, where that differs."""
 
     mended: tuple[View, View]
     recorded: tuple[View, View] | None = None
@@ -52,7 +52,7 @@ def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attache
 def fly_recorded(
     flight: Flight, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
 ) -> tuple[View, View] | None:
-    """The same in fitted and held-out records before they were mended; None where it cannot fly in these."""
+    """The same in fitted and held-out records before they were corrected; None where it cannot fly in these."""
     fitted, held = recorded
     try:
         return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended

@@ -1,7 +1,7 @@
 """The budget of the error: what each step from the file as it is given to the best model is worth on unseen data.
 
-as given -> data mended -> values of the file -> structure (causes) -> unexplained -> noise. A step that makes a channel
-worse stands in the budget as a loss.
+as given -> data corrected -> values of the file -> structure (causes) -> unexplained -> noise. A step that makes a
+channel worse is a loss in the budget.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Numbers of the aircraft file that flight contradicts.
 
 A number is contradicted where flight stands further from it than its stated uncertainty, or than a tenth where none is
-stated, and further than three honest deviations of the flight's own value.
+stated, and further than three corrected standard deviations of the flight value.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Contradiction:
     """A number of the file that flight contradicts, or that cannot be.
 
     parameter  name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
-    given      what the file says, in `unit`; `flight` what the records say with its honest 1-sigma `std`, NaN where
+    given      what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where
                nothing was fitted
     reversed   flight has the other sign; `impossible` no aircraft has what the file says
     """
@@ -44,12 +44,12 @@ class Contradiction:
 
     @property
     def sigmas(self) -> float:
-        """By how many honest deviations flight stands against the file."""
+        """Difference between flight and file in corrected standard deviations."""
         return abs(self.flight - self.given) / self.std if self.std > 0.0 else math.nan
 
     @property
     def percent(self) -> float:
-        """By how much of the file's number flight stands against it."""
+        """Difference between flight and file, as a part of the file's number."""
         return 100.0 * (self.flight / self.given - 1.0) if self.given else math.nan
 
     def to_dict(self) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def contradicted(
     criteria: Criteria | None = None,
     slopes: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Contradiction, ...]:
-    """What of the file stands against flight: what cannot be first, then reversed signs, then by honest deviations.
+    """Numbers of the file that are inconsistent with flight: impossible ones, reversed signs, then by deviation.
 
     `slopes` of derivatives by tables and own aerodynamics, on which those of the file are increments.
     """

@@ -24,8 +24,8 @@ from casid.model.terms import VARIABLES, derivative_term, parse_term
 
 @dataclass(frozen=True, kw_only=True)
 class FlightValue:
-    """What the records say of one number: its value and honest 1-sigma, the file's own statement of it taken out; and
-    whether they say more than the file does. Where they do not, it is not fitted.
+    """One number from the records alone: its value and corrected 1-sigma, without the prior of the file; and whether
+    they determine it better than the file does. Otherwise it is not fitted.
 
     A term that was added to the model changes the slope of a derivative along the flight. `at_middle` is the slope,
     with its 1-sigma, at the middle of the flight; `value` is the slope where the term vanishes. A file does not say
@@ -48,7 +48,7 @@ class FlightValue:
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     """Name -> what flight says of every fitted number of a model.
 
-    The 1-sigma allows for small terms of the structure, for stretches of record that
+    The 1-sigma allows for the model discrepancy, for stretches of record that
     disagree, and for coloured residuals, whichever is largest.
     """
     fit, found = evidence.fit, {}
@@ -57,13 +57,13 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
         variance = float(evidence.covariance[i, i])
         from_records = 1.0 - weight * variance
-        honest = max(deviation(evidence, slot.name), float(coloured[i]))
+        corrected = max(deviation(evidence, slot.name), float(coloured[i]))
         if not (variance > 0.0 and from_records > 0.0):
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
         determined = from_records > fit.flight.criteria.given.from_records
-        one = FlightValue(value=own, std=honest / from_records, determined=determined)
+        one = FlightValue(value=own, std=corrected / from_records, determined=determined)
         found[slot.name] = replace(one, at_middle=_at_middle(evidence, i, one, bends.get(slot.name, {})))
     return found
 

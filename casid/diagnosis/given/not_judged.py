@@ -27,7 +27,7 @@ _WIND: Mapping[str, str] = MappingProxyType({"V": "x", "alpha": "z", "beta": "y"
 
 @dataclass(frozen=True, kw_only=True)
 class NotJudged:
-    """Something that was not judged, `what`, and `because` of which channel, surface or want of excitation."""
+    """Something that was not judged, `what`, and `because` of which missing channel, surface or excitation."""
 
     what: str
     because: str

@@ -1,4 +1,4 @@
-"""How far the records reach: what they can tell of at all, and what is lost for want of a channel or of excitation."""
+"""Scope of the records: what they can support, and what is lost because a channel or excitation is missing."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Reach:
     lost: tuple[NotJudged, ...]
 
     def ready(self, recorded: Split) -> Split:
-        """Records before they were mended, made ready like these."""
+        """Records before they were corrected, prepared like these."""
         nodes = self.flight.criteria.numerics.missing_input.spacing
         fitted, held = (with_thrust(self.flight.aircraft, some, self.flight.axes, nodes).records for some in recorded)
         return fitted, held
@@ -44,7 +44,7 @@ class Reach:
         return (*self.lost, *left_open(self.flight, self.given, values), *of_other_records(self.flight.aircraft, names))
 
     def contradicted(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Contradiction, ...]:
-        """What of an aircraft file stands against flight, as far as these records can tell."""
+        """Numbers of an aircraft file that are inconsistent with these records."""
         slopes = self._slopes(aircraft)
         found = contradicted(aircraft, self._open(aircraft, values), self.flight.criteria, slopes)
         return tuple(or_thrust(aircraft, one, self.flight.records, self.flight.criteria.data) for one in found)

@@ -45,7 +45,7 @@ _BY = ShapeNumerics()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Points:
-    """An unknown history of one record at its nodes: values `y` (n,) with 1-sigma, and the variables there (n,)."""
+    """A latent input of one record at its nodes: values `y` (n,) with 1-sigma, and the variables there (n,)."""
 
     y: np.ndarray
     sigma: np.ndarray
@@ -131,7 +131,7 @@ def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInpu
 
 
 def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], gains: float) -> Shape | None:
-    """The curve that the fitted records tell best of each other, if held-out ones bear it out; None where none does.
+    """The curve by which the fitted records predict each other best, if held-out ones support it; else None.
 
     Parameters
     ----------

@@ -58,6 +58,12 @@ class InstrumentError:
         Standard deviations from zero above which the error is clear.
     rivals
         Names of other errors that explain the same readings.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.compatibility(cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> [(one.kind, one.target, one.value, one.std) for one in found.errors]  # doctest: +SKIP
     """
 
     kind: str
@@ -134,6 +140,12 @@ class Compatibility:
         Record -> (N, channels) in the order of `left`; the reconstruction includes the instrument errors.
     not_judged
         What these records leave open.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.compatibility(cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> found.passed, found.left["q"]  # doctest: +SKIP
     """
 
     records: tuple[Record, ...]
@@ -189,7 +201,7 @@ class Compatibility:
             lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{one.note}")
         lines += ["", "left over noise: " + ", ".join(f"{name} {value:.2g}" for name, value in self.left.items())]
         if self.moving_air:
-            lines.append(f"The air moves with {self.moving_air:.2g} m/s r.m.s.; errors are told beside that.")
+            lines.append(f"The air moves with {self.moving_air:.2g} m/s r.m.s.; errors are estimated together with it.")
         if self.wind is not None:
             lines.append(self.wind.sentence)
         return "\n".join([*lines, *(f"Not judged: {one}." for one in self.not_judged)])
@@ -409,6 +421,12 @@ class SteadyWind:
         Standard deviations [m/s], from the means of the fifths of every record.
     varies
         r.m.s. [m/s] of the difference between the wind over time and its mean.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> wind = cs.compatibility("autopilot.bin").wind  # doctest: +SKIP
+    >>> wind.north, wind.north_std  # doctest: +SKIP
     """
 
     north: float

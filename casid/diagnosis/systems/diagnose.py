@@ -83,7 +83,8 @@ def diagnose_system(
     Raises
     ------
     InputError
-        For names that do not exist, records that cannot feed the model, and what is no port, library or criteria.
+        For names that do not exist, records that cannot feed the model, and arguments that are not ports, a library
+        or criteria.
     EstimationError
         When the model cannot be fitted at all.
     """
@@ -163,7 +164,7 @@ def _judged(
 
 
 def _budget(given: Flown, refitted: Flown, extended: Flown) -> Budget:
-    """r.m.s. over noise on the held-out records; no step mends the data of a system that casid does not know."""
+    """r.m.s. over noise on the held-out records; the data of a system are not corrected."""
     channels = {
         name: BudgetSteps(as_given=rms, data_mended=rms, values=refitted.rms[name], structure=extended.rms[name])
         for name, rms in given.rms.items()

@@ -65,21 +65,32 @@ def as_term(name: str) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Library:
-    """Which causes are considered.
+    """Causes that a diagnosis of a system considers.
 
     Attributes
     ----------
     kinds
         Names of kinds of causes; default all.
     degree
-        Of the monomials of states and inputs that an equation may lack; 0: none.
+        Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried.
     regressors
-        Name -> function of a namespace of the model's states and inputs, further terms; CasADi expressions.
+        Name -> further term that an equation may lack: a function of a namespace of the model's states and inputs
+        that returns a CasADi expression.
 
     Raises
     ------
     InputError
         For a kind that does not exist.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> lag = cs.define_model(
+    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
+    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
+    ... )
+    >>> sorted(cs.Library(degree=1).terms(lag))
+    ['1', 'u', 'x']
     """
 
     kinds: tuple[str, ...] = KINDS

@@ -47,6 +47,12 @@ class SystemCause:
         Record -> time [s] from which it is there; None: always.
     share
         Its size in units of what matters there, or in an output, whichever is more.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose(model, records, hold_out=unseen)  # doctest: +SKIP
+    >>> [(cause.sentence, cause.probability) for cause in found.causes]  # doctest: +SKIP
     """
 
     kind: str
@@ -185,6 +191,12 @@ class SystemDiagnosis:
         Shares of the error on the held-out records that values and structure take away, the largest first.
     trace
         The decisions on every cause that was fitted, see `why` and `why_not`.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose(model, records, hold_out=unseen)  # doctest: +SKIP
+    >>> found.verdict, found.extended.values  # doctest: +SKIP
     """
 
     verdict: str

@@ -1,4 +1,4 @@
-"""What is told of the causes that a search found in a system: sizes, sentences, what is too small, a verdict."""
+"""Report on the causes that a search found in a system: sizes, sentences, minor causes, and the verdict."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _EITHER = re.compile(r"\[([^|\]]*)\|([^\]]*)\]")  # words for a positive value, 
 def causes_of(plant: Plant, state: State, kept: Kept) -> tuple[list[Cause], list[Cause]]:
     """(causes, minor) of a search, strongest first.
 
-    A cause is minor that the held-out records do not bear out, and that is not sure or does not matter any more beside
+    A cause is minor if the held-out records do not support it, or if it is not significant or not large enough beside
     the others.
     """
     evidence = kept.evidence
@@ -203,7 +203,7 @@ def headline(
     if verdict == "values wrong":
         wrong = ", ".join(one.name for one in values if one.contradicted)
         return f"The structure holds; the records contradict the value of {wrong}."
-    small = " What is there besides is too small to matter." if minor else ""
+    small = " The other effects are too small to matter." if minor else ""
     return f"The model explains the records to within their noise.{small}"
 
 

@@ -40,12 +40,11 @@ _NO_MOTION = "failed: the model has no motion next to the present one"
 
 @dataclass(frozen=True, kw_only=True)
 class Automatic:
-    """Gauss-Newton, and what it takes where that is not enough.
+    """Gauss-Newton, with other methods where it fails.
 
-    Where it gives up or runs off: once more from the start, with Levenberg and Marquardt's damping. Where it creeps,
-    and to judge a point to which whole steps did not lead: Newton's method with the whole curvature. IPOPT where
-    Gauss-Newton gives up under path constraints, and for a regression on which all else gave up. With process noise
-    Gauss-Newton alone.
+    Levenberg-Marquardt damping from the start follows if Gauss-Newton stops or diverges. Newton's method with the exact
+    Hessian follows if it converges slowly, and judges a point that was not reached by full steps. IPOPT follows under
+    path constraints, and for a regression on which the others failed. With process noise there is Gauss-Newton alone.
 
     Attributes
     ----------
@@ -53,9 +52,9 @@ class Automatic:
         Converged when a further step would move the solution by less than this many of its standard deviations, and the
         defects are below 1e-8 of the typical state.
     iterations
-        After how many steps of each method to give up.
+        Largest number of steps of each method.
     seconds
-        After how much time to give up.
+        Largest time of all methods together [s].
 
     Examples
     --------
