@@ -11,6 +11,7 @@ import numpy as np
 from casid.acceptance.manoeuvres import Window
 from casid.acceptance.smoothing import smooth
 from casid.errors import InputError
+from casid.filtering.initial_state import state_of_outputs
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects
 from casid.model.dynamics import standard_density
@@ -21,7 +22,6 @@ from casid.records.record import Record
 from casid.signals import DEGREE
 
 DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
-_NEWTON = 8
 _ATTITUDE_GAIN, _RATE_GAIN = 0.3, 0.3  # surface [rad] per attitude [rad], and per rate [rad/s]
 # surface -> (attitude, rate, largest correction [rad]), which is the tolerance of its trim position in table A2A of
 # 14 CFR Part 60, appendix A: elevator 1 deg (2.c.5), aileron 2 deg (2.d.4), rudder 1 deg (2.d.5)
@@ -93,7 +93,8 @@ def _fly(
 ) -> Flown:
     """`followed`: the record made ready for the model, its `measured` channels smoothed."""
     model, ready = applied.model, _part(followed, window)
-    start, law = measured_state(model, ready, measured), None
+    begins = {name: float(ready[name][0]) for name in measured}
+    start, law = state_of_outputs(model, ready, begins, model.guess(ready)[0]), None
     try:
         if closed:
             model, ready, law = _with_controller(model, ready, start)
@@ -104,24 +105,6 @@ def _fly(
     channels = {name: read[:, i] for i, name in enumerate(model.outputs)}
     corrections = {} if law is None else _corrections(law, model, flown.states, ready)
     return Flown(channels=channels, corrections=corrections)
-
-
-def measured_state(model: Model, record: Record, measured: Sequence[str]) -> np.ndarray:
-    """(states,) the state whose outputs are the `measured` ones at the first sample of a record, by Newton's method.
-
-    States that these do not tell stay at the model's guess, as a surface behind its actuator: at its command.
-    """
-    rows = [model.outputs.index(name) for name in measured]
-    scale = model.scale_vector()
-    outputs = ca.Function(
-        "outputs", [model.x, model.u, model.p, model.w], [model.h[rows], ca.jacobian(model.h[rows], model.x)]
-    )
-    u, p, w = record.matrix(model.inputs)[0], model.nominal_vector(), np.zeros(len(model.disturbances))
-    x, z = model.guess(record)[0].astype(float), np.array([record[name][0] for name in measured])
-    for _ in range(_NEWTON):
-        h, H = (one.full() for one in outputs(x, u, p, w))
-        x = x + scale * np.linalg.lstsq(H * scale, z - h[:, 0], rcond=None)[0]
-    return x
 
 
 def _part(record: Record, window: Window) -> Record:

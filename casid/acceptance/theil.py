@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from casid.errors import InputError
-from casid.filtering.initial_state import fit_initial_state
+from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import apply_effects
 from casid.model.simulate import simulate
@@ -59,7 +59,8 @@ def theil(
 ) -> dict[str, dict[str, Theil]]:
     """Theil's coefficients of an aircraft file flown open loop through the inputs of records.
 
-    Every flight begins at the initial state that fits the first 5 s of its record best.
+    Every flight begins at the measured state; states that are not measured begin as they fit the first 5 s of the
+    record best.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ def theil(
     found: dict[str, dict[str, Theil]] = {}
     for original, record in zip(read, applied.records, strict=True):
         try:
-            flown = simulate(applied.model, record, fit_initial_state(applied.model, record, WINDOW_S))
+            start = fit_initial_state(applied.model, record, WINDOW_S)
+            flown = simulate(applied.model, record, measured_start(applied.model, record, start))
         except (InputError, np.linalg.LinAlgError):
             found[record.name] = {}
             continue

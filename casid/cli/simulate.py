@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from casid.cli.options import AsJson, Axes, Begin, End, Files, Folder, Maps, aircraft_of, records_of, say_idle_effects
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
-from casid.filtering.initial_state import fit_initial_state
+from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects
 from casid.model.simulate import simulate as fly_model
@@ -40,7 +40,8 @@ def simulate(
 ) -> None:
     """Fly recorded inputs through one or more aircraft files, open loop.
 
-    Every flight begins at the initial state that fits the first seconds of its record best. Writes the simulated
+    Every flight begins at the measured state; states that are not measured begin as they fit the first seconds of the
+    record best. Writes the simulated
     records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel, and DIR/figures. A simulation that
     diverges is said, and is not an error.
 
@@ -109,7 +110,8 @@ def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
 def fly(applied: Applied, record: Record) -> np.ndarray | str:
     """(N, outputs) what the instruments would have read; or where the simulation diverged."""
     try:
-        flown = fly_model(applied.model, record, fit_initial_state(applied.model, record, WINDOW_S))
+        start = fit_initial_state(applied.model, record, WINDOW_S)
+        flown = fly_model(applied.model, record, measured_start(applied.model, record, start))
     except (InputError, np.linalg.LinAlgError) as fault:
         return str(fault)
     return applied.readings(record, flown.outputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import casadi as ca
 import numpy as np
 
 from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
@@ -14,6 +15,8 @@ from casid.records.record import Record
 
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 _ITERATIONS = 6
+_NEWTON = 8
+BEGINNING_S = 1.0  # of a record, through which a straight line says where a reading begins
 
 
 def fit_initial_state(
@@ -39,3 +42,46 @@ def fit_initial_state(
 def _sigma(values: np.ndarray) -> float:
     high = pooled_sigma([values])
     return max(high if np.isfinite(high) else 0.0, _LEAST_NOISE * float(np.nanstd(values)), 1e-12)
+
+
+def measured_start(
+    model: Model,
+    record: Record,
+    start: np.ndarray,
+    parameters: np.ndarray | None = None,
+    beginning_s: float = BEGINNING_S,
+) -> np.ndarray:
+    """(states,) `start` with what is measured of it: outputs that do not depend on inputs begin as they were measured.
+
+    Fitted to a record, such a state would make up for what is wrong with the model. States that these outputs do not
+    tell stay as they are. A reading begins on the straight line through its first `beginning_s` seconds; one with fewer
+    than three samples there is left out. `parameters` (np,) are the model's nominal ones by default.
+    """
+    by_input = ca.which_depends(model.h, model.u, 1, True)
+    t, begins = record.t - record.t[0], {}
+    for name, depends in zip(model.outputs, by_input, strict=True):
+        if depends or name not in record:
+            continue
+        seen = (t <= beginning_s) & np.isfinite(record[name])
+        if seen.sum() >= 3:
+            begins[name] = float(np.polynomial.Polynomial.fit(t[seen], record[name][seen], 1)(0.0))
+    return state_of_outputs(model, record, begins, start, parameters) if begins else start
+
+
+def state_of_outputs(
+    model: Model, record: Record, outputs: Mapping[str, float], start: np.ndarray, parameters: np.ndarray | None = None
+) -> np.ndarray:
+    """(states,) the state at the first sample of a record that has these `outputs`, by Newton's method from `start`.
+
+    States that the outputs do not tell stay where they are.
+    """
+    rows = [model.outputs.index(name) for name in outputs]
+    scale, h = model.scale_vector(), model.h[rows]
+    function = ca.Function("outputs", [model.x, model.u, model.p, model.w], [h, ca.jacobian(h, model.x)])
+    p = model.nominal_vector() if parameters is None else parameters
+    u, w = record.matrix(model.inputs)[0], np.zeros(len(model.disturbances))
+    x, z = np.array(start, dtype=float), np.array(list(outputs.values()))
+    for _ in range(_NEWTON):
+        now, H = (one.full() for one in function(x, u, p, w))
+        x = x + scale * np.linalg.lstsq(H * scale, z - now[:, 0], rcond=None)[0]
+    return x

@@ -153,7 +153,7 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
         ax.fill_between(x, one.y - 2.0 * one.std, one.y + 2.0 * one.std, color="#BBD7EA", lw=0, label="±2σ")
         ax.plot(x, one.y, color=EXTENDED, lw=2, label="curve of the fitted records")
         ax.axhline(0.0, color=FAINT, lw=0.8)
-        ax.set_xlabel(f"{one.over} [{unit}]")
+        ax.set_xlabel(f"{one.over} [{unit}]" if unit not in ("", "1") else one.over)
         ax.set_ylabel(f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         depends = f"{one.times} times a function of {one.over}" if one.times else f"a function of {one.over}"

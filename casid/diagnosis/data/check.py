@@ -278,7 +278,7 @@ def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: S
     share = float(np.mean(np.concatenate([fault.at for fault in faults])))
     names = tuple(fault.record for fault in faults)
     factor, unit = for_a_person(unit_of(target))
-    stands = f" at {factor * level:.4g} {unit}" if level is not None else ""
+    stands = f" at {factor * level:.4g} {unit if unit != '1' else ''}".rstrip() if level is not None else ""
     sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
     handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
     if handled != "excluded":

@@ -17,6 +17,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.statistics import View, view_of
 from casid.errors import InputError
+from casid.filtering.initial_state import measured_start
 from casid.model.applied import values_of
 from casid.model.effects import effect_of
 from casid.native.processors import side_by_side
@@ -95,19 +96,10 @@ def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
         begun = _states(short, known)
     except InputError:
         return None
-    start, states = begun.linear.X[0].copy(), begun.model.states
-    for r, record in enumerate(flight.records):
-        for i, state in enumerate(states):
-            if state in flight.outputs and state in record:
-                start[r, i] = _measured_start(record, state, flight.criteria.given.beginning, start[r, i])
-    return start
-
-
-def _measured_start(record: Record, channel: str, beginning: float, otherwise: float) -> float:
-    """Value of a channel at the beginning of a record, by a straight line through its first readings; `otherwise` where
-    there are too few."""
-    t = record.t - record.t[0]
-    seen = (t <= beginning) & np.isfinite(record[channel])
-    if seen.sum() < 3:
-        return float(otherwise)
-    return float(np.polynomial.Polynomial.fit(t[seen], record[channel][seen], 1)(0.0))
+    beginning = flight.criteria.given.beginning
+    return np.stack(
+        [
+            measured_start(begun.model, record, begun.linear.X[0, r], begun.parameters[r], beginning)
+            for r, record in enumerate(short.records)
+        ]
+    )
