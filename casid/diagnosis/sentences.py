@@ -58,7 +58,10 @@ def explained(causes: Sequence[Cause], missing: MissingInput | None, fitted: Seq
 
 def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> str:
     """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port."""
-    size = f", {missing.rms:.2g} m/s" if missing.place.kind == "wind" else f", {100 * share:.0f} % of it"
+    if missing.place.kind == "wind":
+        size = f", {missing.rms:.2g} m/s"
+    else:
+        size = f", {100 * share:.0f} % of it" if share <= 1.0 else f", {share:.2g} times its variation"
     where = _where(missing, fitted, size)
     return f"The simulation misses something that no cause in the catalogue explains; it enters at {where}."
 
