@@ -23,7 +23,7 @@ REPLACEMENTS = {
     r"stands? against flight": "is inconsistent with flight",
     r"(the )?file refitted|refitted (file|model)": "re-estimated model",
     r"told by (them|these|the records)|tell little of": "identifiable from these records",
-    r"what is told\b|is told as\b|are told\b": "what is reported",
+    r"what is told\b|\b(is|are) told\b(?! apart)": "what is reported",
     r"\bthat is said\b|\band is said\b": "this is reported",
     r"\bas wholes\b|\bwholes are\b": "complete hypotheses",
     r"\bsmall (further )?terms of\b": "model discrepancy",
@@ -46,11 +46,11 @@ REPLACEMENTS = {
     r"\bhouse rules\b|\bthe house\b": "conventions; the code",
     r"\blab protocol\b": "experiment script",
     r"\bborn\b": "originate",
-    r"\bbelieved to\b|\bis believed\b": "accepted; trusted",
+    r"\bbelieved to\b|\b(is|are) believed\b|\bto be believed\b": "accepted; trusted",
     r"\bput in (first|beforehand)\b": "added before the search",
     r"\bmend(ed|s)?\b": "corrected",
     r"\bbears? (it |them )?out\b|\bborne out\b": "supported",
-    r"\bstands? (under|beside|behind)\b": "is listed under; is together with; follows",
+    r"\bstands? (under|beside|behind|against)\b": "is listed under; is together with; follows",
 }
 
 

@@ -154,7 +154,7 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
 
 
 class Stages:
-    """Wall time of each stage; the user is told when a stage begins."""
+    """Wall time of each stage; `report` is called when a stage begins."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report

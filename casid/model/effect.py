@@ -197,7 +197,7 @@ class Effect:
         return _again, (self.kind, self.target, self.term, self.name, further)
 
     def in_words(self, values: Values) -> dict[str, float]:
-        """Fitted values as they are told and written into a file."""
+        """Fitted values as they are reported and written into a file."""
         told = {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
         return told | {name: folded(told[name]) for name in self.folded if name in told}
 

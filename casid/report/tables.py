@@ -32,7 +32,7 @@ class Share:
 
     @property
     def percent(self) -> str:
-        """As it is told."""
+        """In words."""
         return probability_in_words(self.probability)
 
 

@@ -1,7 +1,7 @@
-"""What surfaces do to the accelerations at once, by the derivatives of an aircraft file.
+"""Immediate effect of the surfaces on the accelerations, by the derivatives of an aircraft file.
 
-A surface that is reversed from one sample to the next makes a jump in the accelerations before the aircraft turns. Such
-a sample looks like an outlier and is none.
+A surface that reverses from one sample to the next makes a jump in the accelerations before the aircraft turns. Such a
+sample looks like an outlier, but is not one.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ _OF_LIFT: Mapping[str, str] = {"CD": "ax", "CY": "ay", "CL": "az"}  # along body
 
 
 def answers(record: Record, aircraft: Aircraft) -> dict[str, np.ndarray]:
-    """Acceleration -> (N,) what the recorded surfaces make of it at once, in SI; nothing where airspeed or density is
-    known from nowhere."""
+    """Acceleration -> (N,) immediate effect of the recorded surfaces [SI]; empty if airspeed or density is unknown."""
     pressure = _pressure(record, aircraft)
     if pressure is None:
         return {}

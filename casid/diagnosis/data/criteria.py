@@ -1,4 +1,4 @@
-"""What decides about faults of the data: every number with its unit, meaning and evidence."""
+"""Criteria for faults of the data: every number with its unit, meaning and evidence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from casid.diagnosis.criterion import number
 
 @dataclass(frozen=True, kw_only=True)
 class DataCriteria:
-    """Prior odds of faults, odds from which one is said and corrected, and how far healthy flight strays."""
+    """Prior odds of faults, odds for a report and for a correction, and the scatter of healthy flights."""
 
     fault: float = number(
         -6.0,

@@ -1,4 +1,4 @@
-"""What is wrong with the data: one finding, as it stands in diagnosis.json."""
+"""One fault of the data, as in diagnosis.json."""
 
 from __future__ import annotations
 

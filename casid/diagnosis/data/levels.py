@@ -1,4 +1,4 @@
-"""What the levels of channels say: gravity, lift against weight, the standard atmosphere, the trim of the file."""
+"""Checks of the levels of channels: gravity, lift against weight, the standard atmosphere, the trim of the file."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _mean(record: Read, name: str) -> float:
 
 
 def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """The mean force along the vertical carries the aircraft, but for the change of its rate of climb."""
+    """The mean vertical force equals the weight, apart from the change of the rate of climb."""
     phi, theta = c.value("phi"), c.value("theta")
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
@@ -183,7 +183,7 @@ def _usual_density(c: Read, aircraft: Aircraft | None, g: float, criteria: DataC
 
 
 def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """Thrust over weight, as far as there is any."""
+    """Thrust over weight, within the usual range."""
     thrust = _mean(c, "thrust")
     if aircraft is None or thrust <= 0.0:
         return 0.0
@@ -197,7 +197,7 @@ def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCrit
 
 
 def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., float]:
-    """A force opposes its flow angle, whatever flies: side force that of sideslip, lift that of attack."""
+    """A force opposes its flow angle on any aircraft: side force opposes sideslip, and lift the angle of attack."""
 
     def level(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
         there = [name for name in beside if c.has(name)]

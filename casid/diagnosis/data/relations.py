@@ -1,7 +1,7 @@
-"""What channels must have to do with each other, whatever the aerodynamics: kinematics of a rigid body in calm air.
+"""Relations between channels that hold without any aerodynamics: kinematics of a rigid body in calm air.
 
-Every relation gives two series that are equal but for the noise of either: the rate of one channel, and what others
-make of it. Flat earth, body axes, 3-2-1 Euler angles.
+Every relation gives two series that are equal except for noise: the rate of one channel, and its computation from other
+channels. Flat earth, body axes, 3-2-1 Euler angles.
 """
 
 from __future__ import annotations

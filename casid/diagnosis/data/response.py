@@ -1,7 +1,7 @@
-"""What the surfaces do to the aircraft, against the derivatives of the file: sign, unit and swap of their records.
+"""Response of the aircraft to its surfaces, compared with the derivatives of the file: sign, unit and swap of channels.
 
 The measured coefficients of force and moment are regressed on the motion, with the file's derivatives as prior. An
-explanation that needs derivatives far from the file pays for it, be it the records' fault or the file's own. Flow
+explanation that needs derivatives far from the file has a lower likelihood, whether records or file are at fault. Flow
 angles may read a part of each other, as those of healthy vanes do.
 """
 
@@ -229,7 +229,7 @@ def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCrit
 
 
 def _rows(aircraft: Aircraft, criteria: DataCriteria) -> dict[str, _Row]:
-    """Coefficient -> what the file has of it."""
+    """Coefficient -> its derivatives and terms in the file."""
     values = {**aircraft.derivatives}
     table: dict[str, list[tuple[str, str, float]]] = {}
     for coefficient, name, term in aerodynamic_parameters(aircraft):

@@ -1,1 +1,1 @@
-"""The simulation as it is given: flown unmodified, what flight contradicts in it, and the budget of its error."""
+"""The file as given: its simulation, its values compared with flight, and the budget of its error."""

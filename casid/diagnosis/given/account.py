@@ -1,4 +1,4 @@
-"""The account of the error on held-out records: how far off the simulation is as given, and what takes that away."""
+"""The account of the error on held-out records: its size as given, and the share that each step removes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class AccountStep:
 
 
 def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[AccountStep, ...]:
-    """The steps of a budget, the largest share first and the noise last; `what`: step -> its contributions."""
+    """The steps of a budget, the largest share first and the noise last; `what` has the contributions of each step."""
     steps = budget.together
     levels = {
         "data": (steps.as_given, steps.data_mended),
@@ -70,8 +70,9 @@ def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[Accou
 
 
 def account_sentence(budget: Budget, account: Sequence[AccountStep], most: int) -> str:
-    """How far off the simulation is as given, what removes how much of that, and what is left; `most` contributions of
-    each step are listed."""
+    """The sentence of the account: the error as given, the share of each step, and the rest. `most` is the largest
+    number of contributions that are listed for each step.
+    """
     steps, where = budget.together, f"On {', '.join(budget.records)}, which no fit has seen, the simulation as given"
     left = f"{steps.structure:.2g} times the noise is left"
     if not math.isfinite(steps.as_given):
@@ -93,8 +94,9 @@ def _part(one: AccountStep, most: int) -> tuple[str, int]:
 
 
 def failure_sentence(budget: Budget, criteria: GivenCriteria) -> str:
-    """What is said where the best model is much worse than the simulation as given on records that no fit has seen;
-    empty where it is not."""
+    """The sentence for a best model that is much worse on held-out records than the simulation as given; otherwise
+    empty.
+    """
     steps = budget.together
     if steps.structure <= criteria.fails * max(steps.as_given, steps.noise):
         return ""

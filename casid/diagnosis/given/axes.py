@@ -1,4 +1,4 @@
-"""Which axes the records can tell of: only these are freed, and what is left out is said."""
+"""The axes that the records can support. Only these are estimated, and the others are reported as not judged."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _OTHER: Mapping[str, str] = MappingProxyType({"longitudinal": "lateral", "latera
 
 @dataclass(frozen=True, kw_only=True)
 class Axes:
-    """Which states move in the model, "full", "longitudinal" or "lateral", and what that leaves open."""
+    """The scope, "full", "longitudinal" or "lateral", and what it leaves open."""
 
     name: str
     not_judged: tuple[NotJudged, ...] = ()
@@ -38,13 +38,13 @@ def axes_that_tell(
     criteria: GivenCriteria | None = None,
     aircraft: Aircraft | None = None,
 ) -> Axes:
-    """The axes that surfaces and motion of the records can tell of, or those that are `wanted`.
+    """The axes that the records can support, or those that are `wanted`.
 
-    Where surfaces and flow angle of an axis move little beside the other's, small couplings and the air make as much of
-    its motion as its surfaces do. And axes of which the `aircraft` file has no aerodynamics at all are no part of the
-    simulation.
+    If surfaces and flow angle of an axis move little compared with the other axis, couplings and turbulence contribute
+    as much to its motion as its surfaces do, and the axis is left out. An axis without aerodynamics in the `aircraft`
+    file is left out as well.
 
-    Raises InputError for axes that there are not, and when the surfaces feed no model.
+    Raises InputError for unknown axes, and if no surface drives the model.
     """
     if wanted is not None and wanted not in MOVING:
         raise unknown("axes", wanted, MOVING)
@@ -71,7 +71,7 @@ def axes_that_tell(
 
 
 def _rests(records: Sequence[Record], resting: str, share: float) -> str:
-    """That an axis moves only a share of what the other does, in words."""
+    """The reason for leaving out an axis that moves too little."""
     angles = all(any(name in record for record in records) for name in _FLOW_ANGLE.values())
     who = [*_SURFACES[resting], *((_FLOW_ANGLE[resting],) if angles else _RATES[resting])]
     return f"{' and '.join(who)} move {100.0 * share:.0f} % of what the {_OTHER[resting]} ones do"
@@ -82,8 +82,9 @@ def _motions(axis: str | None, because: str) -> tuple[NotJudged, ...]:
 
 
 def _share(records: Sequence[Record], resting: str, moving: str) -> float:
-    """Part of the other axes' motion that an axis has: of surfaces, or of flow angles if that is more; of rates where
-    a flow angle is not measured. Infinite where these are not either, or the others do not move."""
+    """Motion of an axis over that of the other: surfaces or flow angles, whichever is larger; rates if a flow angle is
+    not measured. Infinite if these are not measured either, or if the other axis does not move.
+    """
     surfaces, angles, rates = (
         [max(_excursion(records, name) for name in names[axis]) for axis in (resting, moving)]
         for names in (_SURFACES, {axis: (name,) for axis, name in _FLOW_ANGLE.items()}, _RATES)

@@ -1,4 +1,4 @@
-"""The budget of the error: what each step from the file as it is given to the best model is worth on unseen data.
+"""The error budget: the error on held-out records after each step from the file as given to the best model.
 
 as given -> data corrected -> values of the file -> structure (causes) -> unexplained -> noise. A step that makes a
 channel worse is a loss in the budget.
@@ -19,8 +19,9 @@ from casid.views import view
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetSteps:
-    """r.m.s. of measured minus simulated that is left after each step, in units of the channel's noise, whose own share
-    is 1. What stands between `structure` and `noise` is unexplained. Infinite where a simulation diverges."""
+    """R.m.s. of measured minus simulated after each step, in units of the channel's noise, which itself is 1. The
+    difference between `structure` and `noise` is unexplained. Infinite if a simulation diverges.
+    """
 
     as_given: float
     data_mended: float
@@ -61,8 +62,9 @@ class Budget:
 
 
 def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
-    """The budget on held-out records: of the file as given, and of the simulations with its `values` refitted and with
-    its `structure` extended."""
+    """The budget on held-out records of the file as given, and of the simulations with re-estimated `values` and with
+    extended `structure`.
+    """
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     channels = {
@@ -77,5 +79,5 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
 
 
 def _in_noise(view: View, channel: str, best: View) -> float:
-    """In the noise of the best model: where noise is what a fit leaves, every fit has its own."""
+    """Error in units of the noise of the best model. Noise that is estimated from residuals differs between fits."""
     return view.channels[channel].rms / best.channels[channel].noise

@@ -1,7 +1,7 @@
 """Numbers of the aircraft file that flight contradicts.
 
-A number is contradicted where flight stands further from it than its stated uncertainty, or than a tenth where none is
-stated, and further than three corrected standard deviations of the flight value.
+A number is contradicted if it differs from the flight value by more than its stated uncertainty (10 % if none is
+stated), and by more than three corrected standard deviations of the flight value.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def _rank(sigmas: float) -> float:
 def _derivatives(
     aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, slopes: Mapping[str, float]
 ) -> Iterator[tuple[Contradiction, float]]:
-    """What flight says against each derivative and term, and within which margin it stands all the same."""
+    """The flight value of each derivative and term, and the margin within which it is consistent."""
     given = dict(aircraft.derivatives)
     given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     for name, value in given.items():
@@ -124,7 +124,7 @@ def _derivatives(
 def _effects(
     aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: GivenCriteria
 ) -> Iterator[tuple[Contradiction, float]]:
-    """The same of the effects that the file has."""
+    """The same for the effects of the file."""
     for value in aircraft.effects:
         effect = effect_of(value)
         stated = _flight_says(effect, flight)
@@ -134,7 +134,7 @@ def _effects(
 
 
 def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:
-    """What no aircraft has: effects beyond what is plausible, and inertias of no rigid body."""
+    """Numbers that no aircraft has: effects beyond a plausible size, and inertias that no rigid body has."""
     effects = {effect.name: effect for effect in map(effect_of, aircraft.effects)}
     for doubt in impossibilities(aircraft):
         stated = _flight_says(effects[doubt.parameter], flight) if doubt.parameter in effects else None
@@ -144,7 +144,7 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
 
 
 def _flight_says(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightValue | None:
-    """What flight says of the size of an effect, as it is stated."""
+    """The flight value of the size of an effect, in the unit of the file."""
     one = flight.get(effect.name)
     return replace(one, value=effect.in_words({"value": one.value})["value"]) if one else None
 

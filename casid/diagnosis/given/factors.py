@@ -1,7 +1,7 @@
-"""One factor on many derivatives of the file: what it would mean, and whether a unit of the file explains it.
+"""Common factors: one number by which a group of derivatives differs from the file, and what it may mean.
 
-A wrong inertia, length, area, mass or gearing scales a whole group of derivatives by one number. One number that does
-as well as free derivatives comes before them.
+A wrong inertia, length, area, mass or gearing scales a whole group of derivatives by one number. If one number fits as
+well as free derivatives, it is reported first.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Factor:
 
 @dataclass(frozen=True, kw_only=True)
 class _Group:
-    """Derivatives that one wrong number of the file scales: in words, which they are, and what may be wrong."""
+    """Derivatives that one wrong number of the file scales: their name as a group, the derivatives, and the number."""
 
     row: str
     holds: Callable[[str, str], bool]  # of coefficient and variable
@@ -115,7 +115,7 @@ _GROUPS: tuple[_Group, ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class _Ratio:
-    """Flight over file of a derivative, and its 1-sigma with the misfit that a linear structure commonly leaves."""
+    """Flight value over file value of a derivative, and its 1-sigma with the usual misfit of a linear structure."""
 
     name: str
     coefficient: str
@@ -130,11 +130,11 @@ def common_factors(
     criteria: Criteria | None = None,
     slopes: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Factor, ...]:
-    """The factors that groups of derivatives have in common, the largest group first; a derivative is in one at most.
+    """The common factors of groups of derivatives, the largest group first. A derivative is in one group at most.
 
-    A group has one factor when every derivative that flight determines is within its deviations of the common one, and
-    that is beyond its deviations, and beyond the tenth within which an unstated number stands, from 1. Two derivatives
-    at least must say so. `slopes`: of derivatives by tables and own aerodynamics, on which those of the file are
+    A group has a common factor if every derivative that flight determines is consistent with it, and if the factor
+    differs from 1 by more than its standard deviations and by more than 10 %. At least two derivatives are required.
+    `slopes` are those of derivatives by tables and own aerodynamics, to which the derivatives of the file are
     increments.
     """
     by = criteria or Criteria()
@@ -198,7 +198,7 @@ def borne_out(doubts: Sequence[Doubt], aircraft: Aircraft, flight: Mapping[str, 
 
 
 def _refuted(scale_of: Callable[[str, str], float], ratios: Sequence[_Ratio]) -> bool:
-    """Whether a derivative that a unit touches is nearer to the file than to what the unit makes of it."""
+    """Whether a derivative that depends on the unit is nearer to the file than to the value that the unit implies."""
     for one in ratios:
         scale = scale_of(one.coefficient, one.variable)
         if scale == 1.0:

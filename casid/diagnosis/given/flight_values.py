@@ -1,4 +1,4 @@
-"""What flight says of each number of the aircraft file, by itself: without what the file says of that number."""
+"""The flight value of each number of the aircraft file: without the prior that the file gives for it."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ class FlightValue:
 
 
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
-    """Name -> what flight says of every fitted number of a model.
+    """Name -> flight value of every fitted number of a model.
 
-    The 1-sigma allows for the model discrepancy, for stretches of record that
-    disagree, and for coloured residuals, whichever is largest.
+    The 1-sigma is the largest of those that allow for the model discrepancy, for differences between stretches of
+    record, and for coloured residuals.
     """
     fit, found = evidence.fit, {}
     coloured, bends = coloured_deviation(fit), _bends(fit)
@@ -108,7 +108,7 @@ def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
 
 
 def coloured_deviation(fit: FlightFit) -> np.ndarray:
-    """(slots,) 1-sigma of what is fitted with the colour that its residuals show; zero where nothing can be said."""
+    """(slots,) 1-sigma of the fitted values with the colour of their residuals; zero if it cannot be computed."""
     found = np.zeros(len(fit.slots))
     flat = fit.columns.reshape(fit.white.size, len(fit.slots))
     known = np.flatnonzero(np.einsum("ij,ij->j", flat, flat) > 0.0)

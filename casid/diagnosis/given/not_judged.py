@@ -1,4 +1,4 @@
-"""What the records or the file leave open: said beside every verdict, "adequate" above all."""
+"""What the records or the file leave open. It is reported with every verdict, above all with "adequate"."""
 
 from __future__ import annotations
 
@@ -64,8 +64,9 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
 
 
 def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
-    """What the fitted records of a flight do not show: instrument and thrust faults whose smallest `detectable` size is
-    above the largest plausible one, and anything hidden in noise that could not be measured."""
+    """What the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds the
+    largest plausible one, and channels whose noise could not be measured.
+    """
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects

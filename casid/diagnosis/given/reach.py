@@ -22,9 +22,9 @@ Split = tuple[Sequence[Record], Sequence[Record]]  # fitted and held-out records
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reach:
-    """The flight that the records can tell of, and the held-out records made ready like it.
+    """The flight in its scope, and the held-out records prepared like it.
 
-    given  the fitted records as they were read; `lost` what was not judged from the beginning
+    given  the fitted records as they were read; `lost` what is outside the scope
     """
 
     flight: Flight
@@ -65,9 +65,9 @@ class Reach:
 
 
 def reach_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str | None) -> Reach:
-    """The flight of (fitted, held-out) records in the axes that they can tell of, or that were asked for.
+    """The flight of (fitted, held-out) records in the axes that they support, or that were asked for.
 
-    Raises InputError for axes that there are not, and for records that cannot feed them.
+    Raises InputError for unknown axes, and for records that cannot feed them.
     """
     fitted, held = records
     judged = axes_that_tell(fitted, axes, criteria.given, aircraft)

@@ -1,8 +1,8 @@
-"""The shape of what stays unexplained at a coefficient: a curve over the motion, kept only where it helps elsewhere.
+"""The shape of a latent input at a coefficient: a curve over the motion, kept only if it helps on held-out records.
 
-The unknown time history of a coefficient is regressed on the motion of the same model: on a smooth function of one
-variable, or on such a function times a second one. The curve says how what is missing depends on the motion. It names
-no cause, and its straight line is shared with the derivatives of the model.
+The latent input is regressed on the motion of the same model: on a smooth function of one variable, or on such a
+function times a second variable. The curve shows how the missing part depends on the motion. It does not name a cause,
+and its straight line is shared with the derivatives of the model.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _ALONE = "1"  # in place of a second variable
 
 @dataclass(frozen=True, kw_only=True)
 class ShapeNumerics:
-    """How a curve is fitted."""
+    """Numbers of the fit of a curve."""
 
     degree: int = number(3, "degree of the spline")
     pieces: int = number(6, "pieces of the spline", "chosen: nodes of one manoeuvre tell no more")
@@ -136,9 +136,9 @@ def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points],
     Parameters
     ----------
     coefficient
-        In whose words it is told.
+        Name of the coefficient.
     fitted, held
-        Histories of the records.
+        Latent inputs of the records.
     gains
         Ratio of the errors before and after it, on records left out, from which a curve is kept.
     """

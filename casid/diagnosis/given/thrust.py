@@ -1,5 +1,6 @@
-"""Records without thrust: a constant, or a time history, that balances the drag of the file stands for it, and what
-hangs on it is not judged."""
+"""Records without thrust: a constant or a time history that balances the drag of the file replaces it, and everything
+that depends on thrust is not judged.
+"""
 
 from __future__ import annotations
 
@@ -23,8 +24,8 @@ from casid.records.record import Record
 class Powered:
     """Records that have a thrust.
 
-    records  with what stands for a thrust that was not recorded;  lost  what that leaves open
-    unknown  the thrust where it was not recorded, and the coefficient that is as unknown as its history
+    records  with a replacement for a thrust that was not recorded;  lost  what that leaves open
+    unknown  the replaced thrust, and the coefficient that is as unknown as its history
     """
 
     records: tuple[Record, ...]
@@ -35,9 +36,9 @@ class Powered:
 def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes: float) -> Powered:
     """The records with a thrust where neither they nor [trim] have one.
 
-    Of longitudinal motion the thrust is, record by record, what balances drag and acceleration: a constant, or a
-    history with a node every `nodes` seconds where the record demands one. A throttle that moves is no thrust, and
-    that of [trim] is none for such a record. Lateral motion has nothing of it.
+    For longitudinal motion the thrust of each record balances drag and acceleration: a constant, or a history with a
+    node every `nodes` seconds if the record requires one. A moving throttle does not give the thrust, and the thrust of
+    [trim] does not apply to such a record. Lateral motion does not depend on it.
     """
     trimmed = "thrust" in aircraft.trim
     bare = [r for r in records if "thrust" not in r and not (trimmed and (axes == "lateral" or not _throttled(r)))]
@@ -65,13 +66,14 @@ def _throttled(record: Record) -> bool:
 
 
 def drag_level(aircraft: Aircraft) -> str:
-    """The derivative that a constant thrust cannot be told from."""
+    """The derivative that cannot be separated from a constant thrust."""
     return "CD_0" if aircraft.force_axes == "wind" else "CX_0"
 
 
 def or_thrust(aircraft: Aircraft, one: Contradiction, records: Sequence[Record], by: DataCriteria) -> Contradiction:
-    """A contradicted level of drag with its alternative: a steady thrust that is recorded too low or too high acts as
-    the level of drag does. Other contradictions stay as they are."""
+    """A contradicted level of drag with its alternative: a wrong scale of a steady thrust has the same effect. Other
+    contradictions stay as they are.
+    """
     steady = [
         r for r in records if "thrust" in r and np.ptp(r["thrust"]) < by.steady_thrust * abs(np.mean(r["thrust"]))
     ]
@@ -122,7 +124,9 @@ def _balance(aircraft: Aircraft, record: Record, nodes: float) -> np.ndarray:
 
 
 def _history(t: np.ndarray, needed: np.ndarray, wrong: np.ndarray, nodes: float) -> np.ndarray | None:
-    """(N,) history about its mean that what is `needed` demands beside what may be `wrong`, (terms, N); else None."""
+    """(N,) history about its mean that `needed` requires in addition to `wrong` terms (terms, N); None if a constant is
+    enough.
+    """
     known = np.isfinite(needed)
     grid = np.linspace(t[0], t[-1], max(2, round((t[-1] - t[0]) / nodes) + 1))
     hats = np.stack([np.interp(t, grid, one) for one in np.eye(len(grid))], axis=1)

@@ -1,4 +1,4 @@
-"""What decides about a system that is no aircraft beside the criteria of the engine, and how far its search looks."""
+"""Criteria for systems other than aircraft, in addition to those of the engine, and the extent of the search."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Diagnose a simulation of any dynamic system: what does it get wrong, where does it enter, what is it worth?"""
+"""Diagnose a simulation of any dynamic system: causes, the ports where they enter, and the improvement."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def diagnose_system(
 def _judged(
     model: Model, plant: Plant, state: State, held: Sequence[Record], since: tuple[float, Callable[[str], None]]
 ) -> SystemDiagnosis:
-    """What a search found, judged on the held-out records; `since` it began, and who is told of the stages."""
+    """The result of a search, judged on the held-out records. The search began at `since`; `report` gets the stages."""
     (begin, report), criteria = since, plant.criteria
     report("held-out records")
     kept = keep(held, state)

@@ -1,4 +1,4 @@
-"""The model with the causes that were found in it, and records made ready for it: for simulations of one's own."""
+"""The model with the named causes, and records prepared for it, for further simulations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A model made ready for its records: the noise of its readings, where its motion begins, its first fit."""
+"""Preparation of a model for its records: noise of the readings, initial states, and the first fit."""
 
 from __future__ import annotations
 
@@ -70,9 +70,11 @@ def _for_systems(criteria: Criteria, duration: float) -> Criteria:
 
 
 def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) -> dict[str, float]:
-    """Output -> 1-sigma, from the band above the motion; of what is too short for that, from a fit of the model.
+    """Output -> 1-sigma, from the band above the motion; for records that are too short for that, from a fit of the
+    model.
 
-    Raises InputError for an output that no record has."""
+    Raises InputError for an output that no record has.
+    """
     found = {}
     for name in model.outputs:
         series = [r[name] for r in records if name in r]
@@ -91,12 +93,14 @@ def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) 
 
 
 def first_fit(plant: Plant) -> FlightFit:
-    """The model refitted. Where that does not converge, as of a model that misses something large, its values run off
-    to where no linearisation tells of what is missing. It is then fitted under noise as large as the residual, which
-    keeps values near to what is known of them, and again from there; where that does not converge either, it is taken
-    as it stands there.
+    """The model with re-estimated parameters.
 
-    Raises EstimationError for a model that cannot follow its records at all."""
+    The fit may diverge if the model lacks a large effect. It is then repeated with noise as large as the residual,
+    which keeps the parameters near their priors, and once more from there. If that does not converge either, its last
+    point is used.
+
+    Raises EstimationError for a model that cannot follow its records at all.
+    """
     flight = as_flight(plant)
     try:
         plain = fit(flight, (), plant.noise(), iterations=20)

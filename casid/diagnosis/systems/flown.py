@@ -17,8 +17,9 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """Open-loop simulations of records, initial states fitted: output -> r.m.s. residual over noise; and record ->
-    output -> (N,) what the simulation says it reads, nothing of a record on which it diverges."""
+    """Open-loop simulations of records with fitted initial states: output -> r.m.s. residual over noise; and record ->
+    output -> simulated reading (N,), without records on which it diverges.
+    """
 
     records: tuple[str, ...]
     rms: Mapping[str, float]
@@ -59,7 +60,7 @@ def flown(held: FlightFit) -> Flown:
 
 
 def as_given(plant: Plant, records: Sequence[Record]) -> Flown:
-    """The model with its nominal values, flown on records; infinitely far off where it cannot follow them at all."""
+    """The model with its nominal values, simulated on records; errors are infinite if it cannot follow them at all."""
     held = as_flight(plant.elsewhere({}, records))
     try:
         with np.errstate(all="ignore"):

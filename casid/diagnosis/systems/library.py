@@ -1,7 +1,7 @@
 """The causes that any dynamic system may have, made for one model and its records.
 
-Inputs: delay, lag, limits, dead zone, play. Readings: bias, scale, delay, lag, stuck. Parameters that are others in
-some records. Terms that an equation lacks: monomials of states and inputs, and what the user knows besides.
+Inputs: delay, lag, limits, dead zone, play. Readings: bias, scale, delay, lag, stuck. Parameters that differ in some
+records. Terms that an equation lacks: monomials of states and inputs, and terms of the user.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def effects_of(
     free: Sequence[str],
     criteria: SystemCriteria,
 ) -> list[Effect]:
-    """All that a library knows for this model: at its ports, and for its `free` parameters."""
+    """All causes of a library for this model: at its ports, and for its `free` parameters."""
     found: list[Effect] = []
     terms = tuple(library.terms(model))
     for port in ports:
@@ -162,7 +162,7 @@ def effects_of(
 
 
 def unit_of(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
-    """Unit of the value of an effect, "" when nobody said."""
+    """Unit of the value of an effect; empty if it is not stated."""
     if effect.kind in _IN_SECONDS:
         return "s"
     if effect.relative:
@@ -173,14 +173,16 @@ def unit_of(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
 
 
 def told_limit(effect: Effect, cut: float, series: Sequence[np.ndarray]) -> float:
-    """Where an input is limited whose recorded `series` are cut by so much."""
+    """Value of a limit on an input whose recorded `series` exceeds it by the given amount."""
     if effect.kind == "limit_above":
         return max(float(one.max()) for one in series) - cut
     return min(float(one.min()) for one in series) + cut
 
 
 def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
-    """What stands between a recorded input and what acts. The size of a limit is by how much it cuts the range."""
+    """Causes between a recorded input and the acting input. The size of a limit is the amount that it removes of the
+    range.
+    """
     name = port.name
     series = [record[name] for record in records]
     low, high = min(s.min() for s in series), max(s.max() for s in series)
@@ -270,7 +272,7 @@ def _delayed(name: str, t: np.ndarray, known: Series, values: Values) -> dict[st
 
 
 def _lagged(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-    """What a lag makes of a reading; where it begins is most likely by what was read."""
+    """A lagged reading; its initial value is near the first reading."""
     behind, T = operators.lag(t, known[name], values["value"]), abs(values["value"])
     if T < 1e-9:
         return {name: behind}
@@ -281,7 +283,7 @@ def _lagged(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str
 
 
 def _stays(name: str, station: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-    """A reading that loses its motion at the onset and stays where it is read from there."""
+    """A reading that is constant from the onset on."""
     from_there = values["value"] * operators.step(t, values["onset"])
     return {stuck(name): from_there, station: from_there * level(known[as_read(name)][t > values["onset"]])}
 

@@ -1,4 +1,4 @@
-"""A dynamic system and its records, with what the engine asks of a `Flight`: model, noise, terms, sizes, priors."""
+"""A dynamic system and its records in the place of a `Flight`: model, noise, terms, sizes and priors for the engine."""
 
 from __future__ import annotations
 
@@ -81,13 +81,13 @@ class Terms:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plant:
-    """A model and its records as a diagnosis sees them.
+    """A model and its records for a diagnosis.
 
-    base      as it was given, priors of 0 fixed;  freed  its parameters that are fitted
+    base      the model as given, parameters with a prior of 0 fixed;  freed  its estimated parameters
     ports     where reality may differ;  terms_of  name -> expression that an equation may lack
     sigma     1-sigma of the noise of each output
-    paths     record -> (N, states) motion from which a fit begins; else the model's own first guess
-    effects   the causes that are considered;  sizes  what measures them
+    paths     record -> (N, states) start of a fit; otherwise the model's own first guess
+    effects   the causes that are considered;  sizes  their measures of size
     """
 
     base: Model
@@ -223,7 +223,7 @@ class Plant:
 
 
 def as_flight(plant: Plant) -> Flight:
-    """A plant in the place of a flight: it has all that fits, evidence and search ask, and nothing of an aircraft."""
+    """A plant in the place of a flight: it has everything that fit, evidence and search need."""
     return cast(Flight, plant)
 
 

@@ -34,19 +34,19 @@ class SystemCause:
     Attributes
     ----------
     value, std
-        Of its parameter in `unit`, 1-sigma by Cramer-Rao.
+        Its size in `unit`, and the 1-sigma by Cramer-Rao.
     probability
-        That it, or one of those it cannot be told from, is there.
+        Of the cause or one of those that cannot be separated from it.
     alone
-        Probability that it itself is there.
+        Probability of the cause itself.
     log_odds
-        Of the best model with it against the best without it, of all that were fitted.
+        Of the best fitted model with the cause against the best one without it.
     held_out_gain
-        Log likelihood per reading that the model loses on records never used when it is left out.
+        Log likelihood per reading on the held-out records that is lost when the cause is left out.
     onset_s
-        Record -> time [s] from which it is there; None: always.
+        Record -> time [s] of the onset; None: it always acts.
     share
-        Its size in units of what matters there, or in an output, whichever is more.
+        Its size in units of the smallest one that matters at its port or in an output, whichever is larger.
 
     Examples
     --------
@@ -105,7 +105,7 @@ class SystemCause:
 
 @dataclass(frozen=True, kw_only=True)
 class Unexplained:
-    """Something that no cause explains, as large as matters at a port with this probability."""
+    """A latent input at a port: its probability, and its size in units of the size that matters."""
 
     port: Port
     probability: float
@@ -131,8 +131,8 @@ class ParameterValue:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the records stand against the nominal value: beyond its stated uncertainty, or a tenth where none is
-        stated, and beyond three deviations of the fit."""
+        """Whether the records are inconsistent with the nominal value: the difference exceeds its stated uncertainty
+        (10 % if none is stated), and three standard deviations of the fit."""
         margin = self.prior_std if math.isfinite(self.prior_std) else 0.1 * abs(self.nominal)
         return abs(self.extended - self.nominal) > max(margin, 3.0 * self.extended_std)
 
@@ -160,7 +160,7 @@ class ParameterValue:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SystemDiagnosis:
-    """The verdict about a simulation of any dynamic system, and what it rests on.
+    """The verdict on a simulation of any dynamic system, and the evidence behind it.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ class SystemDiagnosis:
     budget
         The same as a table of steps.
     noise
-        Output -> 1-sigma that the judgement stands on.
+        Output -> 1-sigma of the noise.
     held_out
         The records of these simulations, which no fit has seen.
     seconds
@@ -251,7 +251,7 @@ class SystemDiagnosis:
 
     @property
     def contradicted(self) -> tuple[ParameterValue, ...]:
-        """Values of the model that the records stand against."""
+        """Values of the model that are inconsistent with the records."""
         return tuple(one for one in self.parameters if one.contradicted)
 
     def __str__(self) -> str:

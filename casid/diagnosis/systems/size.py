@@ -1,4 +1,4 @@
-"""How large a cause of a plant is, in units of what matters at the port where it enters, or in the readings."""
+"""Size of a cause of a plant, in units of what matters at its port, or in the readings."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from casid.model.station import Station
 
 
 def share_of(fit: FlightFit, one: Attached) -> float:
-    """r.m.s. of what a cause does at its port over what matters there; at an equation, or that of the largest change of
-    a reading, if that is more: a little damping, a small part of an acceleration, is much of a swing."""
+    """R.m.s. of the effect of a cause at its port, in units of what matters there. At an equation it is the relative
+    change of a reading if that is larger: little damping is a small part of an acceleration, but a large change of a
+    swing.
+    """
     effect, value, share = one.effect, one.values["value"], fit.criteria.size.share
     if effect.timed:
         return abs(value) / share  # nothing is left of a reading that does not move
@@ -31,13 +33,13 @@ def share_of(fit: FlightFit, one: Attached) -> float:
 
 
 def missing_share(fit: FlightFit, missing: MissingInput) -> float:
-    """r.m.s. of what is missing at a port over the variation there."""
+    """R.m.s. of the latent input at a port over the variation there."""
     port = _port(fit, missing.station)
     return fit.criteria.size.share * missing.rms / matters_at(fit, port)
 
 
 def matters_at(fit: FlightFit, port: Port) -> float:
-    """The r.m.s. size that matters at a port: as it says, or a part of the variation there."""
+    """The smallest r.m.s. size that matters at a port: stated by the port, or a part of the variation there."""
     if port.matters is not None:
         return port.matters
     live = fit.batch.live
@@ -73,7 +75,7 @@ def _history(fit: FlightFit, one: Attached) -> np.ndarray:
 
 
 def _size(values: np.ndarray) -> float:
-    """A constant shifts by all of itself, everything else by its variation."""
+    """Size of an effect: the value of a constant, the variation of anything else."""
     varies, whole = float(np.std(values)), float(np.sqrt(np.mean(values**2)))
     return varies if varies > 1e-9 * whole else whole
 

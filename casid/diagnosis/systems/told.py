@@ -105,7 +105,7 @@ def _named(trial: Trial) -> Mapping[str, object]:
 
 
 def _told(plant: Plant, one: Attached, std: float) -> tuple[float, float]:
-    """Value and 1-sigma as a person knows them: a limit, where a reading is stuck."""
+    """Value and 1-sigma for the report: of a limit, or of the level at which a reading is stuck."""
     effect, value = one.effect, one.effect.in_words(one.values)["value"]
     if effect.timed:
         concerned = [record for record in plant.records if one.concerns(record.name) and effect.target in record]
@@ -128,7 +128,7 @@ def _sentence(one: Attached, value: float, std: float, unit: str) -> str:
 
 
 def system_cause(cause: Cause, criteria: Criteria | None = None) -> SystemCause:
-    """A cause as the result has it; with `criteria` one whose probability is by its gain alone."""
+    """A cause for the result; with `criteria`, its probability follows from its statistic alone."""
     others = tuple(
         (name_of(one["kind"], one["target"], one["term"]), float(one.get("probability", 0.0)))
         for one in cause.indistinguishable_from
@@ -157,8 +157,9 @@ def system_cause(cause: Cause, criteria: Criteria | None = None) -> SystemCause:
 
 
 def unexplained_at(plant: Plant, missing: Sequence[MissingInput], belief: Believed) -> tuple[Unexplained, ...]:
-    """The port at which something enters that no cause explains: where an unknown input gains most. Of ports that gain
-    as much an input, as what enters there enters an equation too."""
+    """The port at which something enters that no cause explains: the one with the largest statistic of a latent input.
+    Among ports with nearly equal statistics it is an input, because its effect enters an equation too.
+    """
     if not missing:
         return ()
     near = equivalence(missing[0].gain, plant.criteria)
@@ -193,7 +194,7 @@ def headline(
     unexplained: Sequence[Unexplained],
     values: Sequence[ParameterValue],
 ) -> str:
-    """What a verdict says, by what it rests on."""
+    """The sentence of a verdict."""
     if verdict == "partly explained":
         return f"{causes[0].sentence} Besides, something unexplained is left."
     if verdict == "explained":
