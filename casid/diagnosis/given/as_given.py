@@ -1,7 +1,7 @@
-"""The aircraft file as it is given, flown through the records: its own values, its own effects, nothing fitted.
+"""Simulation by the aircraft file as given: its own values and its own effects, nothing fitted.
 
-Only where a flight begins is not in the file. A state that is measured begins as it was measured; one that is not, as
-it fits the first seconds of each record best. Fitted, a measured state would make up for what is wrong with the file.
+Only the initial states are not in the file. A measured state starts at its measured value. Other states are fitted to
+the first seconds of each record. A measured state is not fitted, because that would compensate for errors of the file.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class AsGiven:
 
 
 def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
-    """The unmodified file in the records of a flight, and in those that are held out; `known` are its own effects."""
+    """Simulations of the fitted and the held-out records by the unmodified file; `known` are its own effects."""
     both = [flight, flight.with_records(flight.aircraft, held)]
     fitted, unseen = side_by_side(lambda one: _flown(one, known), both)
     return AsGiven(mended=(fitted, unseen))
@@ -53,7 +53,7 @@ def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attache
 def fly_recorded(
     flight: Flight, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
 ) -> tuple[View, View] | None:
-    """The same in fitted and held-out records before they were corrected; None where it cannot fly in these."""
+    """The same with the records before they were corrected; None if it cannot be simulated with these."""
     fitted, held = recorded
     try:
         return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended
@@ -62,7 +62,7 @@ def fly_recorded(
 
 
 def attached_effects(flight: Flight) -> list[Attached]:
-    """The effects that the aircraft file already has in the records of the flight, to be fitted further."""
+    """The effects of the aircraft file as parameters of the flight, to be fitted further."""
     found = []
     for value in flight.aircraft.effects:
         effect = effect_of(value)
@@ -87,8 +87,9 @@ def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
 
 
 def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
-    """(R, states): as measured, and for states that are not measured those that fit the first seconds of the records
-    best; None where these show too little."""
+    """(R, states) initial states: measured ones, and fits to the first seconds for the others; None if those seconds do
+    not determine them.
+    """
     window = flight.criteria.given.window
     parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
