@@ -26,6 +26,7 @@ from casid.estimation.fit import Fit
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import standard_density
 from casid.native.threads import single_threaded
+from casid.signals import label_of
 from casid.views import brief, view
 
 LEVEL = ("alpha", "delta_e", "thrust")
@@ -156,7 +157,7 @@ def rows(found: Handbook) -> list[tuple[str, Number]]:
         for name, mode in found.modes.items()
         for key, one in mode.numbers.items()
     ]
-    return of_modes + [(key.replace("_", " "), one) for key, one in found.numbers.items()]
+    return of_modes + [(label_of(key).replace("_", " "), one) for key, one in found.numbers.items()]
 
 
 @single_threaded()

@@ -58,7 +58,7 @@ def plot(proof: ProofOfMatch, test: str | None) -> Figure:
 def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = blank) -> Picture:
     """A panel for each channel that is compared, in the unit of its tolerance, and one for the inputs.
 
-    Grey band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
+    Pale band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
     """
     channels = _panels(one)
     power = "thrust" if one.test.manoeuvre == "power change" else None
@@ -84,8 +84,9 @@ def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = bla
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s"),
         figure=figure,
         title=f"{one.test.id} {one.test.title}",
-        caption="Dots: flight as measured. Black: the same, its noise smoothed, which is compared. Grey: the tolerance "
-        "about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: the manoeuvre begins.",
+        caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
+        "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: the manoeuvre "
+        "begins.",
         alt=f"Time histories of {', '.join(map(told, channels))}: flight, tolerance band and simulation.",
         wide=True,
     )
