@@ -85,8 +85,8 @@ def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = bla
         figure=figure,
         title=f"{one.test.id} {one.test.title}",
         caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
-        "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: the manoeuvre "
-        "begins.",
+        "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: begin of the "
+        "manoeuvre.",
         alt=f"Time histories of {', '.join(map(told, channels))}: flight, tolerance band and simulation.",
         wide=True,
     )
