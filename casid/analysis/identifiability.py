@@ -251,6 +251,9 @@ def identifiability(
     vectors = vectors[:, order]
     shares = vectors**2 / np.maximum(values, _NOTHING)
     total = shares.sum(axis=1)
+    root = np.sqrt(np.where(seen, total, np.inf))
+    together = (vectors / np.maximum(values, _NOTHING)) @ vectors.T / np.outer(root, root)
+    np.fill_diagonal(together, 0.0)
     weak = []
     moves = excitations(problem.records, moved_by)
     found = candidates(fit, moved_by) if singular[0] > _INDEX * singular[-1] or not seen.all() else []
@@ -264,6 +267,7 @@ def identifiability(
                 largest=float(singular[0]),
                 along=scale * vector,
                 part=part,
+                together=together,
                 help=best_manoeuvre(found, information, coordinate),
             )
             weak.append(_direction(fit, one, size, moves))
@@ -300,6 +304,7 @@ class _Weak:
     singular, largest   its singular value, and that of the direction that they show most of
     along               (parameters,) the direction
     part                (parameters,) of the variance of each that is along it
+    together            (parameters, parameters) correlation of the estimates, zero of each with itself
     help                the manoeuvre that would show most of it
     """
 
@@ -307,13 +312,18 @@ class _Weak:
     largest: float
     along: np.ndarray
     part: np.ndarray
+    together: np.ndarray
     help: Suggestion | None
 
 
 def _direction(fit: Fit, weak: _Weak, size: np.ndarray, moves: Sequence[Excitation]) -> Direction:
-    # a weak direction of unit columns has two members at least
+    # A weak direction of unit columns has two members at least. Directions of like singular values share variance out
+    # among them, so that the partner of a single one is what its estimate is most correlated with.
     part, along = weak.part, weak.along
-    members = [int(i) for rank, i in enumerate(np.argsort(-part)) if part[i] > _PROPORTION or rank < 2]
+    ranked = [int(i) for i in np.argsort(-part)]
+    members = [i for i in ranked if part[i] > _PROPORTION] or ranked[:1]
+    if len(members) < 2:
+        members.append(int(np.argmax(np.abs(weak.together[members[0]]))))
     lost = weak.singular == 0.0
     own = np.where(np.isnan(size), 1.0, size)[members]
     change = along / weak.singular if not lost else along * np.min(own / np.abs(along[members]))

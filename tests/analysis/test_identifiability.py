@@ -245,3 +245,31 @@ def test_the_script_reports_the_demonstration_and_refuses_half_an_input(tmp_path
     assert set(found["blend"]) <= set(found["names"])
     status, _, error = script_here("identifiability", "flight.csv")
     assert status == 2 and "--aircraft" in error and error.count("\n") == 1
+
+
+def test_two_dependencies_of_one_strength_are_not_mixed() -> None:
+    """Two outputs of the same two regressors, which correlate by 0.995, and a faint third that sees a sum of both: the
+    weak directions are shared out among all four parameters, but each estimate correlates with that of its own output."""
+    rng, t = np.random.default_rng(4), 0.05 * np.arange(400)
+    u = np.sin(t) + 0.3 * np.sin(3.1 * t)
+    v = u + 0.1 * np.std(u) * rng.standard_normal(len(t))
+    model = define_model(
+        "two gains twice",
+        states=["x"],
+        inputs=["u", "v"],
+        parameters={"a1": 1.0, "a2": 1.0, "b1": 1.0, "b2": 1.0},
+        outputs=["y", "z", "both"],
+        dynamics=lambda s: {"x": s.u - s.x},
+        output=lambda s: {
+            "y": s.a1 * s.u + s.a2 * s.v,
+            "z": s.b1 * s.u + s.b2 * s.v,
+            "both": 0.05 * (s.a1 + s.b1) * s.u,
+        },
+    )
+    flown = simulate(model, Record(name="m1", t=t, channels={"u": u, "v": v}), np.zeros(1)).as_record("m1")
+    noise = {"y": 0.01, "z": 0.01, "both": 0.01}
+    found = identifiability(solve(Problem(model=model, records=[flown], free=["a*", "b*"], noise=noise)))
+    assert len(found.weak) == 2
+    for direction in found.weak:
+        outputs = {name[0] for name in direction.change}
+        assert len(direction.change) > 2 or len(outputs) == 1, direction
