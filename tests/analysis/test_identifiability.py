@@ -249,7 +249,7 @@ def test_the_script_reports_the_demonstration_and_refuses_half_an_input(tmp_path
 
 def test_two_dependencies_of_one_strength_are_not_mixed() -> None:
     """Two outputs of the same two regressors, which correlate by 0.995, and a faint third that sees a sum of both: the
-    weak directions are shared out among all four parameters, but each estimate correlates with that of its own output."""
+    weak directions are shared out among all four parameters, and estimates correlate within an output."""
     rng, t = np.random.default_rng(4), 0.05 * np.arange(400)
     u = np.sin(t) + 0.3 * np.sin(3.1 * t)
     v = u + 0.1 * np.std(u) * rng.standard_normal(len(t))
