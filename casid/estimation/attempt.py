@@ -18,7 +18,7 @@ from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
 
-_MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
+MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
@@ -41,7 +41,7 @@ class Attempt:
     def misfit(self) -> float:
         """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
         value = self.outcome.value
-        return self.objective.misfit(value) if value.worst() < _MET else math.inf
+        return self.objective.misfit(value) if value.worst() < MET else math.inf
 
     @property
     def values(self) -> dict[str, float]:

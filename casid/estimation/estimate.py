@@ -73,8 +73,8 @@ def solve(
     Returns
     -------
     Fit
-        Estimates, their uncertainties, residuals and the status; of several starts the best that converged, with an
-        account of all in `Fit.starts`.
+        Estimates, their uncertainties, residuals and the status; of several starts the most likely end, with an account
+        of all in `Fit.starts`.
 
     Raises
     ------

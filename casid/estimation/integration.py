@@ -33,6 +33,9 @@ _ORDER = 4  # of Runge and Kutta's method
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
+# of rate times step: an implicit method has poles there, of one stage at 1 and of more beyond, and damps what grows
+# faster, by half steps too, so that the two agree on a motion that is none
+_GROWING = 1.0
 _SMALL_DEFECT = 1e-6  # of the states
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
@@ -53,11 +56,19 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
     """The solution on a motion that is integrated well enough: with more steps where the data are worth them."""
     if method.substeps is not None or objective.problem.model.period is not None:
         return Integrated(objective=objective, outcome=outcome, method=method)
-    found = _finely(objective, outcome, method, solver)
+    found = _judged(_finely(objective, outcome, method, solver))
     if found.outcome.status == "converged" or not isinstance(found.method, Collocation) or solver.left <= 0.0:
         return found
-    other = _by_implicit_shooting(objective, method, solver)
+    other = _judged(_by_implicit_shooting(objective, method, solver))
     return other if _is_lower(other, found) else found
+
+
+def _judged(end: Integrated) -> Integrated:
+    """The end with a status that says so where its steps are too long for what the data are worth."""
+    if end.fine or end.outcome.status != "converged":
+        return end
+    doubt = doubt_of_steps(end.objective, end.outcome, end.method)
+    return replace(end, outcome=replace(end.outcome, status=f"stopped: {doubt}")) if doubt else end
 
 
 def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
@@ -133,14 +144,16 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> in
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return steps if is_implicit(finer) else max(_stable_steps(objective), steps)
+    if is_implicit(finer) and _growing_steps(objective, outcome) > steps:
+        return _growing_steps(objective, outcome)
     excess = _excess(*_integration_error(objective, outcome, linear, finer))
     if not np.isfinite(excess) and is_implicit(finer):
         return 2 * steps
     return steps if excess < 1.0 else max(_steps_for(excess, steps, _order(finer)), steps + 1)
 
 
-def _fastest_decay(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> float:
-    """Largest magnitude of a decaying eigenvalue of df/dx [1/s] at some samples of states (K, L, n)."""
+def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """Of df/dx [1/s], at those of some samples of states (K, L, n) where it is largest; none where it is no number."""
     model, layout = objective.problem.model, objective.layout
     count, length, n = states.shape
     which, scale = np.linspace(0, count * length - 1, _SAMPLES).astype(int), objective.scale
@@ -150,10 +163,9 @@ def _fastest_decay(objective: Objective, states: np.ndarray, parameters: np.ndar
     )[0]
     found = found.reshape(_SAMPLES, n, n)
     if not np.isfinite(found).all():
-        return 0.0
+        return np.empty(0)
     largest = np.argsort(np.square(found * scale[:, None] / scale).sum(axis=(1, 2)))[-_CHECKED:]
-    eigenvalues = np.linalg.eigvals(found[largest])
-    return float(np.abs(eigenvalues[eigenvalues.real < 0.0]).max(initial=0.0))
+    return np.asarray(np.linalg.eigvals(found[largest])).ravel()
 
 
 def _is_motion(outcome: Outcome) -> bool:
@@ -179,8 +191,18 @@ def _stable_steps(objective: Objective) -> int:
     """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
     interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
     parameters = objective.problem.model_parameters(start.theta)
-    rate = _fastest_decay(objective, start.nodes[:, None], parameters)
+    eigenvalues = _eigenvalues(objective, start.nodes[:, None], parameters)
+    rate = float(np.abs(eigenvalues[np.real(eigenvalues) < 0.0]).max(initial=0.0))
     return math.ceil(min(rate * interval / _STABLE, 1e6))
+
+
+def _growing_steps(objective: Objective, outcome: Outcome) -> int:
+    """Steps per sample interval with which an implicit method does not damp a motion that grows."""
+    value = outcome.value
+    assert value.trajectory is not None
+    interval = float(objective.layout.dt.max()) * objective.layout.substeps
+    eigenvalues = _eigenvalues(objective, value.trajectory.states, value.parameters)
+    return math.ceil(min(float(np.real(eigenvalues).max(initial=0.0)) * interval / _GROWING, 1e6))
 
 
 def _steps_at_start(objective: Objective) -> int:
@@ -244,6 +266,11 @@ def doubt_of_steps(objective: Objective, outcome: Outcome, method: Transcription
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return ""
+    if is_implicit(method) and (needed := _growing_steps(objective, outcome)) > steps:
+        return (
+            f"implicit integration with {steps} step{'s' * (steps > 1)} per sample interval damps a motion that grows: "
+            f"give substeps={needed} or more, or bounds of the parameters"
+        )
     off, cost = _integration_error(objective, outcome, linear, replace(method, substeps=2 * steps))
     if _excess(off, cost) < 1.0:
         return ""

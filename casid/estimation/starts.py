@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import norm, qmc
 
 from casid.errors import InputError
+from casid.estimation.attempt import MET
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
 from casid.estimation.problem import Problem
@@ -77,7 +78,9 @@ def best_of(
     """The best of the fits from the problem's own start and from others drawn over its ranges, with an account of all.
 
     `solved` does what it can from a start; `tried`, if there is one, only what is quick. Then starts that it loses give
-    way to further ones, and are solved only where all that are drawn leave too few.
+    way to further ones, and are solved only where all that are drawn leave too few, or where one is more likely than
+    every end that was solved. An end that is more likely than all that converged is the best, whatever its status:
+    a minimum between bounds says nothing against it.
     Raises InputError for a parameter without a range.
     """
     fits, lost = [solved(problem)], list[tuple[Problem, Fit]]()
@@ -92,22 +95,30 @@ def best_of(
             lost.append((one, fit))
     lost.sort(key=lambda pair: _badness(pair[1]))
     again = starts - len(fits)
+    if again == 0 and lost and _badness(lost[0][1]) < min(map(_badness, fits)) - _LIKELY:
+        again = 1
     fits += [solved(one) for one, _ in lost[:again]]
     good = [fit for fit in fits if fit.converged]
-    best = min(good or fits[:1], key=_badness)
+    best = min(fits, key=_badness)
+    if good and _badness(best) > min(map(_badness, good)) - _LIKELY:
+        best = min(good, key=_badness)
     every = fits + [fit for _, fit in lost[again:]]
     seconds = sum(fit.seconds for fit in every)
-    account = Starts(minima=_minima(good), lost=Counter(fit.status for fit in every if not fit.converged))
+    account = Starts(
+        minima=_minima(good, _badness(best)), lost=Counter(fit.status for fit in every if not fit.converged)
+    )
     return replace(best, problem=problem, seconds=seconds, starts=account)
 
 
 def _badness(fit: Fit) -> float:
-    """-ln(likelihood x prior), up to a constant of the problem."""
-    return fit.uncertainty.objective.misfit(fit.uncertainty.value)
+    """-ln(likelihood x prior), up to a constant of the problem; infinite where the fit is no motion."""
+    value = fit.uncertainty.value
+    misfit = fit.uncertainty.objective.misfit(value) if value.worst() < MET else math.inf
+    return misfit if np.isfinite(misfit) else math.inf
 
 
-def _minima(fits: Sequence[Fit]) -> tuple[Minimum, ...]:
-    """Distinct ends, the best first."""
+def _minima(fits: Sequence[Fit], best: float) -> tuple[Minimum, ...]:
+    """Distinct ends, the most likely first; `best` is the badness of the fit that is returned."""
     groups: list[list[Fit]] = []
     for fit in sorted(fits, key=_badness):
         own = next((group for group in groups if _same(group[0], fit)), None)
@@ -117,7 +128,7 @@ def _minima(fits: Sequence[Fit]) -> tuple[Minimum, ...]:
             own.append(fit)
     ends = [group[0] for group in groups]
     return tuple(
-        Minimum(count=len(group), cost=end.cost, behind=_badness(end) - _badness(ends[0]), values=dict(end.values))
+        Minimum(count=len(group), cost=end.cost, behind=_badness(end) - best, values=dict(end.values))
         for group, end in zip(groups, ends, strict=True)
     )
 

@@ -58,7 +58,9 @@ def ending(problem: Problem, method: Transcription, solver: Solver, begin: float
     end = _ending(problem, method, solver, timed(solver, begin))
     attempt = end.attempt
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
-    return replace(end, remark="; ".join(filter(None, (end.remark, doubt)))) if doubt else end
+    if doubt in attempt.outcome.status:  # none, or said already
+        return end
+    return replace(end, remark="; ".join(filter(None, (end.remark, doubt))))
 
 
 def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:

@@ -198,3 +198,29 @@ def test_a_published_optimum_is_not_left_for_worse(elowitz, method):
     by_truth = 0.5 * len(off) * (1.0 + np.log(2.0 * np.pi * np.mean(off**2))) + constant
     assert by_truth < PUBLISHED + 0.01
     assert constant - fit.log_likelihood == pytest.approx(by_truth, abs=0.01)
+
+
+def growing(rate: float, level: float, t: np.ndarray) -> cs.Problem:
+    """dx/dt = rate (x - c) from rest: x = c (1 - exp(rate t))."""
+    model = cs.define_model(
+        "growing",
+        states=["x"],
+        inputs=[],
+        parameters={"rate": rate, "c": 1.5 * level},
+        outputs=["y"],
+        dynamics=lambda s: {"x": s.rate * (s.x - s.c)},
+        output=lambda s: {"y": s.x},
+        initial=lambda _: {"x": 0.0},
+    )
+    y = level * -np.expm1(rate * t) if rate * t[-1] < 100.0 else np.full(len(t), level)
+    y = y + 0.01 * np.random.default_rng(4).standard_normal(len(t))
+    return cs.Problem(model, [cs.Record(name="m", t=t, channels={"y": y})], free=["c"], noise={"y": 0.01})
+
+
+def test_implicit_steps_are_short_enough_for_a_motion_that_grows():
+    """Long implicit steps damp what grows: at a rate of 1000/s the state would stay at c, where no motion does. A rate
+    that steps can follow is followed."""
+    far = cs.solve(growing(1000.0, 2.0, np.arange(20.0)), cs.SingleShooting(implicit=True))
+    assert not far.converged
+    near = cs.solve(growing(3.0, 2.0, np.arange(4.0)), cs.SingleShooting(implicit=True))
+    assert near.converged and abs(near["c"].value - 2.0) < 4.0 * near["c"].std

@@ -55,6 +55,21 @@ def test_a_straight_line_has_one_minimum():
     assert fit["a"].value == pytest.approx(float(x @ y / (x @ x)), rel=1e-9)
 
 
+def test_a_more_likely_end_is_taken_though_only_a_worse_one_converged():
+    """The own start is a side lobe's minimum, and three steps do not suffice from elsewhere."""
+    model, record = wave()
+    limits = [cs.limit_parameter("w", lower=0.5, upper=6.0), cs.limit_parameter("a", lower=1.0, upper=3.0)]
+    problem = cs.Problem(model, [record], free=["*"], noise={"y": 0.1}, constraints=limits)
+    lobe = cs.solve(problem)
+    again = cs.Problem(model, [record], free=["*"], noise={"y": 0.1}, constraints=limits, start=lobe.values)
+    fit = cs.solve(again, solver=cs.GaussNewton(iterations=3), starts=16, seed=3)
+    assert lobe.converged and abs(lobe["w"].value - 3.3) > 1.0
+    assert fit.starts is not None and fit.starts.minima
+    assert fit["w"].value == pytest.approx(3.3, abs=0.1) and fit.log_likelihood > lobe.log_likelihood + 100.0
+    assert not fit.converged
+    assert fit.starts.minima[0].behind == pytest.approx(fit.log_likelihood - lobe.log_likelihood, rel=1e-6)
+
+
 def test_starts_are_drawn_between_limits_by_the_prior_or_over_decades():
     model = cs.define_regression(
         "three",
