@@ -1,10 +1,12 @@
 """How much faster is an estimation than with the tools that people use, at the same optimum?
 
-Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, opty, pyomo.dae against ours
+Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, rockit, acados, opty, pyomo.dae
+             against ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
              prior (problems/peers/common.py). Theirs and ours in turn in one process, medians of processor time (all
              run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no
-             bounds. A peer that is not installed is said and left out (CONTRIBUTING.md says what it takes).
+             bounds. acados generates and compiles its solver before, as ours is. A peer that is not installed is said
+             and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
@@ -20,22 +22,37 @@ from statistics import median
 from casid.errors import InputError, unknown
 from casid.estimation import Fit, solve
 from problems.bench.table import parser, processor_seconds, processor_seconds_of, publish
+from problems.peers.acados import acados
 from problems.peers.casadi import casadi_ipopt_gn
 from problems.peers.common import TRUTH, our_problem, task
 from problems.peers.opty import opty
 from problems.peers.pyomo import pyomo
+from problems.peers.rockit import rockit
 from problems.peers.scipy import scipy_ivp, scipy_rk4
 
 PEERS = {
     "scipy_rk4": scipy_rk4,
     "scipy_ivp": scipy_ivp,
     "casadi_ipopt_gn": casadi_ipopt_gn,
+    "rockit": rockit,
+    "acados": acados,
     "opty": opty,
     "pyomo": pyomo,
 }
+COMPILED = ("acados",)  # once per process, before its time counts
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
-SAME = {"scipy_rk4": 1e-3, "casadi_ipopt_gn": 1e-3, "scipy_ivp": 1e-3, "opty": 0.2, "pyomo": 0.05}
+SAME = {
+    "scipy_rk4": 1e-3,
+    "casadi_ipopt_gn": 1e-3,
+    "scipy_ivp": 1e-3,
+    "rockit": 1e-3,
+    "acados": 1e-3,
+    "opty": 0.2,
+    "pyomo": 0.05,
+}
 NEEDS = {
+    "rockit": "pip install rockit-meco",
+    "acados": "acados with acados_template, with ACADOS_SOURCE_DIR and LD_LIBRARY_PATH as its documentation says",
     "opty": "pip install 'casid[bench]', which builds cyipopt against libipopt",
     "pyomo": "pip install 'casid[bench]', and an executable 'ipopt' on the path",
 }
@@ -65,6 +82,8 @@ def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None
     """One row; None when the peer's package is missing."""
     theirs, ours, data = [], [], task()
     try:
+        if name in COMPILED:
+            PEERS[name](data)
         for _ in range(repeats):
             ours += processor_seconds_of(lambda: solve(our_problem()).covariance, OURS_PER_TURN)
             begin = processor_seconds()

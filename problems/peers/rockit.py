@@ -13,7 +13,7 @@ SCALE = (144.0, 5.0, 5.0, 0.2, 0.1, 0.1, 0.3, 0.1)
 
 def rockit(task: Task) -> tuple[np.ndarray, float]:
     """(parameters (16,), cost). Building the programme is part of it. Raises ModuleNotFoundError without rockit."""
-    from rockit import MultipleShooting, Ocp  # pyright: ignore[reportMissingImports]
+    from rockit import MultipleShooting, Ocp  # pyright: ignore
 
     steps, span = len(task.t) - 1, float(task.t[-1] - task.t[0])
     ocp = Ocp(t0=float(task.t[0]), T=span)
