@@ -179,19 +179,19 @@ _ROOMS = {
         "DataFindings",
         "check",
     ),
-    "casid.diagnosis.data.finding": ("Finding",),
+    "casid.diagnosis.data.reading": ("Finding",),
     "casid.diagnosis.kinematics.compatibility": (
         "Compatibility",
         "InstrumentError",
         "SteadyWind",
         "compatibility",
     ),
-    "casid.diagnosis.decision": (
+    "casid.diagnosis.cause": (
         "Decision",
         "Gate",
         "Trace",
     ),
-    "casid.diagnosis.dispatch": ("diagnose",),
+    "casid.diagnosis.diagnose": ("diagnose",),
     "casid.diagnosis.systems.library": ("Library",),
     "casid.diagnosis.systems.result": (
         "SystemCause",

@@ -33,7 +33,7 @@ from casid.diagnosis.flight.evaluation import FlightFit as Reconstruction
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import with_noise_level
-from casid.diagnosis.given.flight_values import flight_values
+from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
 from casid.estimation import Fit, solve

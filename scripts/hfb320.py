@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.flight.statistics import whiteness
+from casid.diagnosis.flight.noise import whiteness
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve

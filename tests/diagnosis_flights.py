@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.cause import at_least
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import at_least
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings

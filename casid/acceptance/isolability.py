@@ -28,8 +28,7 @@ from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import responses
-from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.evidence.fingerprints import Projection, responses
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare

@@ -9,7 +9,7 @@ from pathlib import Path
 from traceback import extract_tb
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.dispatch import diagnose
+from casid.diagnosis.diagnose import diagnose
 from casid.errors import CasidError, InputError, unknown
 from casid.model.system import Model
 from casid.records.record import Record

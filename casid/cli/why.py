@@ -9,7 +9,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from casid.cli.options import AsJson
-from casid.diagnosis.decision import trace_of
+from casid.diagnosis.cause import trace_of
 from casid.errors import InputError
 
 

@@ -2,12 +2,367 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
-from casid.diagnosis.decision import Gate
+from casid.errors import InputError, nearest, unknown
 from casid.model.vocabulary import effect_title
+
+NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED = "named", "in a set", "minor", "refused", "not tried"
+OUTCOMES = (NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gate:
+    """One comparison of a value with a threshold.
+
+    Attributes
+    ----------
+    gate
+        The quantity that is compared, in a few words.
+    value, threshold
+        The numbers that are compared.
+    criterion
+        Name of the threshold in `Criteria`, as "naming.gain"; empty for a limit of the cause itself or a logical
+        condition.
+    least
+        Whether the value must be at least the threshold; otherwise at most.
+    or_else
+        Alternative gates, one of which is sufficient if this comparison fails.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> gate = cs.Gate(gate="share", value=0.4, threshold=1.0, criterion="naming.share", least=True)
+    >>> gate.passed
+    False
+    """
+
+    gate: str
+    value: float
+    threshold: float
+    criterion: str = ""
+    least: bool = True
+    or_else: tuple[Gate, ...] = ()
+
+    @property
+    def holds(self) -> bool:
+        """Whether the comparison itself holds, without the alternatives."""
+        return self.value >= self.threshold if self.least else self.value <= self.threshold
+
+    @property
+    def passed(self) -> bool:
+        """Whether the comparison holds or one of the alternatives passes."""
+        return self.holds or any(other.passed for other in self.or_else)
+
+    @property
+    def margin(self) -> float:
+        """Value over threshold, or its inverse for an upper limit: 1 at the threshold, more if the comparison holds."""
+        value, threshold = (self.value, self.threshold) if self.least else (self.threshold, self.value)
+        return value / threshold if threshold > 0.0 else math.copysign(math.inf, value - threshold)
+
+    @property
+    def words(self) -> str:
+        """The comparison as a clause, as "gain 12, at least 40 needed"."""
+        sense = "at least" if self.least else "at most"
+        return f"{self.gate} {self.value:.3g}, {sense} {self.threshold:.3g} needed"
+
+    def __str__(self) -> str:
+        sign = ">=" if self.least else "<="
+        by = f" [{self.criterion}]" if self.criterion else ""
+        others = "".join(f"; or {other}" for other in self.or_else)
+        return f"{self.gate}: {self.value:.4g} {sign} {self.threshold:.4g}{by}{others}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `gates` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
+        entry: dict[str, Any] = {
+            "gate": self.gate,
+            "value": float(self.value),
+            "threshold": float(self.threshold),
+            "criterion": self.criterion,
+            "least": self.least,
+            "passed": self.passed,
+        }
+        return entry | ({"or_else": [other.to_dict() for other in self.or_else]} if self.or_else else {})
+
+    @classmethod
+    def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
+        """The gate of an entry that `to_dict` made; a number that JSON cannot hold becomes NaN.
+
+        Parameters
+        ----------
+        entry
+            An entry of ``gates`` in diagnosis.json.
+
+        Returns
+        -------
+        Gate
+            The gate.
+        """
+        numbers = {k: math.nan if entry[k] is None else float(entry[k]) for k in ("value", "threshold")}
+        others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
+        return cls(
+            gate=entry["gate"], criterion=entry["criterion"], least=entry.get("least", True), or_else=others, **numbers
+        )
+
+
+def at_least(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
+    """A gate that passes if the value reaches the threshold."""
+    return Gate(gate=gate, value=float(value), threshold=float(threshold), criterion=criterion, or_else=tuple(or_else))
+
+
+def at_most(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
+    """A gate that passes if the value does not exceed the threshold."""
+    return replace(at_least(gate, value, threshold, criterion, or_else), least=False)
+
+
+def all_passed(gates: Iterable[Gate]) -> bool:
+    """Whether every gate passed."""
+    return all(gate.passed for gate in gates)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Decision:
+    """The decision on one cause in one round.
+
+    Attributes
+    ----------
+    cause
+        Its name, as "actuator_lag(delta_e)".
+    round
+        Round of the search, from 1 on; 0 for an effect that was in the model before the first round.
+    outcome
+        "named", "in a set" (equivalent to a named cause), "minor", "refused" or "not tried".
+    gates
+        The comparisons, in the order in which they were made.
+    against
+        Names of the causes that it was compared with.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> gate = cs.Gate(gate="share", value=0.4, threshold=1.0, criterion="naming.share", least=True)
+    >>> decision = cs.Decision(cause="actuator_lag(delta_e)", round=1, outcome="refused", gates=(gate,))
+    >>> [one.gate for one in decision.failed]
+    ['share']
+    """
+
+    cause: str
+    round: int
+    outcome: str
+    gates: tuple[Gate, ...]
+    against: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> tuple[Gate, ...]:
+        """The gates that failed."""
+        return tuple(gate for gate in self.gates if not gate.passed)
+
+    def __str__(self) -> str:
+        lines = [f"{self.cause}: {self.outcome}" + (f", round {self.round}" if self.round else "")]
+        lines += [f"  {'passed' if gate.passed else 'FAILED'}  {gate}" for gate in self.gates]
+        if self.against:
+            lines.append(f"  compared with {', '.join(self.against)}")
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `decisions` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
+        return {
+            "cause": self.cause,
+            "round": self.round,
+            "outcome": self.outcome,
+            "gates": [gate.to_dict() for gate in self.gates],
+            "against": list(self.against),
+        }
+
+    @classmethod
+    def from_dict(cls, entry: Mapping[str, Any]) -> Decision:
+        """The decision of an entry that `to_dict` made.
+
+        Parameters
+        ----------
+        entry
+            An entry of ``decisions`` in diagnosis.json.
+
+        Returns
+        -------
+        Decision
+            The decision.
+        """
+        gates = tuple(Gate.from_dict(gate) for gate in entry["gates"])
+        return cls(
+            cause=entry["cause"],
+            round=entry["round"],
+            outcome=entry["outcome"],
+            gates=gates,
+            against=tuple(entry.get("against", ())),
+        )
+
+
+@dataclass(frozen=True, repr=False, kw_only=True)
+class Trace:
+    """The decisions of a diagnosis, by cause and round, in the order in which they were made.
+
+    Examples
+    --------
+    >>> from casid.diagnosis.cause import Decision, Trace, at_least
+    >>> gate = at_least("gains enough", 12.0, 40.0, "naming.gain")
+    >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
+    >>> print(trace.of("mass"))
+    mass: refused, round 1
+      FAILED  gains enough: 12 >= 40 [naming.gain]
+    """
+
+    decisions: tuple[Decision, ...] = field(default=())
+
+    def of(self, cause: str) -> Trace:
+        """The decisions of one cause: "actuator_lag(delta_e)", "actuator_lag delta_e", or a kind with all its targets.
+
+        Parameters
+        ----------
+        cause
+            Kind with or without target.
+
+        Returns
+        -------
+        Trace
+            Decisions on this cause only.
+
+        Raises
+        ------
+        InputError
+            For a cause that was not considered, with the nearest one that was.
+        """
+        wanted = cause.replace(" ", "(", 1) + ")" if " " in cause.strip() and "(" not in cause else cause
+        found = [one for one in self.decisions if wanted in (one.cause, one.cause.partition("(")[0])]
+        found = found or [one for one in self.decisions if one.cause.startswith(wanted.removesuffix(")"))]
+        if not found:
+            causes = {one.cause for one in self.decisions}
+            kinds = {name.partition("(")[0] for name in causes}  # a list of all causes would fill a screen
+            raise unknown("cause", cause, causes if nearest(cause, causes) else kinds, "why")
+        return Trace(decisions=tuple(found))
+
+    def against(self, cause: str) -> Trace:
+        """The decisions that kept a cause from being named.
+
+        Parameters
+        ----------
+        cause
+            Kind with or without target.
+
+        Returns
+        -------
+        Trace
+            Decisions on this cause only.
+
+        Raises
+        ------
+        InputError
+            For a cause that was not considered, and for one that was named.
+        """
+        refused = tuple(one for one in self.of(cause).decisions if one.outcome != NAMED)
+        if not refused:
+            raise InputError(f"why_not: {cause} was named; diagnosis.why('{cause}') says by which gates")
+        return Trace(decisions=refused)
+
+    @property
+    def not_tried(self) -> tuple[Decision, ...]:
+        """The decisions on causes that were screened and not fitted."""
+        return tuple(one for one in self.decisions if one.outcome == NOT_TRIED)
+
+    @property
+    def outcome(self) -> Mapping[str, str]:
+        """Cause -> its best outcome, in the order of `OUTCOMES`."""
+        best: dict[str, str] = {}
+        for one in self.decisions:
+            best[one.cause] = min(best.get(one.cause, NOT_TRIED), one.outcome, key=OUTCOMES.index)
+        return best
+
+    @property
+    def deciding(self) -> tuple[Decision, ...]:
+        """One decision for each cause: that with its best outcome, and of several such the one with the most gates."""
+        best, outcome = {}, self.outcome
+        for one in self.decisions:
+            before = best.get(one.cause)
+            if one.outcome == outcome[one.cause] and (before is None or len(one.gates) > len(before.gates)):
+                best[one.cause] = one
+        return tuple(sorted(best.values(), key=lambda one: (OUTCOMES.index(one.outcome), one.round)))
+
+    def summary(self, most: int = 12) -> str:
+        """One line for each cause with the gate that decided, named causes first.
+
+        `most` is the number of lines for refused and untried causes; those with the most gates come first.
+
+        Parameters
+        ----------
+        most
+            Largest number of lines for causes that were refused or not tried.
+
+        Returns
+        -------
+        str
+            One line for each cause.
+        """
+        chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
+        rest = [one for one in self.deciding if one not in chosen and one.failed]
+        rest.sort(key=lambda one: (OUTCOMES.index(one.outcome), -len(one.gates), -one.failed[0].margin))
+        lines = [_line(one) for one in (*chosen, *rest[:most])]
+        more = len(rest) - most
+        return "\n".join([*lines, *([f"and {more} more causes that were refused or not tried"] if more > 0 else [])])
+
+    def __str__(self) -> str:
+        return "\n".join(str(one) for one in self.decisions)
+
+    def __repr__(self) -> str:
+        return f"<{len(self.decisions)} decisions on {len(self.outcome)} causes; print it for the gates>"
+
+
+def _line(one: Decision) -> str:
+    """A decision in one line, with the first gate that failed or the tightest one that passed."""
+    compared = [gate for gate in one.gates if gate.holds and gate.criterion]
+    tightest = min(compared, key=lambda gate: gate.margin, default=None)
+    decided = one.failed[0] if one.failed else tightest
+    because = "" if decided is None else f" ({'failed' if one.failed else 'tightest'}: {decided})"
+    return f"{one.outcome:<10} {one.cause}{because}"
+
+
+def trace_of(document: Mapping[str, Any]) -> Trace:
+    """The decision trace of a document of diagnosis.json.
+
+    Raises
+    ------
+    InputError
+        For a document of `casid.diagnosis/2` or before, which has no decisions.
+    """
+    if "decisions" not in document:
+        schema = document.get("schema", "no schema")
+        raise InputError(
+            f"no decisions in this diagnosis (of {schema}, casid.diagnosis/3 has them); run casid diagnose again"
+        )
+    return Trace(decisions=tuple(Decision.from_dict(entry) for entry in document["decisions"]))
+
+
+def merged(decisions: Sequence[Decision]) -> tuple[Decision, ...]:
+    """The decisions with only the last "not tried" of each cause, and none for a cause that was tried."""
+    last = {one.cause: one for one in decisions if one.outcome == NOT_TRIED}
+    tried = {one.cause for one in decisions if one.outcome != NOT_TRIED}
+    return tuple(
+        one for one in decisions if one.outcome != NOT_TRIED or (one.cause not in tried and last[one.cause] is one)
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

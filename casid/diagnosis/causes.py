@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.decision import (
+from casid.diagnosis.cause import (
     IN_A_SET,
     MINOR,
     NAMED,
     REFUSED,
+    Cause,
     Decision,
     Gate,
     Trace,
@@ -29,8 +29,7 @@ from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.engine.structure import is_induced_drag, is_usual
 from casid.diagnosis.engine.trial import Round, Trial
-from casid.diagnosis.evidence.coefficients import unlike_derivatives, variation
-from casid.diagnosis.evidence.evidence import Evidence, deviation, sure
+from casid.diagnosis.evidence.evidence import Evidence, deviation, sure, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached

@@ -16,7 +16,7 @@ from casid.diagnosis.criterion import Criterion, Value, listed, number, overridd
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.flight.criteria import DerivativeSizes, InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
-from casid.diagnosis.systems.criteria import SystemCriteria
+from casid.diagnosis.systems.library import SystemCriteria
 from casid.errors import InputError
 
 _GAIN = "2 ln L"

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, overload
 
 from casid.arguments import require
 from casid.diagnosis.causes import causes_of, trace_of_search
@@ -18,19 +19,21 @@ from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State, search
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
-from casid.diagnosis.extension import extended_aircraft
-from casid.diagnosis.flight.noise import with_noise_level
-from casid.diagnosis.flight.statistics import view_of
-from casid.diagnosis.given.as_given import AsGiven, attached_effects, fly_as_given, fly_recorded
-from casid.diagnosis.given.budget import budget_of
-from casid.diagnosis.given.flight_values import flight_values
-from casid.diagnosis.given.reach import reach_of
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.flight.noise import view_of, with_noise_level
+from casid.diagnosis.given.budget import AsGiven, attached_effects, budget_of, fly_as_given, fly_recorded
+from casid.diagnosis.given.contradicted import flight_values
+from casid.diagnosis.given.scope import scope_of
+from casid.diagnosis.result import Diagnosis, extended_aircraft
 from casid.diagnosis.sentences import remarks
-from casid.diagnosis.unexplained import beside_slow_noise, what_is_left
-from casid.diagnosis.verdict import concluded, named_in_errors
+from casid.diagnosis.systems.diagnose import diagnose_system
+from casid.diagnosis.systems.library import Library
+from casid.diagnosis.systems.result import SystemDiagnosis
+from casid.diagnosis.verdict import beside_slow_noise, concluded, named_in_errors, what_is_left
+from casid.errors import InputError
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.linearised import linearised
+from casid.model.port import ModelPort as Port
+from casid.model.system import Model
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
@@ -39,7 +42,7 @@ from casid.records.record import Record
 
 @single_threaded()
 @singular_is("diagnose", "the model cannot follow these records: check units and signs of channels and of the file")
-def diagnose(
+def diagnose_aircraft(
     aircraft: Aircraft | str | Path,
     records: Sequence[Record],
     hold_out: Sequence[Record] = (),
@@ -88,16 +91,16 @@ def diagnose(
         for both in (checked.records, checked.recorded)
     )
     with named_in_errors(checked.findings, checked.doubts, criteria.verdict.stated):
-        reach = reach_of(aircraft, mended, criteria, axes)
-        known = attached_effects(reach.flight)
-        flight = with_noise_level(reach.flight, known)
+        scope = scope_of(aircraft, mended, criteria, axes)
+        known = attached_effects(scope.flight)
+        flight = with_noise_level(scope.flight, known)
         stages.begin("simulation as given")
-        given = fly_as_given(flight, reach.held, known)
+        given = fly_as_given(flight, scope.held, known)
         if any(one.handled != "reported" for one in checked.findings):
-            given = replace(given, recorded=fly_recorded(flight, reach.ready(recorded), known))
+            given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
-        found = _judged(aircraft, state, given, reach.held, stages)
-        return concluded(found, reach, checked.findings, checked.doubts)
+        found = _judged(aircraft, state, given, scope.held, stages)
+        return concluded(found, scope, checked.findings, checked.doubts)
 
 
 def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Record], stages: Stages) -> Diagnosis:
@@ -170,3 +173,89 @@ class Stages:
         if self._name:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
         self._name = ""
+
+
+Say = Callable[[str], None]
+
+
+@overload
+def diagnose(
+    simulation: Aircraft | str | Path,
+    records: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    report: Say = ...,
+    criteria: Criteria | None = None,
+    *,
+    as_recorded: bool = False,
+    axes: str | None = None,
+) -> Diagnosis: ...
+
+
+@overload
+def diagnose(
+    simulation: Model,
+    records: Sequence[Record],
+    hold_out: Sequence[Record] = (),
+    report: Say = ...,
+    criteria: Criteria | None = None,
+    *,
+    ports: Sequence[Port] | None = None,
+    exact: Sequence[str] = (),
+    library: Library | None = None,
+) -> SystemDiagnosis: ...
+
+
+def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | SystemDiagnosis:
+    """Diagnose what a simulation gets wrong, with measured records.
+
+    Parameters
+    ----------
+    simulation
+        An `Aircraft` or the name of its file, or the `Model` of any dynamic system (`define_model`).
+    records
+        Records to be fitted, in SI units and radians, or names of files.
+    hold_out
+        Records that are never fitted. If none is given, the last record is held out, or the last third of a single one.
+    report
+        Function that is called with the name of every stage.
+    criteria
+        Thresholds of the diagnosis; by default `Criteria()`.
+    as_recorded
+        For an aircraft: the data stay as recorded, and faults are only reported.
+    axes
+        For an aircraft: the scope, "longitudinal", "lateral" or "full"; by default the largest that the records
+        support.
+    ports
+        For a model: where reality may differ; by default every state derivative, input and output not in `exact`.
+    exact
+        For a model: names of states with exact equations, and of exact inputs and outputs.
+    library
+        For a model: the causes that are considered; by default all that any system may have.
+
+    Returns
+    -------
+    Diagnosis or SystemDiagnosis
+        For an aircraft or a model: the named causes with their sizes, and the improvement by each on records that were
+        not fitted. Print it for the account; `save` stores it and `write_report` makes a page of it.
+
+    Raises
+    ------
+    InputError
+        For records that lack inputs of the simulation, and for ports of an aircraft, whose ports are fixed.
+    EstimationError
+        If the model cannot be fitted at all.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> print(found)  # doctest: +SKIP
+    >>> cs.write_report(found, "report")  # doctest: +SKIP
+    """
+    if isinstance(simulation, Model):
+        if {"axes", "as_recorded"} & set(options):
+            raise InputError("axes and as_recorded are for an aircraft; a Model takes ports, exact and library")
+        return diagnose_system(simulation, *arguments, **options)
+    if {"ports", "exact", "library"} & set(options):
+        raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")
+    return diagnose_aircraft(simulation, *arguments, **options)

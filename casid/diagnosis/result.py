@@ -4,34 +4,33 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.diagnosis.cause import Cause
+from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.finding import Finding
-from casid.diagnosis.decision import Trace
+from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.statistics import View
-from casid.diagnosis.given.account import AccountStep
-from casid.diagnosis.given.budget import Budget
-from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.flight.noise import View
+from casid.diagnosis.given.budget import AccountStep, Budget
+from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
-from casid.diagnosis.given.flight_values import FlightValue
-from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence
 from casid.keeping import save, whole_file
-from casid.model.aircraft import Aircraft
+from casid.model.aircraft import Aircraft, EffectValue
+from casid.model.applied import with_estimates
+from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effects import effect_of
 from casid.records.record import Record
 from casid.views import view
@@ -39,9 +38,9 @@ from casid.views import view
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-if TYPE_CHECKING:
     from casid.diagnosis.cause import Cause
     from casid.diagnosis.evidence.screening import Candidate
+
 
 SCHEMA = "casid.diagnosis/3"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
@@ -482,3 +481,65 @@ def rank_entry(candidate: Candidate) -> dict[str, Any]:
         "std": candidate.std,
         "surviving": candidate.surviving,
     }
+
+
+def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
+    """The aircraft file with its estimated values and the causes of the fit.
+
+    Named causes become effects or changes of tables. Minor causes that are part of the fit are included too; terms of
+    the aerodynamics among them become ordinary terms.
+    """
+    known = {(e.kind, e.target, e.term) for e in aircraft.effects}
+    missing = {one.effect.key for one in fit.attached}
+    if fit.noise.coloured:
+        missing.add(turbulence_effect("").key)
+    missing -= known
+    terms: dict[str, dict[str, float]] = {}
+    effects, tables = [], None
+    for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
+        key = cause.kind, cause.target, cause.term
+        if key not in missing:
+            continue
+        missing.remove(key)
+        take_up = effect_of(cause).into_tables
+        held = take_up(tables or aircraft.tables, cause.value) if take_up else None
+        if held is not None:
+            tables = held
+        elif not named and cause.term and cause.target in aircraft.coefficients:
+            terms.setdefault(cause.target, {})[cause.term] = cause.value
+        else:
+            effects.append(_as_effect(cause, fit.batch.names))
+    if tables is not None:
+        aircraft = replace(aircraft, tables=tables)
+    std = {slot.name: fit.std(slot.name) for slot in fit.slots}
+    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
+    return (
+        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
+        .with_terms(terms)
+        .with_effects(effects)
+    )
+
+
+def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
+    """The cause as an effect of an aircraft file."""
+    return EffectValue(
+        kind=cause.kind,
+        target=cause.target,
+        term=cause.term,
+        value=cause.value,
+        std=cause.std,
+        records=cause.records if set(cause.records) != set(fitted) else (),
+        onset_s=dict(cause.onset_s) if cause.onset_s else None,
+        parameters=dict(cause.parameters),
+        sentence=cause.sentence,
+    )
+
+
+def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
+    """An effect of the file with its fitted onsets; the width of their intervals is unchanged."""
+    onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
+    moved = dict(effect.onset_s or {})
+    for record, onset in onsets.items():
+        low, high = moved[record]
+        moved[record] = (onset - 0.5 * (high - low), onset + 0.5 * (high - low))
+    return replace(effect, onset_s=moved or None)

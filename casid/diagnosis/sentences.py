@@ -7,13 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
-from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.scope import NotJudged
 from casid.model.plausible import Doubt
 from casid.model.vocabulary import effect_sentence
 

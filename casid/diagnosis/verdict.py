@@ -10,19 +10,166 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from casid.diagnosis import sentences
-from casid.diagnosis.data.finding import Finding
-from casid.diagnosis.decision import IN_A_SET, MINOR, NAMED, Trace, at_most
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace, at_least, at_most
+from casid.diagnosis.causes import minor_trials, still_missing, too_small
+from casid.diagnosis.data.reading import Finding
+from casid.diagnosis.engine.acceptance import required_gain
+from casid.diagnosis.engine.held_out import Kept, judge_on, with_events
+from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import missing_share
-from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left
+from casid.diagnosis.given.budget import account_of, account_sentence, failure_sentence
 from casid.diagnosis.given.contradicted import impossible
 from casid.diagnosis.given.factors import Factor, borne_out
-from casid.diagnosis.given.not_judged import out_of_sight
-from casid.diagnosis.given.reach import Reach
+from casid.diagnosis.given.scope import Scope, out_of_sight
 from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
 from casid.model.vocabulary import effect_title
+
+
+def what_is_left(
+    kept: Kept,
+    state: State,
+    left: Sequence[MissingInput],
+    judged: tuple[tuple[Cause, ...], tuple[Cause, ...]],
+) -> tuple[tuple[Cause, ...], list[MissingInput]]:
+    """The minor causes and the latent inputs that no cause explains.
+
+    Latent inputs are dropped if causes that are too small to matter explain them.
+
+    Parameters
+    ----------
+    kept
+        The model after the test on the held-out records.
+    state
+        The final state of the search.
+    left
+        Latent inputs in the fitted records.
+    judged
+        Named causes and minor ones so far.
+
+    Returns
+    -------
+    minor
+        The minor causes, with those added here.
+    unexplained
+        The latent inputs that remain.
+    """
+    (causes, minor), required = judged, state.baseline.required
+    unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, required)
+    seen = (*causes, *minor)
+    small = too_small(state, seen, unexplained)
+    nuisance = [trial.candidate.attached for trial in minor_trials(state, seen)][:1]
+    if small and (not unexplained or _nothing_left_with(kept, nuisance, state, causes, required)):
+        minor, unexplained = (*minor, *small), []
+    if not unexplained:
+        unexplained = _missing_on_held(kept, nuisance, causes, required)
+    return minor, unexplained
+
+
+def beside_slow_noise(
+    kept: Kept, state: State, causes: Sequence[Cause], minor: Sequence[Cause]
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """The named and the minor causes, after a test with slow noise.
+
+    The noise of each reading, and the instrument offsets, are made as slow and as large as the residuals with all
+    causes allow. A cause with too small a statistic under that noise becomes minor. This is backward elimination: the
+    weakest cause is dropped and the others are tested again without it.
+    """
+    if not causes or kept.fit.noise.colour:
+        return tuple(causes), tuple(minor)
+    slow, left = as_slow_as_left(kept.fit), list(causes)
+    while left and slow.noise.slow:
+        gains = [(_share_of_required(slow, state, cause), i) for i, cause in enumerate(left)]
+        share, weakest = min(gains)
+        gate = at_least("gain where noise is slow, of that for a name", share, 1.0, "naming.gain")
+        one = replace(left[weakest], gates=(*left[weakest].gates, gate))
+        if gate.passed:
+            left[weakest] = one
+            break
+        del left[weakest]
+        minor = (*minor, noted(one, SLOW_NOISE))
+        others = [a for a in slow.attached if a.effect.key != (one.kind, one.target, one.term)]
+        slow = fit(slow.flight, others, slow.noise, slow)
+    return tuple(left), tuple(minor)
+
+
+def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
+    """Likelihood-ratio statistic of a cause, from its standard deviation, over that required for a name.
+
+    It is infinite for a cause that is not a parameter of the fit, such as turbulence.
+    """
+    slots = {slot.name for slot in slow.slots}
+    for one in slow.attached:
+        if one.effect.key == (cause.kind, cause.target, cause.term) and one.name in slots:
+            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, state.criteria)
+    return np.inf
+
+
+def _not_by_noise(
+    fitted: FlightFit,
+    unexplained: list[MissingInput],
+    causes: Sequence[Cause],
+    required: float,
+    share: float | None = None,
+) -> list[MissingInput]:
+    """The unexplained inputs that remain if the noise is as slow as the residuals of the fit.
+
+    If slow noise is taken for white noise, each of its readings counts as new information, and a latent input has a
+    statistic by mistake. In turbulence the innovations may instead be coloured; an input must remain in both cases.
+    """
+    if not unexplained or fitted.noise.colour:
+        return unexplained
+    for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
+        evidence = weigh(in_its_noise(fitted))
+        unexplained = still_missing(evidence, missing_inputs(evidence), causes, required, share)
+        if not unexplained:
+            break
+    return unexplained
+
+
+def _missing_on_held(
+    kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], required: float
+) -> list[MissingInput]:
+    """Latent inputs that only the held-out records show.
+
+    Neither the model nor other derivatives may explain them, nor a `nuisance` cause that is too small to matter in the
+    fitted records.
+    """
+
+    def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
+        held = with_events(held, model)
+        share = kept.evidence.criteria.held_out.missing_share
+        evidence = weigh(fit(held.flight, held.attached, held.noise, held))
+        found = still_missing(evidence, missing_inputs(evidence), causes, required, share)
+        return _not_by_noise(evidence.fit, found, causes, required, share)
+
+    found = missing(kept.fit, kept.held_fit)
+    if found and nuisance:
+        joint = kept.with_effects(nuisance)
+        if not missing(joint, judge_on(kept.held_fit.flight.records, joint)):
+            return []
+    return found
+
+
+def _nothing_left_with(
+    kept: Kept, nuisance: Sequence[Attached], state: State, causes: Sequence[Cause], required: float
+) -> bool:
+    """Whether nothing is missing in the fitted records if `nuisance` causes are added to all that were named."""
+    if not kept.has_all(state):
+        return False
+    evidence = weigh(kept.with_effects(nuisance))
+    return not still_missing(evidence, missing_inputs(evidence), causes, required)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,14 +208,14 @@ def verdict_of(facts: Facts) -> str:
     return next((verdict for verdict, holds in _TABLE if holds(facts)), "adequate")
 
 
-def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
+def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
     """The diagnosis with its verdict and sentences.
 
     Parameters
     ----------
     found
         The diagnosis with causes and latent inputs only.
-    reach
+    scope
         The scope of the records and what they contradict.
     data
         Findings of the data check.
@@ -80,10 +227,10 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
     Diagnosis
         The complete diagnosis.
     """
-    criteria, most = reach.flight.criteria.given, reach.flight.criteria.verdict.stated
-    factors = _factors(found, reach)
+    criteria, most = scope.flight.criteria.given, scope.flight.criteria.verdict.stated
+    factors = _factors(found, scope)
     single = {name for one in factors for name in one.derivatives}
-    against = tuple(one for one in reach.contradicted(found.aircraft, found.flight) if one.parameter not in single)
+    against = tuple(one for one in scope.contradicted(found.aircraft, found.flight) if one.parameter not in single)
     cannot_be = tuple(map(impossible, borne_out(doubts, found.aircraft, found.flight)))
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
@@ -118,7 +265,7 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
         headline = sentences.adequate(remark, found.detectable_by_channel, worth)
     if verdict in ("explained", "partly explained", "unexplained") and facts.contradicted and not facts.fails:
         headline = f"{headline} {sentences.also_contradicted(factors, against, most)}"
-    open_ = (*reach.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable))
+    open_ = (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable))
     account = account_of(found.budget, _contributions(found, mended, factors))
     parts = [
         account_sentence(found.budget, account, most),
@@ -140,10 +287,10 @@ def concluded(found: Diagnosis, reach: Reach, data: Sequence[Finding], doubts: S
     )
 
 
-def _factors(found: Diagnosis, reach: Reach) -> tuple[Factor, ...]:
+def _factors(found: Diagnosis, scope: Scope) -> tuple[Factor, ...]:
     """Common factors of the groups with at least one derivative that is inconsistent with flight."""
-    against = {one.parameter for one in reach.contradicted(found.aircraft, found.flight)}
-    return tuple(one for one in reach.factors(found.aircraft, found.flight) if against & set(one.derivatives))
+    against = {one.parameter for one in scope.contradicted(found.aircraft, found.flight)}
+    return tuple(one for one in scope.factors(found.aircraft, found.flight) if against & set(one.derivatives))
 
 
 def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequence[Factor]) -> dict[str, list[str]]:

@@ -15,7 +15,7 @@ from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import without
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.statistics import View
+from casid.diagnosis.flight.noise import View
 from casid.diagnosis.given.shape import Shape
 from casid.diagnosis.kinematics.kinematics import WIND
 from casid.diagnosis.result import Diagnosis

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from casid.diagnosis.data.check import DataFindings
-from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.kinematics.compatibility import Compatibility
 from casid.records.record import Record
 from casid.records.segments import Segment

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.engine.trial import Trial
-from casid.diagnosis.flight.statistics import band_energy
+from casid.diagnosis.flight.noise import band_energy
 from casid.diagnosis.result import Diagnosis
 from casid.report.cause_figures import Reconstruction
 from casid.report.style import ALERT, BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter
 
-from casid.diagnosis.flight.statistics import View
+from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
 from casid.records.record import Record
 from casid.report.style import (

@@ -10,7 +10,7 @@ from typing import Any
 
 from casid.arguments import require
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.given.account import account_sentence
+from casid.diagnosis.given.budget import account_sentence
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.model.effects import effect_of

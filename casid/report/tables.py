@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.data.finding import Finding
-from casid.diagnosis.decision import NAMED
-from casid.diagnosis.flight.statistics import View
+from casid.diagnosis.cause import NAMED, Cause
+from casid.diagnosis.data.reading import Finding
+from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_named
 from casid.model.vocabulary import KINDS

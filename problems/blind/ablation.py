@@ -14,8 +14,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from casid.diagnosis.cause import NOT_TRIED, Decision, Gate
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import NOT_TRIED, Decision, Gate
 from problems.blind.table import markdown
 from problems.campaign.store import read_results
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from casid.diagnosis.given.axes import axes_that_tell
+from casid.diagnosis.given.scope import axes_that_tell
 from casid.records.record import Record
 from casid.signals import SURFACES
 from problems.faults.fault import DataFault

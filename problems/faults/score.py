@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.data.finding import Finding
+from casid.diagnosis.data.reading import Finding
 from problems.faults.fault import GROUPS, DataFault
 from problems.faults.visible import judged
 

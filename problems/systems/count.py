@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from casid.diagnosis.dispatch import diagnose
+from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.systems.result import SystemDiagnosis
 from casid.errors import InputError
 from casid.records.record import Record

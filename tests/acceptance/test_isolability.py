@@ -15,8 +15,7 @@ from casid.acceptance.rehearsal import rehearsed
 from casid.cli.isolate import isolate
 from casid.cli.options import DEMO
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.fingerprints import responses
-from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.evidence.fingerprints import Projection, responses
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.model.applied import apply_effects

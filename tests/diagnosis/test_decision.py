@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from casid.diagnosis.decision import Decision, Gate, Trace, at_least, at_most, merged, trace_of
+from casid.diagnosis.cause import Decision, Gate, Trace, at_least, at_most, merged, trace_of
 from casid.diagnosis.result import plain
 from casid.errors import InputError
 

@@ -13,8 +13,8 @@ from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics import check as kinematic_stage
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics import stage as kinematic_stage
 from casid.model import operators
 from casid.model.causes import (
     actuator_lag,

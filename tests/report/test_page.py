@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from small_flight import HIDDEN, NAMES
 
-from casid.diagnosis.given.account import account_sentence
-from casid.diagnosis.given.not_judged import NotJudged
+from casid.diagnosis.given.budget import account_sentence
+from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft

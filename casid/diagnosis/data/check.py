@@ -16,10 +16,10 @@ import numpy as np
 
 from casid.arguments import require
 from casid.diagnosis.data import words
-from casid.diagnosis.data.answers import answers
 from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.file_units import SI_OF, FileUnit
-from casid.diagnosis.data.finding import Finding, Handled
+from casid.diagnosis.data.reading import Finding, Handled
+from casid.diagnosis.data.relations import SI_OF, FileUnit
+from casid.diagnosis.data.response import answers
 from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, given_aircraft

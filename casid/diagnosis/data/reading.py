@@ -4,11 +4,86 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any, Literal
 
 import numpy as np
 
-from casid.diagnosis.data.smooth import Smooth
+from casid.diagnosis.data.criteria import DataCriteria
 from casid.model.dynamics import standard_density
+from casid.records.checks import INPUTS
+from casid.records.record import Record
+
+_ANGLES = ("psi",)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Smooth:
+    """Smoothed channels of a record.
+
+    values, rates  channel -> (N,) mean over a Hann window, and its slope per second of the record's time
+    known          channel -> (N,) whether enough samples of the window are there
+    independent    number of independent samples of a smoothed series: windows in the record
+    density        [kg/m3] where neither density nor altitude is recorded; None where nothing says it
+    """
+
+    name: str
+    t: np.ndarray
+    values: Mapping[str, np.ndarray]
+    rates: Mapping[str, np.ndarray]
+    known: Mapping[str, np.ndarray]
+    independent: float
+    density: float | None = None
+
+    def __contains__(self, channel: str) -> bool:
+        return channel in self.values
+
+    @property
+    def duration(self) -> float:
+        return float(self.t[-1] - self.t[0])
+
+
+def smooth(record: Record, window: float, criteria: DataCriteria, density: float | None = None) -> Smooth:
+    """The record on a uniform grid of its median interval, every channel by a mean over a `window` [s]."""
+    dt = record.dt
+    count = max(criteria.fewest, min(round(window / dt), len(record) // criteria.windows)) | 1
+    weights = np.hanning(count + 2)[1:-1]
+    weights /= weights.sum()
+    t = np.arange(record.t[0], record.t[-1] + 0.5 * dt, dt)
+    values, rates, known = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, np.ndarray]()
+    for name, series in record.channels.items():
+        good = np.isfinite(series)
+        if good.sum() < max(criteria.fewest, len(series) // 10) or len(t) < 2 * count:
+            continue
+        there = np.unwrap(series[good]) if name in _ANGLES else series[good]
+        even = np.interp(t, record.t[good], there)
+        values[name] = np.convolve(np.pad(even, count // 2, mode="edge"), weights, mode="valid")
+        rates[name] = np.gradient(values[name], dt)
+        own = max(dt, float(np.median(np.diff(record.t[good]))))  # of a slower channel
+        nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * own
+        known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
+        known[name][: count // 2], known[name][-(count // 2) :] = False, False
+    every = slice(None, None, max(1, count // criteria.instants))
+    kept = ({name: series[every] for name, series in table.items()} for table in (values, rates, known))
+    values, rates, known = kept
+    independent = max(2.0, len(t) / count)
+    return Smooth(
+        name=record.name,
+        t=t[every],
+        values=values,
+        rates=rates,
+        known=known,
+        independent=independent,
+        density=density,
+    )
+
+
+def _nearest(sorted_times: np.ndarray, t: np.ndarray) -> np.ndarray:
+    after = np.clip(np.searchsorted(sorted_times, t), 1, len(sorted_times) - 1)
+    return np.where(t - sorted_times[after - 1] < sorted_times[after] - t, after - 1, after)
+
+
+def _share(there: np.ndarray, count: int) -> np.ndarray:
+    return np.convolve(there.astype(float), np.ones(count) / count, mode="same")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,3 +172,74 @@ class Read:
     @property
     def duration(self) -> float:
         return self._record.duration * self._reading.time
+
+
+Handled = Literal["excluded", "corrected", "reported"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A fault of the data.
+
+    Attributes
+    ----------
+    kind, target
+        Of the vocabulary, `data_stuck` of `beta`.
+    records
+        Names of those that have it.
+    intervals_s
+        Record -> intervals [s] that are concerned; empty: the whole record.
+    value, std
+        Its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit.
+    handled
+        "excluded": these samples take no part; "corrected": the data are judged as they should read; "reported":
+        neither can be done, so that nothing which rests on them can be judged.
+    odds
+        Of a sign, a unit or a swap against records that are well, 1e6 to 1 at most; None of samples.
+    indistinguishable_from
+        Kind and target of other faults that explain these data as well.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> record = cs.read_record("casid/cli/demo/m1.csv")
+    >>> beta = record["beta"].copy()
+    >>> beta[300:600] = beta[300]  # the vane freezes for six seconds
+    >>> found = cs.check([record.with_channels(beta=beta)])
+    >>> found.findings[0].kind, found.findings[0].target
+    ('data_stuck', 'beta')
+    """
+
+    kind: str
+    target: str
+    records: tuple[str, ...]
+    intervals_s: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    value: float | None = None
+    std: float | None = None
+    unit: str | None = None
+    handled: Handled
+    sentence: str
+    odds: float | None = None
+    indistinguishable_from: tuple[Mapping[str, str], ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `data` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            "records": list(self.records),
+            "intervals_s": {record: [list(one) for one in parts] for record, parts in self.intervals_s.items()},
+            "value": self.value,
+            "std": self.std,
+            "unit": self.unit,
+            "handled": self.handled,
+            "odds": self.odds,
+            "sentence": self.sentence,
+            "indistinguishable_from": [dict(one) for one in self.indistinguishable_from],
+        }

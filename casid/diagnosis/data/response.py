@@ -7,22 +7,173 @@ angles may read a part of each other, as those of healthy vanes do.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
+from itertools import chain, combinations
 from operator import add
 
 import numpy as np
 from scipy import special
 
-from casid.diagnosis.data.alternatives import Alternative
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.reading import Read, Reading
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
+from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
-from casid.signals import SURFACES
+from casid.records.record import Record
+from casid.signals import SURFACES, si_factor, unit_of
+
+_FORCES: Mapping[str, str] = {"CX": "ax", "CY": "ay", "CZ": "az"}
+_OF_LIFT: Mapping[str, str] = {"CD": "ax", "CY": "ay", "CL": "az"}  # along body axes at small angles, less than zero
+
+
+def answers(record: Record, aircraft: Aircraft) -> dict[str, np.ndarray]:
+    """Acceleration -> (N,) immediate effect of the recorded surfaces [SI]; empty if airspeed or density is unknown."""
+    pressure = _pressure(record, aircraft)
+    if pressure is None:
+        return {}
+    qS = pressure * aircraft.area
+    force = {name: 0.0 * qS for name in _FORCES.values()}
+    sides = _FORCES if aircraft.force_axes == "body" else _OF_LIFT
+    for coefficient, channel in sides.items():
+        sign = 1.0 if coefficient in _FORCES else -1.0
+        force[channel] = sign * qS * _by_surfaces(record, aircraft, coefficient) / aircraft.mass
+    lengths = (aircraft.moment_length_lateral, aircraft.moment_length_pitch, aircraft.moment_length_lateral)
+    moments = [
+        qS * length * _by_surfaces(record, aircraft, c) for c, length in zip(("Cl", "Cm", "Cn"), lengths, strict=True)
+    ]
+    inertia = aircraft.inertia
+    tensor = np.array(
+        [
+            [inertia.Ixx, -inertia.Ixy, -inertia.Ixz],
+            [-inertia.Ixy, inertia.Iyy, -inertia.Iyz],
+            [-inertia.Ixz, -inertia.Iyz, inertia.Izz],
+        ]
+    )
+    turning = dict(zip(("pdot", "qdot", "rdot"), np.linalg.solve(tensor, np.stack(moments)), strict=True))
+    found = {name: series for name, series in (force | turning).items() if name in record}
+    return {name: series for name, series in found.items() if np.isfinite(series).all()}
+
+
+def _by_surfaces(record: Record, aircraft: Aircraft, coefficient: str) -> np.ndarray:
+    """(N,) part of a coefficient by the deflections."""
+    derivatives = aircraft.derivatives
+    parts = [derivatives.get(f"{coefficient}_{s}", 0.0) * record[s] for s in SURFACES if s in record]
+    return np.sum(parts, axis=0) if parts else np.zeros(len(record))
+
+
+def _pressure(record: Record, aircraft: Aircraft) -> np.ndarray | None:
+    """(N,) dynamic pressure [Pa] by what is recorded, or else by the trim."""
+    V = _filled(record, "V", aircraft.trim.get("V"))
+    rho = _filled(record, "rho", aircraft.trim.get("rho"))
+    if rho is None:
+        altitude = _filled(record, "altitude", aircraft.trim.get("altitude"))
+        rho = None if altitude is None else standard_density(altitude)
+    return None if V is None or rho is None else 0.5 * rho * V**2
+
+
+def _filled(record: Record, name: str, otherwise: float | None) -> np.ndarray | None:
+    """(N,) a channel with straight lines across missing samples, or a constant."""
+    if name in record and (there := np.isfinite(record[name])).any():
+        return np.interp(record.t, record.t[there], record[name][there])
+    return None if otherwise is None else np.full(len(record), otherwise)
+
+
+# SI unit -> units that a column may be in though it is read as SI
+_UNITS: Mapping[str, tuple[str, ...]] = {
+    "rad": ("deg",),
+    "rad/s": ("deg/s",),
+    "rad/s2": ("deg/s2",),
+    "m/s": ("kt", "ft/s", "km/h"),
+    "m/s2": ("g", "ft/s2"),
+    "m": ("ft", "km"),
+    "kg/m3": ("slug/ft3",),
+    "N": ("kN", "lbf"),
+}
+TIMES = {unit: si_factor(unit, "t") for unit in ("ms", "min")}  # the same of time, with s over number
+GROUPS: Mapping[str, tuple[str, ...]] = {
+    "p+q+r": ("p", "q", "r"),
+    "ax+ay+az": ("ax", "ay", "az"),
+    "pdot+qdot+rdot": ("pdot", "qdot", "rdot"),
+    "phi+theta+psi": ("phi", "theta", "psi"),
+    "phi+theta": ("phi", "theta"),
+    "alpha+beta": ("alpha", "beta"),
+    "+".join(SURFACES): SURFACES,
+}
+INSTRUMENTS = tuple(GROUPS[name] for name in ("p+q+r", "ax+ay+az", "pdot+qdot+rdot"))  # axes of one instrument
+_SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
+
+
+def _pairs(group: tuple[str, ...]) -> Iterable[tuple[str, str]]:
+    return combinations(group, 2)
+
+
+_SWAPPED = (
+    *chain(*map(_pairs, (GROUPS["p+q+r"], GROUPS["phi+theta+psi"], GROUPS["ax+ay+az"], GROUPS["pdot+qdot+rdot"]))),
+    *_pairs(SURFACES),
+    ("alpha", "beta"),
+    ("alpha", "theta"),
+    ("beta", "phi"),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Alternative:
+    """One other way to read records, in the vocabulary: kind, target (`a+b` of a swap), factor to SI, unit."""
+
+    kind: str
+    target: str
+    reading: Reading
+    value: float | None = None
+    unit: str | None = None
+
+    @property
+    def channels(self) -> frozenset[str]:
+        """What it takes otherwise; "t" when it is the time."""
+        return self.reading.channels | ({"t"} if self.reading.time != 1.0 else set())
+
+
+def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> list[Alternative]:
+    """All alternatives for records that have these channels; `stretched`: factors of time that rates ask for."""
+    there = set(channels)
+    found = [_sign(name) for name in _SIGNED if name in there]
+    for name in sorted(there):
+        found += _units(name, (name,))
+    for label, members in GROUPS.items():
+        if there.issuperset(members):
+            found += _units(label, members)
+        elif members in INSTRUMENTS and len(some := tuple(name for name in members if name in there)) > 1:
+            found += _units("+".join(some), some)
+    found += [_swap(a, b) for a, b in _SWAPPED if {a, b} <= there]
+    found += [_time(factor, unit) for unit, factor in TIMES.items()]
+    return [*found, *(_time(factor, None) for factor in stretched)]
+
+
+def _sign(name: str) -> Alternative:
+    return Alternative(kind="data_sign", target=name, reading=Reading(factor={name: -1.0}), value=-1.0)
+
+
+def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
+    """In another unit than SI; or in SI though the header says that other unit."""
+    found = []
+    for unit in _UNITS.get(unit_of(members[0]), ()):
+        factor = si_factor(unit, members[0])
+        for value, said in ((factor, unit), (1.0 / factor, f"SI, not in {unit}")):
+            reading = Reading(factor=dict.fromkeys(members, value))
+            found.append(Alternative(kind="data_unit", target=label, reading=reading, value=value, unit=said))
+    return found
+
+
+def _swap(a: str, b: str) -> Alternative:
+    return Alternative(kind="data_swap", target=f"{a}+{b}", reading=Reading(source={a: b, b: a}))
+
+
+def _time(factor: float, unit: str | None) -> Alternative:
+    return Alternative(kind="data_unit", target="t", reading=Reading(time=factor), value=factor, unit=unit)
+
 
 _NEEDED: Mapping[str, tuple[str, ...]] = {
     "Cl": ("p",),

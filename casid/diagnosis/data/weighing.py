@@ -9,14 +9,11 @@ from itertools import chain
 
 import numpy as np
 
-from casid.diagnosis.data.alternatives import INSTRUMENTS, TIMES, Alternative, alternatives
 from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.file_units import FILE_UNITS, FileUnit
 from casid.diagnosis.data.levels import level_terms, trimmed_density
-from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading
-from casid.diagnosis.data.relations import RELATIONS, Relation, agreement
-from casid.diagnosis.data.response import Response
-from casid.diagnosis.data.smooth import Smooth, smooth
+from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading, Smooth, smooth
+from casid.diagnosis.data.relations import FILE_UNITS, RELATIONS, FileUnit, Relation, agreement
+from casid.diagnosis.data.response import INSTRUMENTS, TIMES, Alternative, Response, alternatives
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record

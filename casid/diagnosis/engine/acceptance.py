@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
 from casid.diagnosis.criteria import Criteria, DoubtCriteria
-from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
 from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure

@@ -13,8 +13,8 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread, without_outliers
 from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.check import KinematicFindings, comes_near, judge_kinematics
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.kinematics.stage import KinematicFindings, comes_near, judge_kinematics
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis.cause import Gate, at_most
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import Gate, at_most
 from casid.diagnosis.engine.acceptance import is_small
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence

@@ -14,8 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.linalg import block_diag
 
+from casid.diagnosis.cause import Gate, at_least
 from casid.diagnosis.criteria import HeldOutCriteria
-from casid.diagnosis.decision import Gate, at_least
 from casid.diagnosis.engine.acceptance import required_gain
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.onsets import at_peak
@@ -30,8 +30,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.forces import without_aerodynamics
-from casid.diagnosis.kinematics.kinematics import forceless_noise
+from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.errors import InputError
 from casid.native.processors import side_by_side
 from casid.records.record import Record

@@ -8,11 +8,10 @@ from functools import partial, reduce
 
 import numpy as np
 
+from casid.diagnosis.cause import Gate, at_least
 from casid.diagnosis.criteria import EventCriteria
-from casid.diagnosis.decision import Gate, at_least
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import fingerprints, history, onset_grid, prints_of
-from casid.diagnosis.evidence.projection import Entrances, Projection
+from casid.diagnosis.evidence.fingerprints import Entrances, Projection, fingerprints, history, onset_grid, prints_of
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit

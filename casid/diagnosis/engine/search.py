@@ -20,13 +20,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import Gate, all_passed
 from casid.diagnosis.engine.acceptance import can_be_named, explains, gains_enough, required_gain
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
-from casid.diagnosis.engine.candidates import is_same, with_look_alikes, worth_trying
+from casid.diagnosis.engine.candidates import is_same, settled, try_cause, with_look_alikes, worth_trying
 from casid.diagnosis.engine.comparison import look_alike, ranked, ranked_behind, sine
-from casid.diagnosis.engine.fitting import settled, try_cause
 from casid.diagnosis.engine.onsets import Intervals, configuration_changes
 from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.engine.trial import Round, Trial
@@ -38,7 +37,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.stage import without_turbulence
+from casid.diagnosis.kinematics.check import without_turbulence
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
-from casid.diagnosis.evidence.coefficients import coefficient_series, unlike_derivatives, variation
+from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
+from casid.diagnosis.evidence.evidence import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings

@@ -14,8 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.fingerprints import fingerprints
-from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.evidence.fingerprints import Projection, fingerprints
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings

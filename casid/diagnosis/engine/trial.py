@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casid.diagnosis.decision import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision, Gate, all_passed
+from casid.diagnosis.cause import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision, Gate, all_passed
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.effect import Effect

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special, stats
 
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
-from casid.diagnosis.evidence.projection import Projection, products_at
+from casid.diagnosis.evidence.fingerprints import Projection, products_at
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station

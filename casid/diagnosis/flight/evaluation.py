@@ -10,8 +10,7 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import Attached, acting_noise, disturbance_series, readings
-from casid.diagnosis.flight.prior import OFFSET, prior
+from casid.diagnosis.flight.hypothesis import OFFSET, Attached, acting_noise, disturbance_series, prior, readings
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.path import STATES

@@ -14,9 +14,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.criteria import NoiseCriteria
-from casid.diagnosis.flight.hypothesis import Sizes
-from casid.diagnosis.flight.prior import derivative_std
-from casid.diagnosis.flight.regressors import Regressors
+from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft

@@ -13,8 +13,8 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.file_units import FILE_UNITS
-from casid.diagnosis.given.flight_values import FlightValue
+from casid.diagnosis.data.relations import FILE_UNITS
+from casid.diagnosis.given.contradicted import FlightValue
 from casid.model.aircraft import Aircraft
 from casid.model.numbers import with_deviation
 from casid.model.plausible import Doubt

@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
 from casid.diagnosis.criteria import KinematicCriteria
-from casid.diagnosis.decision import Gate, all_passed, at_least, at_most
-from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.engine.onsets import at_peak
+from casid.diagnosis.engine.size import plausible
+from casid.diagnosis.engine.structure import SKEWED, demanded_skews
+from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
-from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.evidence.missing_input import drifts
+from casid.diagnosis.evidence.screening import Candidate, Screen, screen
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import as_slow_as_left, is_far
 from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.kinematics.kinematics import Turbulence, gusts
 from casid.errors import InputError
+from casid.model.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,3 +173,185 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     if predicted <= by.seen:
         return None
     return at_least("found by kinematics at half its size", achieved / predicted, by.refuted, "kinematics.refuted")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class KinematicFindings:
+    """Result of the kinematic stage.
+
+    evidence    evidence with forces left free, in turbulence if there is any; None if the records do not allow that
+    ranked      instrument and air causes, ranked with this evidence
+    turbulence  whether the air is turbulent
+    nuisance    small errors of instruments to be added before the search; empty in turbulence, which they would imitate
+    """
+
+    evidence: Evidence | None
+    ranked: list[Candidate]
+    turbulence: Turbulence
+    nuisance: list[Attached]
+
+
+def judge_kinematics(
+    flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
+) -> KinematicFindings:
+    """Run the kinematic stage.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    known
+        Effects of the aircraft file.
+    offsets
+        Small instrument offsets of the baseline.
+    refitted
+        The re-estimated file in calm air. Turbulence must also move the aircraft according to this model.
+
+    Returns
+    -------
+    KinematicFindings
+        The result, with those skews between instruments that the kinematics require.
+    """
+    if not kinematics.available(flight):
+        return KinematicFindings(
+            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
+        )
+    of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
+    calm = kinematics.reconstruct(flight, of_the_file)
+    turbulent = kinematics.turbulence(flight, calm)
+    if turbulent.named:
+        turbulent = _with_faults(flight, turbulent, calm, _observable(flight, of_the_file))
+    if turbulent.named and not moves_the_aircraft(turbulent, refitted):
+        turbulent = kinematics.still_air(flight)
+    if turbulent.named:
+        moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+        found = kinematics.reconstruct(flight, of_the_file, moving, calm)
+    else:
+        found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
+        skews = _leading_skews(flight, found)
+        found = kinematics.again(found, [*found.attached, *skews]) if skews else found
+        nuisance = [*offsets, *skews]
+    evidence = weigh(found, discrepancy=False)
+    ranked = screen(evidence, _observable(flight, found.attached))
+    return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, nuisance=nuisance)
+
+
+def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
+    """Skews between instruments if they explain more than any other cause; a vane far from its stated position imitates
+    some.
+    """
+    skews, gained = demanded_skews(found)
+    if not skews:
+        return []
+    elsewhere = [e for e in _observable(flight, found.attached) if e.target not in SKEWED]
+    return skews if gained > max(c.net for c in screen(weigh(found, discrepancy=False), elsewhere)) else []
+
+
+def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
+    """Whether the kinematics come near the data with at most one cause.
+
+    If so, the measured noise is correct, and what a model leaves is that cause or an error of its aerodynamics.
+    """
+    if not kinematics.available(flight):
+        return False
+    far, tried = flight.criteria.noise.far_from_causes, flight.criteria.numerics.naming.trials
+    calm = kinematics.reconstruct(flight, [one for one in known if one.effect.kinematic])
+    if not is_far(calm, far):
+        return True
+    ranked = screen(weigh(calm, discrepancy=False), _observable(flight, calm.attached))[:tried]
+    with_one = (kinematics.again(calm, [*calm.attached, one.attached]) for one in ranked if plausible(one.attached))
+    return any(not is_far(found, far) for found in with_one)
+
+
+def without_turbulence(
+    flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
+) -> tuple[Evidence, list[Candidate]] | None:
+    """Kinematic evidence in calm air with its ranking, if the named causes explain what was taken for turbulence.
+
+    Turbulence can imitate faults until these are found.
+
+    Parameters
+    ----------
+    flight
+        The flight.
+    known
+        Effects of the aircraft file.
+    attached
+        All effects of the model with the named causes.
+    turbulent
+        The turbulence found before.
+
+    Returns
+    -------
+    tuple or None
+        Evidence and ranking as in `judge_kinematics`; None if too much of the turbulence remains.
+    """
+    found = [one for one in attached if one.effect.kinematic]
+    before = [one for one in known if one.effect.kinematic]
+    if len(found) == len(before):
+        return None
+    left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
+    if left.named or left.gain > turbulent.criteria.rival * turbulent.gain:
+        return None
+    evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
+    return evidence, screen(evidence, _observable(flight, before))
+
+
+def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
+    """Causes that affect the kinematics and are not `known`."""
+    taken = {one.effect.key for one in known}
+    return [e for e in flight.effects if e.kinematic and e.key not in taken]
+
+
+def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
+    """The turbulence after a test against faults that look like it: instrument faults, discrete gusts, a shear.
+
+    Turbulence can imitate any fault, and faults can imitate much of turbulence. Faults are preferred if they leave no
+    turbulence together, or if they explain more in turbulence than it explains beside them. The air is calm if the
+    drift of one reading has a much larger statistic than turbulence. Small offsets of all instruments are always in the
+    model.
+    """
+    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    criteria = flight.criteria
+
+    def moved(faulty: FlightFit) -> float:
+        """Deviance of the reconstruction with these faults in turbulence."""
+        air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
+        return kinematics.with_offsets(air).deviance
+
+    faulty, evidence = calm, weigh(kinematics.with_offsets(calm), discrepancy=False)
+    if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
+        return kinematics.still_air(flight)
+    in_moving_air = [moved(calm)]
+    for _ in range(criteria.numerics.turbulence.repairs):
+        taken = {a.effect.key for a in faulty.attached}
+        ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
+        if not ranked or ranked[0].net < criteria.turbulence.rival * (evidence.deviance - in_moving_air[-1]):
+            break
+        other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
+        if ranked[0].attached.effect.timed:
+            other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
+        rested = weigh(kinematics.with_offsets(other), discrepancy=False)
+        if evidence.deviance - rested.deviance < criteria.kinematics.confirmed * ranked[0].net:
+            break  # the fit does not confirm the prediction: turbulence also resembles an instrument fault
+        faulty, evidence = other, rested
+        in_moving_air.append(moved(faulty))
+    if faulty is calm:
+        return turbulent
+    other_air = kinematics.turbulence(flight, faulty)
+    return turbulent if other_air.named and in_moving_air[0] - in_moving_air[-1] < other_air.gain else other_air
+
+
+def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
+    """Whether turbulence also explains the motion of the full model, `refitted` in calm air.
+
+    Turbulence has the strength and scale found in the kinematics, and rolls the aircraft too. It must explain more than
+    slow noise of all readings does, by the same statistic that the kinematics require.
+    """
+    flight = refitted.flight
+    if refitted.noise.colour:  # noise estimated with the model already includes the effect of the air
+        return True
+    air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
+    moving = fit(flight, refitted.attached, flight.noise(air), refitted, tolerance=2.0)
+    gain = as_slow_as_left(refitted).deviance - as_slow_as_left(moving).deviance
+    return gain > turbulent.criteria.gain

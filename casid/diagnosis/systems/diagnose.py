@@ -16,15 +16,12 @@ from casid.diagnosis.engine.held_out import keep, split
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State, search
 from casid.diagnosis.evidence.missing_input import missing_inputs
-from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
-from casid.diagnosis.given.budget import Budget, BudgetSteps
-from casid.diagnosis.systems.extended import Extended
-from casid.diagnosis.systems.fit import first_fit, plant_of
-from casid.diagnosis.systems.flown import Flown, as_given, flown
+from casid.diagnosis.given.budget import Budget, BudgetSteps, account_of, account_sentence, failure_sentence
+from casid.diagnosis.systems.extended import Extended, Flown, as_given, flown
 from casid.diagnosis.systems.library import Library
-from casid.diagnosis.systems.plant import Plant
-from casid.diagnosis.systems.result import SystemDiagnosis
-from casid.diagnosis.systems.told import (
+from casid.diagnosis.systems.plant import Plant, first_fit, plant_of
+from casid.diagnosis.systems.result import (
+    SystemDiagnosis,
     causes_of,
     contributions,
     headline,

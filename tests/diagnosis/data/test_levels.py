@@ -10,9 +10,8 @@ import pytest
 import casid as cs
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.data.levels import level_terms
-from casid.diagnosis.data.reading import Read, Reading
+from casid.diagnosis.data.reading import Read, Reading, smooth
 from casid.diagnosis.data.response import Response
-from casid.diagnosis.data.smooth import smooth
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from problems.blind.sets import fly_set

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_flights import trial_of
 
+from casid.diagnosis.cause import all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import all_passed
 from casid.diagnosis.engine.acceptance import explains as gates_of
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import (

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
+from casid.diagnosis.cause import at_least
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import at_least
 from casid.diagnosis.engine.acceptance import can_be_named, gains_enough
+from casid.diagnosis.engine.candidates import try_cause
 from casid.diagnosis.engine.comparison import equivalents_of, ranked
-from casid.diagnosis.engine.fitting import try_cause
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit

@@ -8,7 +8,7 @@ import pytest
 from diagnosis_flights import flights
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine import fitting as trials
+from casid.diagnosis.engine import candidates as trials
 from casid.diagnosis.engine import onsets as events
 from casid.diagnosis.engine.onsets import sudden
 from casid.diagnosis.evidence.evidence import Evidence, weigh

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from diagnosis_flights import trial_of
 
-from casid.diagnosis.cause import Cause
+from casid.diagnosis.cause import Cause, at_least, at_most
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.decision import at_least, at_most
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.screening import equivalence

@@ -7,7 +7,7 @@ from diagnosis_flights import flights, trial_of
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.baseline import baseline_from
-from casid.diagnosis.engine.fitting import try_cause
+from casid.diagnosis.engine.candidates import try_cause
 from casid.diagnosis.engine.search import State, dropped, swapped
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
@@ -15,7 +15,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.stage import KinematicFindings
+from casid.diagnosis.kinematics.check import KinematicFindings
 from casid.model.causes import actuator_lag, aero_term, input_delay, sensor_bias, thrust_line
 from problems.do328 import do328
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from casid.diagnosis.evidence.projection import Projection
+from casid.diagnosis.evidence.fingerprints import Projection
 
 _LENGTHS, _SLOTS, _RESPONSES = (40, 55), 3, 2
 

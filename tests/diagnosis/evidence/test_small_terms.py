@@ -7,7 +7,7 @@ import pytest
 from diagnosis_flights import flights, rough_file
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.evidence.small_terms import most_likely_scales, small_terms
+from casid.diagnosis.evidence.evidence import most_likely_scales, small_terms
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached

@@ -10,7 +10,7 @@ from diagnosis_flights import flights
 from casid.diagnosis.criteria import Criteria, PriorCriteria
 from casid.diagnosis.flight.criteria import DerivativeSizes
 from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.flight.prior import prior
+from casid.diagnosis.flight.hypothesis import prior
 from casid.model.aircraft import Aircraft
 from problems.do328 import do328
 

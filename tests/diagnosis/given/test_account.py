@@ -7,8 +7,7 @@ import math
 import pytest
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.given.account import account_of, account_sentence, failure_sentence
-from casid.diagnosis.given.budget import Budget, BudgetSteps
+from casid.diagnosis.given.budget import Budget, BudgetSteps, account_of, account_sentence, failure_sentence
 
 
 def budget(as_given: float, data: float, values: float, structure: float) -> Budget:

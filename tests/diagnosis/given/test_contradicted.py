@@ -10,8 +10,7 @@ from diagnosis_flights import flights
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.contradicted import contradicted
-from casid.diagnosis.given.flight_values import FlightValue
+from casid.diagnosis.given.contradicted import FlightValue, contradicted
 from casid.diagnosis.result import Diagnosis
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
 from casid.model.causes import actuator_lag

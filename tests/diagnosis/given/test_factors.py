@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.factors import borne_out, common_factors
-from casid.diagnosis.given.flight_values import FlightValue
 from casid.model.plausible import Doubt
 from problems.do328 import do328
 

@@ -10,7 +10,7 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.flight_values import FlightValue, flight_values
+from casid.diagnosis.given.contradicted import FlightValue, flight_values
 from casid.model.causes import aero_term
 from problems.do328 import do328
 

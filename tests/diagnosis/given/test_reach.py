@@ -12,8 +12,7 @@ from small_flight import aircraft_file, records
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.given.axes import axes_that_tell
-from casid.diagnosis.given.reach import reach_of
+from casid.diagnosis.given.scope import axes_that_tell, scope_of
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -116,14 +115,14 @@ def test_a_surface_that_stands_still_is_not_fitted() -> None:
 def test_unknown_thrust_is_balanced_by_the_drag_of_the_file_and_nothing_hangs_on_it() -> None:
     """The flights have a constant thrust of 10 kN: the balance finds it but for noise and the hidden term."""
     plain = replace(aircraft_file(), trim={})
-    found = reach_of(plain, (without("thrust"), without("thrust")), Criteria(), None)
+    found = scope_of(plain, (without("thrust"), without("thrust")), Criteria(), None)
     assert found.flight.unknown == ("thrust",)
     assert not [e for e in found.flight.effects if e.target == "thrust" or e.kind.startswith("thrust")]
     assert [one.what for one in found.lost] == ["thrust, its line, and the level of drag"]
     for record in found.flight.records:
         assert np.ptp(record["thrust"]) == 0.0
         assert record["thrust"][0] == pytest.approx(THRUST, rel=0.1)
-    by_path = reach_of(plain, (without("thrust", "ax"), without("thrust", "ax")), Criteria(), None).flight.records
+    by_path = scope_of(plain, (without("thrust", "ax"), without("thrust", "ax")), Criteria(), None).flight.records
     assert by_path[0]["thrust"][0] == pytest.approx(THRUST, rel=0.1)
 
 

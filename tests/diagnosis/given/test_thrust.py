@@ -11,9 +11,8 @@ from diagnosis_flights import flights
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.given.contradicted import contradicted
-from casid.diagnosis.given.flight_values import FlightValue
-from casid.diagnosis.given.thrust import or_thrust, with_thrust
+from casid.diagnosis.given.contradicted import FlightValue, contradicted
+from casid.diagnosis.given.scope import or_thrust, with_thrust
 from casid.records.record import Record
 from problems.do328 import THRUST, do328
 from problems.faults.fault import DataFault, with_fault

@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.kinematics.check import judge_kinematics, moves_the_aircraft
 from casid.diagnosis.kinematics.kinematics import reconstruct, turbulence
-from casid.diagnosis.kinematics.stage import judge_kinematics, moves_the_aircraft
 from casid.records.record import Record
 from problems.blind import flown
 from problems.do328 import V_TRIM

@@ -7,7 +7,7 @@ from diagnosis_flights import NOISE, flights
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics import forces, kinematics
+from casid.diagnosis.kinematics import kinematics
 from casid.model.causes import accelerometer_position, sensor_bias
 from problems.do328 import STABLE, do328
 
@@ -32,7 +32,7 @@ def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     value, std = found()
     assert abs(value - _LEVER) < 3.0 * std
     assert std < 0.2 * _LEVER
-    monkeypatch.setattr(forces, "_angular_acceleration", lambda *_: 20.0)
+    monkeypatch.setattr(kinematics, "_angular_acceleration", lambda *_: 20.0)
     assert found()[0] < 0.8 * _LEVER
 
 
@@ -43,7 +43,7 @@ def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:
     true = float(np.std(np.gradient(record[0]["p"], record[0].t)))
     for noise in (quiet, _NOISY):
         flight = prepare(do328(), flights(seed=6, count=1, noise=noise))
-        assert forces._angular_acceleration(flight, "p", flight.criteria.kinematics) == pytest.approx(
+        assert kinematics._angular_acceleration(flight, "p", flight.criteria.kinematics) == pytest.approx(
             2.0 * true, rel=0.3
         )
 
@@ -66,8 +66,8 @@ def test_kinematics_do_not_depend_on_the_aerodynamics_of_the_file() -> None:
 def test_without_aerodynamics_an_aircraft_flies_as_it_was_recorded_on_average() -> None:
     """Truth: the mean specific forces of the record."""
     flight = prepare(do328(), flights(seed=6, count=2))
-    bare = forces.without_aerodynamics(flight)
-    assert forces.without_aerodynamics(flight) is bare and forces.without_aerodynamics(bare) is bare
+    bare = kinematics.without_aerodynamics(flight)
+    assert kinematics.without_aerodynamics(flight) is bare and kinematics.without_aerodynamics(bare) is bare
     model, batch = bare.model(), bare.batch(bare.model())
     functions = bare.functions(model, ())
     parameters = np.tile(model.nominal_vector(), (len(bare.records), 1))

@@ -17,8 +17,8 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.check import without_turbulence
 from casid.diagnosis.kinematics.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
-from casid.diagnosis.kinematics.stage import without_turbulence
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect

@@ -11,8 +11,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import is_far, with_noise_level
-from casid.diagnosis.given.reach import reach_of
-from casid.diagnosis.kinematics.stage import comes_near
+from casid.diagnosis.given.scope import scope_of
+from casid.diagnosis.kinematics.check import comes_near
 from casid.model.aircraft import Aircraft
 from casid.model.causes import clock_drift, sensor_delay
 from casid.model.effect import Effect
@@ -24,8 +24,8 @@ LATE = Attached(effect=sensor_delay("inertial"), values={"value": 0.3})
 
 
 def as_read(aircraft: Aircraft, records: list[Record]) -> Flight:
-    reach = reach_of(aircraft, (records, records), Criteria(), None)
-    return with_noise_level(reach.flight, ())
+    scope = scope_of(aircraft, (records, records), Criteria(), None)
+    return with_noise_level(scope.flight, ())
 
 
 def test_a_fault_that_is_far_from_the_data_leaves_the_noise_as_read() -> None:

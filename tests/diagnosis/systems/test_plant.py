@@ -14,8 +14,7 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.fit import first_fit, plant_of
-from casid.diagnosis.systems.plant import Plant, as_flight
+from casid.diagnosis.systems.plant import Plant, as_flight, first_fit, plant_of
 from casid.diagnosis.systems.size import share_of
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
