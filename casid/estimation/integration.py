@@ -301,16 +301,11 @@ def _integration_error(
 ) -> tuple[float, float]:
     """|e|, and what e makes of the cost. By the motion with twice as many steps from the same nodes; `method` is the
     transcription with these."""
-    value, nodes = outcome.value, outcome.point.nodes
-    trajectory, finer = value.trajectory, method.dynamics(objective.problem)
+    value = outcome.value
+    trajectory, (y, end) = value.trajectory, _with_half_steps(objective, outcome, method)
     assert trajectory is not None and linear.blocks is not None
     power = 2.0 ** _order(method)
     scale = power / (power - 1.0)  # of the difference, to the error
-    if isinstance(finer, LiftedCollocation) and outcome.point.points is not None:
-        y, end = _with_halves(objective, outcome, finer)
-    else:
-        better = finer.trajectory(nodes, value.parameters[objective.layout.record])
-        y, end = better.y[:, ::2], better.end
     direct, along = _directly(objective, value, scale * (y - trajectory.y))
     shift = _shift_of_nodes(objective, linear, scale * (end - trajectory.end))
     # what a shift of a node does to the predictions of its segment, in the whitened norm
@@ -321,6 +316,15 @@ def _integration_error(
     # where the model misses its data the likelihood is worth less, by how much larger than noise the residuals are
     worth = max(2.0 * value.cost / value.noise.levels.count, 1.0)
     return float(off), float(cost / worth)
+
+
+def _with_half_steps(objective: Objective, outcome: Outcome, method: Transcription) -> tuple[np.ndarray, np.ndarray]:
+    """y (K, L, o) and end (K, n) of segments from the same nodes; nothing else of the finer motion stays in memory."""
+    finer = method.dynamics(objective.problem)
+    if isinstance(finer, LiftedCollocation) and outcome.point.points is not None:
+        return _with_halves(objective, outcome, finer)
+    better = finer.trajectory(outcome.point.nodes, outcome.value.parameters[objective.layout.record])
+    return better.y[:, ::2].copy(), better.end
 
 
 def _with_halves(objective: Objective, outcome: Outcome, halves: LiftedCollocation) -> tuple[np.ndarray, np.ndarray]:

@@ -47,7 +47,8 @@ def external_function(
     Raises
     ------
     InputError
-        For names twice and sizes that are none; while it runs, for a result that is missing or of another length.
+        For names twice and sizes that are none, and for a function that looks at another name than it takes or returns
+        a result that is missing or of another length: it is called once, on two points of all arguments at their sizes.
 
     Notes
     -----
@@ -80,7 +81,9 @@ def external_function(
     scale = [
         number((sizes or {}).get(name, 1.0), f"external_function: size of '{name}'", positive=True) for name in taken
     ]
-    values = _kept(_Batch(function, taken, given_names, np.array(scale)))
+    batch = _Batch(function, taken, given_names, np.array(scale))
+    batch.check()
+    values = _kept(batch)
 
     def of_symbols(s: Any) -> dict[str, Any]:
         found = values(ca.vertcat(*(getattr(s, name) for name in taken)))
@@ -103,6 +106,19 @@ class _Batch:
     def __init__(self, function: Function, takes: tuple[str, ...], gives: tuple[str, ...], size: np.ndarray) -> None:
         self.function, self.takes, self.gives, self.size = function, takes, gives, size
         self.number = next(_NUMBERS)
+
+    def check(self) -> None:
+        """Call the function before CasADi does, which makes a RuntimeError of any error of it."""
+        try:
+            self.at(np.stack([self.size, self.size]))
+        except KeyError as error:
+            if error.args and error.args[0] not in self.takes:
+                raise InputError(
+                    f"external_function: the function looks at {error}, which is not among what it takes: "
+                    f"{', '.join(self.takes)}"
+                ) from None
+        except (ArithmeticError, ValueError):
+            pass  # it need not have a value there
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """(N, gives) of (N, takes)."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import casadi as ca
@@ -23,6 +24,7 @@ Run = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.
 INTEGRATORS = ("runge-kutta", "cvodes")
 _CLOSE = 1e-11  # relative tolerance of CVODES in a step, and absolute in sizes of the smallest state
 _MOST_STEPS = 100_000  # of CVODES between two samples
+_SLAB_SAMPLES = 4096  # that CasADi holds at once
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -198,7 +200,11 @@ def simulate(
     if not np.isfinite(states).all():
         raise InputError(_why_it_diverged(model, record, states, UW, p))
     output = ca.Function("output", [model.x, model.u, model.p, model.w], [model.h])
-    outputs = output.map(n)(states.T, U.T, np.repeat(p[:, None], n, 1), W.T).full().T
+    outputs = np.empty((n, len(model.outputs)))
+    for own in _slabs(n):
+        count = own.stop - own.start
+        mapped = output.map(count)
+        outputs[own] = mapped(states[own].T, U[own].T, np.repeat(p[:, None], count, 1), W[own].T).full().T
     if not np.isfinite(outputs).all():
         k, i = np.argwhere(~np.isfinite(outputs))[0]
         at = {"x": states[k], "u": U[k], "p": p, "w": W[k]}
@@ -288,10 +294,23 @@ def flown(model: Model, record: Record, start: np.ndarray, p: np.ndarray, W: np.
 
 
 def _by_runge_kutta(model: Model, substeps: int) -> Run:
+    accumulate = cache(lambda count: _accumulate(model, substeps, count))
+
     def run(state: np.ndarray, before: np.ndarray, after: np.ndarray, dt: np.ndarray, p: np.ndarray) -> np.ndarray:
-        return _accumulate(model, substeps, len(dt))(state, before.T, after.T, dt[None], p).full().T
+        states = np.empty((len(dt), len(state)))
+        for own in _slabs(len(dt)):
+            fly = accumulate(own.stop - own.start)
+            states[own] = fly(state, before[own].T, after[own].T, dt[None, own], p).full().T
+            state = states[own.stop - 1]
+        return states
 
     return run
+
+
+def _slabs(count: int) -> Iterator[slice]:
+    """Spans of samples that CasADi takes in one call: its memory grows with them by about 1.5 kB each."""
+    for first in range(0, count, _SLAB_SAMPLES):
+        yield slice(first, min(first + _SLAB_SAMPLES, count))
 
 
 def _by_cvodes(model: Model) -> Run:

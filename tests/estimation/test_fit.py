@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from estimation_cases import NOISE, START, TRUTH, flight, short_period
 from matplotlib import pyplot
+from scipy.stats import norm
 
 import casid as cs
 
@@ -81,6 +82,15 @@ def test_what_contradicts_the_file_is_said() -> None:
     missed = cs.solve(cs.Problem(wrong, [record], free=["Zde"], noise=NOISE))  # the elevator stays reversed
     assert missed.channels["q"].R2 < 0.0
     assert any(remark.startswith("q: R2 is -") for remark in missed.remarks)
+
+
+def test_the_likelihood_is_that_of_the_residuals_and_is_shown(fit: cs.Fit) -> None:
+    """Of normal noise, with its standard deviation at the optimum; where the cost is half the number of readings."""
+    residuals = np.concatenate(list(fit.residuals.values()))
+    sigma = np.array([fit.noise[name] for name in fit.problem.model.outputs])
+    assert fit.log_likelihood == pytest.approx(norm.logpdf(residuals, scale=sigma).sum(), rel=1e-9)
+    assert fit.cost == pytest.approx(0.5 * residuals.size, rel=1e-3)
+    assert f"{fit.log_likelihood:.4f}" in str(fit)
 
 
 @pytest.mark.parametrize("known", [False, True])

@@ -15,7 +15,7 @@ from casid.estimation.solvers.point import Point
 from casid.estimation.solvers.quadratic import parameter_step
 from casid.estimation.transcriptions.kernel import model_kernel
 from casid.estimation.transcriptions.steps import stage_functions
-from casid.model.system import define_model
+from casid.model.system import Model, define_model
 from casid.native.compiler import c_compiler
 from casid.records.record import Record
 
@@ -191,15 +191,33 @@ def test_collocation_integrates_with_order_two_d_minus_one():
     assert (np.abs(orders - 3.0) < 0.2).all(), orders
 
 
+def ring(n: int) -> Model:
+    """n states in a ring, with the rate of each of five parameters in turn."""
+    names = [f"x{i}" for i in range(n)]
+    return define_model(
+        "ring",
+        states=names,
+        inputs=(),
+        parameters={f"k{i}": 1.0 for i in range(5)},
+        outputs=("x0",),
+        dynamics=lambda s: {
+            name: getattr(s, f"k{i % 5}") * (getattr(s, names[i - 1]) - getattr(s, name))
+            for i, name in enumerate(names)
+        },
+        output=lambda s: {"x0": s.x0},
+    )
+
+
 @pytest.mark.parametrize("by_kernel", [False, True])
 @pytest.mark.parametrize("soft", [False, True])
-def test_banded_step_equals_a_dense_solution(soft, by_kernel):
+@pytest.mark.parametrize(("n", "m"), [(2, 6), (18, 4), (18, 1)])
+def test_banded_step_equals_a_dense_solution(soft, by_kernel, n, m):
     """Truth: the same optimality system, written out densely and solved by numpy."""
-    solver = model_kernel(stage_functions(short_period(), np.arange(5), ()), 0) if by_kernel else None
+    solver = model_kernel(stage_functions(ring(n), np.arange(5), ()), 0) if by_kernel else None
     if by_kernel and solver is None:
         pytest.skip("no C compiler on this machine")
     rng = np.random.default_rng(6)
-    n, f, m = 2, 5, 6
+    f = 5
     factors = rng.standard_normal((m, n + f + 2, n + f))
     hessian, gradient = factors.transpose(0, 2, 1) @ factors, rng.standard_normal((m, n + f))
     transition, d = rng.standard_normal((m, n, n + f)), rng.standard_normal((m - 1, n))
@@ -223,7 +241,7 @@ def test_banded_step_equals_a_dense_solution(soft, by_kernel):
     system[: states + f, states + f :] = constraint.T
     right[states + f :] = d.ravel()
     expected = np.linalg.solve(system, right)
-    scale = np.array([100.0, 0.01])
+    scale = np.tile([100.0, 0.01], n // 2)
     reduced = BandedKKT(m, n).solve(hessian, gradient, transition, d, q if soft else None, scale, solver)
     dp, _ = parameter_step(reduced.hessian, reduced.gradient, np.zeros((0, f)), np.zeros(0), np.zeros(0))
     found = np.concatenate([(reduced.ds0 - reduced.ds_p @ dp).ravel(), dp, (reduced.l0 - reduced.l_p @ dp).ravel()])

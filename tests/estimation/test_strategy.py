@@ -235,6 +235,16 @@ def test_seconds_bound_everything():
     assert fit.converged or fit.result in cs.Results
 
 
+def test_seconds_bound_ipopt():
+    """From ten times the equations of Lorenz, where it takes many iterations; the rest is building the programme."""
+    problem = lorenz(10.0)
+    cs.solve(problem, cs.SingleShooting(), cs.Ipopt(seconds=0.01))  # built
+    begin = time.perf_counter()
+    fit = cs.solve(problem, cs.SingleShooting(), cs.Ipopt(seconds=0.3))
+    assert time.perf_counter() - begin < 1.5
+    assert not fit.converged
+
+
 def test_a_simulation_that_grows_ends_at_the_best_solution_or_says_that_it_departed():
     problem, _ = unstable(1.6, 3.3)
     best = cs.solve(problem, cs.MultipleShooting(interval=10))

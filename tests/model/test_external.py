@@ -119,13 +119,13 @@ def test_a_fault_is_found_through_it_as_through_expressions() -> None:
     [
         (lambda v: {"g": v["h"]}, "returned no 'h'"),
         (lambda v: v["h"], "expected arrays by name"),
-        (lambda v: {"h": np.zeros(7)}, r"shape \(7,\) for 1 points"),
+        (lambda v: {"h": np.zeros(7)}, r"shape \(7,\) for 2 points"),
+        (lambda v: {"h": v["h"] * v["q"]}, "looks at 'q', which is not among what it takes: h, pump, drain"),
     ],
 )
-def test_a_wrong_result_is_said(function: Any, says: str) -> None:
-    model = tank(cs.external_function(function, NAMES, ("h",)))
-    with pytest.raises(RuntimeError, match=says):
-        ca.Function("f", [model.x, model.u, model.p], [model.f])(0.1, 0.2, 1.0)
+def test_a_wrong_function_is_said_before_it_runs(function: Any, says: str) -> None:
+    with pytest.raises(InputError, match=says):
+        cs.external_function(function, NAMES, ("h",))
 
 
 def test_it_cannot_be_kept() -> None:

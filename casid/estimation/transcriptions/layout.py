@@ -121,14 +121,16 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
         segments = len(cut.live)
         is_live = (np.arange(length) < cut.live[:, None]).ravel()
         u, following = _inputs(model, record, line, substeps)
-        z = np.full((len(t), len(model.outputs)), np.nan)
-        z[substeps * line.sample] = problem.outputs_of(record)
-        z = np.where(is_live[:, None], z[cut.row], np.nan)
+        at = np.empty(len(t), dtype=int)
+        at[cut.row[is_live]] = np.flatnonzero(is_live)
+        measured = at[substeps * line.sample]
+        z = np.full((segments * length, len(model.outputs)), np.nan)
+        z[measured] = problem.outputs_of(record)
         parts["u0"].append(u[cut.row])
         parts["u1"].append(following[cut.row])
         parts["dt"].append(np.where(is_live, np.append(np.diff(t), 0.0)[cut.row], 0.0))
-        parts["z"].append(np.nan_to_num(z))
         parts["present"].append(np.isfinite(z).astype(float))
+        parts["z"].append(np.nan_to_num(z, copy=False))
         guess = between_samples(record, line, np.asarray(model.guess(record), dtype=float))
         parts["guess"].append(_refined(guess, substeps)[cut.row])
         per_segment["record"].append(np.full(segments, r))
@@ -136,12 +138,11 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
         per_segment["jump"].append(cut.jump)
         first.append(count)
         tied += range(count, count + segments - 1)
-        at = np.empty(len(t), dtype=int)
-        at[cut.row[is_live]] = np.flatnonzero(is_live)
-        sample.append(count * length + at[substeps * line.sample])
+        sample.append(count * length + measured)
         times.append(t[cut.row])
         count += segments
-    arrays = {k: np.concatenate(v).reshape(count, length, *v[0].shape[1:]) for k, v in parts.items()}
+    # one after the other, each without its parts: of a long record they are all there is
+    arrays = {k: _together(parts.pop(k), (count, length)) for k in tuple(parts)}
     pattern, seen = _patterns(arrays["present"])
     return Layout(
         length=length,
@@ -156,6 +157,12 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
         **{k: np.concatenate(v) for k, v in per_segment.items()},
         **arrays,
     )
+
+
+def _together(parts: list[np.ndarray], shape: tuple[int, int]) -> np.ndarray:
+    """The parts (rows, ...) of all records as (segments, samples, ...)."""
+    whole = parts[0] if len(parts) == 1 else np.concatenate(parts)
+    return whole.reshape(*shape, *whole.shape[1:])
 
 
 def _longest(line: Timeline) -> int:

@@ -34,7 +34,7 @@ from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.native.compiler import PointBatch
 
-_SLAB_SAMPLES = 4096  # of which the derivatives are held at once
+_SLAB_SAMPLES = 4096  # that CasADi holds at once, and of which there are derivatives
 
 
 class Shooting:
@@ -71,13 +71,19 @@ class Shooting:
 
     @cached_property
     def _mapped(self) -> tuple[PointBatch, PointBatch, PointBatch]:
-        """Simulation, outputs of all samples, derivatives over a slab, by CasADi."""
+        """Simulation of a group of segments, outputs of its samples, derivatives over a slab, by CasADi."""
         model, feedback = self._model, self._feedback
         count, length = self.shape
         step, outputs = compiled(model, step_function, feedback), compiled(model, output_function)
         derivatives = compiled(model, sample_derivatives, tuple(self._free), self.noise_names, feedback)
-        simulate = step.batch(("simulate", length, count), lambda f: f.mapaccum("simulate", length).map(count))
-        return simulate, outputs.mapped(count * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
+        group = self._group
+        simulate = step.batch(("simulate", length, group), lambda f: f.mapaccum("simulate", length).map(group))
+        return simulate, outputs.mapped(group * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
+
+    @property
+    def _group(self) -> int:
+        """Segments that CasADi simulates in one call."""
+        return min(self.shape[0], max(_SLAB_SAMPLES // self.shape[1], 1))
 
     @property
     def soft(self) -> bool:
@@ -98,13 +104,19 @@ class Shooting:
             return Trajectory(states=states, y=y, arrived=end, end=after_jump, squares=squares)
         begin, data = time.perf_counter(), self.layout
         simulate, outputs, _ = self._mapped
-        repeated = np.repeat(parameters, data.length, axis=0)
-        after = simulate(nodes, data.u0, data.u1, data.dt, repeated)[0].reshape(*self.shape, -1)
-        states = np.concatenate([nodes[:, None], after[:, :-1]], axis=1)
-        y = outputs(states, data.u0, repeated)[0].reshape(*self.shape, -1)
+        count, length = self.shape
+        states, y = np.empty((count, length, nodes.shape[1])), np.empty((count, length, data.z.shape[2]))
+        end = np.empty_like(nodes)
+        for first in range(0, count, self._group):
+            # the size of a batch is fixed: the last one is filled up with the last segment
+            own = np.minimum(np.arange(first, first + self._group), count - 1)
+            repeated = np.repeat(parameters[own], length, axis=0)
+            after = simulate(nodes[own], data.u0[own], data.u1[own], data.dt[own], repeated)[0]
+            after = after.reshape(len(own), *states.shape[1:])
+            states[own, 0], states[own, 1:], end[own] = nodes[own], after[:, :-1], after[:, -1]
+            y[own] = outputs(states[own], data.u0[own], repeated)[0].reshape(len(own), *y.shape[1:])
         self._offer.spent += time.perf_counter() - begin
-        end = after[:, -1].copy()
-        return Trajectory(states=states, y=y.copy(), arrived=end, end=self._jumps.end(end, parameters))
+        return Trajectory(states=states, y=y, arrived=end, end=self._jumps.end(end, parameters))
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         """Linearised along a trajectory; weights (patterns, o, o): the lower triangle that whitens the residuals of

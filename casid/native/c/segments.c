@@ -31,15 +31,30 @@ void simulate(long count, long length, const long *live, const V *data, const do
     }
 }
 
+#define TILE 4
+/* entries (c, d) of the lower triangle by rows, in tiles that a column of q is read once for */
 static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q)[NF], const V *r)
 {
     for (int i = 0; i < O; i++)
         for (int c = 0; c < NF; c++) g[i][c] += q[i][c] * r[i];
-    for (int c = 0; c < NF; c++)
-        for (int d = 0; d <= c; d++) {
-            V h = *H;
-            for (int i = 0; i < O; i++) h += q[i][c] * q[i][d];
-            *H++ = h;
+    for (int c = 0; c < NF; c += TILE)
+        for (int d = 0; d <= c; d += TILE) {
+            if (d < c && c + TILE <= NF) {
+                V *row[TILE], h[TILE][TILE];
+                for (int a = 0; a < TILE; a++) {
+                    row[a] = H + (c + a) * (c + a + 1) / 2 + d;
+                    for (int b = 0; b < TILE; b++) h[a][b] = row[a][b];
+                }
+                for (int i = 0; i < O; i++)
+                    for (int a = 0; a < TILE; a++)
+                        for (int b = 0; b < TILE; b++) h[a][b] += q[i][c + a] * q[i][d + b];
+                for (int a = 0; a < TILE; a++)
+                    for (int b = 0; b < TILE; b++) row[a][b] = h[a][b];
+                continue;
+            }
+            for (int a = c; a < c + TILE && a < NF; a++)
+                for (int b = d; b < d + TILE && b <= a; b++)
+                    for (int i = 0; i < O; i++) H[a * (a + 1) / 2 + b] += q[i][a] * q[i][b];
         }
 }
 
