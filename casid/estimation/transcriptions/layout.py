@@ -31,7 +31,7 @@ class Layout:
     u0, u1     (K, L, m) inputs at the start and at the end of each sample interval
     dt         (K, L) [s], zero where padded
     z          (K, L, o) measured outputs, zero where missing
-    present    (K, L, o) 1 where measured, else 0
+    present    (K, L, o) whether measured
     pattern    (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
     sample     per record (N,) flat index into (K*L) of each of its own samples
     times      per record the time [s] at each of its segments' samples, padding included
@@ -78,7 +78,8 @@ def watched(model: Model, layout: Layout, names: tuple[str, ...]) -> tuple[Model
         return replace(model, outputs=tuple(f"path of {n}" for n in names), h=ca.vertcat(*rows), equation=None)
 
     shape = (*layout.dt.shape, len(names))
-    everywhere = {"z": np.zeros(shape), "present": np.ones(shape), "pattern": np.zeros(shape[:2], dtype=int)}
+    pattern = np.zeros(shape[:2], dtype=np.int32)
+    everywhere = {"z": np.zeros(shape), "present": np.ones(shape, dtype=bool), "pattern": pattern}
     return cached(model, ("watched", names), build), replace(layout, **everywhere, seen=np.ones((1, len(names))))
 
 
@@ -129,7 +130,7 @@ def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> L
         parts["u0"].append(u[cut.row])
         parts["u1"].append(following[cut.row])
         parts["dt"].append(np.where(is_live, np.append(np.diff(t), 0.0)[cut.row], 0.0))
-        parts["present"].append(np.isfinite(z).astype(float))
+        parts["present"].append(np.isfinite(z))
         parts["z"].append(np.nan_to_num(z, copy=False))
         guess = between_samples(record, line, np.asarray(model.guess(record), dtype=float))
         parts["guess"].append(_refined(guess, substeps)[cut.row])
@@ -195,6 +196,6 @@ def _patterns(present: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     nothing = ~present.any(axis=2)
     o = present.shape[2]
     if (everything | nothing).all():  # the usual case, without sorting
-        return np.where(everything, 0, 1), np.stack([np.ones(o), np.zeros(o)])
+        return np.where(everything, np.int32(0), np.int32(1)), np.stack([np.ones(o), np.zeros(o)])
     seen, pattern = np.unique(present.reshape(-1, o), axis=0, return_inverse=True)
-    return pattern.reshape(present.shape[:2]), seen
+    return pattern.reshape(present.shape[:2]).astype(np.int32), seen.astype(float)
