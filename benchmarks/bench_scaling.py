@@ -37,6 +37,7 @@ SAMPLES = (250, 500, 1000, 2000, 4000, 8000, 16000, 32000, 64000)
 RECORDS = (1, 3, 10, 30, 100)
 STATES = (30, 60)
 WARM = 12  # solves after which the kernel is compiled on any machine
+CHAIN_WARM = 2  # of a chain, which takes longer
 SURFACE_NOISE = 5e-4  # rad
 FAR = 6.0  # standard deviations from the truth that no right estimate of some tens is
 
@@ -49,7 +50,7 @@ def main() -> None:
     options.add_argument("--repeats", type=int, default=3, help="the median counts")
     given = options.parse_args()
     if given.samples or given.records:
-        _warm(long_problem(1000))
+        _warm(long_problem(1000), WARM)
     rows = [_of_flight("samples", long_problem(n), given.repeats) for n in given.samples]
     rows += [_of_flight("records", long_problem(1000, n), given.repeats) for n in given.records]
     rows += [_of_chain(n, given.repeats) for n in given.states]
@@ -60,8 +61,8 @@ def main() -> None:
     publish(rows, given.json)
 
 
-def _warm(problem: Problem) -> None:
-    for _ in range(WARM):
+def _warm(problem: Problem, solves: int) -> None:
+    for _ in range(solves):
         solve(problem)
 
 
@@ -75,7 +76,7 @@ def _of_flight(series: str, problem: Problem, repeats: int) -> dict[str, Any]:
 def _of_chain(states: int, repeats: int) -> dict[str, Any]:
     parameters = 2 * states // 3
     problem = chain_problem(states, parameters)
-    _warm(problem)
+    _warm(problem, CHAIN_WARM)
     return _measure("states", solve(problem), chain_truth(parameters), repeats)
 
 
