@@ -4,9 +4,7 @@
    this short. */
 #define BAND (2 * N - 1)
 #define LEFT ((2 * BAND + W) / W) /* vectors from the pivot of a row to its end */
-#define PANEL (N < 16 ? 1 : 4) /* pivots whose rows are taken off the others in one pass: long rows come from far */
-#define TRAIL ((2 * BAND + W - 1) / W) /* vectors of a row behind a panel */
-#define ROW (BAND + LEFT * W + PANEL)
+#define ROW (BAND + LEFT * W)
 #define SIDES (F + 1)
 #define RIGHT ((SIDES + W - 1) / W)
 #define UNKNOWNS(count) (N * (2 * (count) - 1))
@@ -31,62 +29,29 @@ static inline void exchange(double *a, double *b, int vectors)
 
 UNROLLED static int solve_banded(long size, double *a, U (*b)[RIGHT])
 {
-    double factor[PANEL + BAND][PANEL]; /* of the pivots of a panel in the rows from its first pivot on */
-    for (long j = 0; j < size; j += PANEL) {
-        const long next = j + PANEL < size ? j + PANEL : size;
-        memset(factor, 0, sizeof factor);
-        for (long k = j; k < next; k++) {
-            const long last = k + BAND < size ? k + BAND : size - 1;
-            double *top = a + k * ROW + BAND;
-            long pivot = k;
-            double largest = fabs(top[0]);
-            for (long r = k + 1; r <= last; r++) {
-                const double entry = fabs(a[r * ROW + BAND + k - r]);
-                pivot = entry > largest ? r : pivot;
-                largest = entry > largest ? entry : largest;
-            }
-            double *row = a + pivot * ROW + BAND + k - pivot;
-            if (!(fabs(row[0]) > 0.0)) return 1;
-            if (pivot != k) {
-                exchange(top, row, LEFT);
-                exchange((double *)b[k], (double *)b[pivot], RIGHT);
-                for (long i = 0; i < k - j; i++) {
-                    const double held = factor[k - j][i];
-                    factor[k - j][i] = factor[pivot - j][i];
-                    factor[pivot - j][i] = held;
-                }
-            }
-            for (long i = j; i < k; i++) {
-                const U own = (U){0} + factor[k - j][i - j];
-                const U *from = (U *)(a + i * ROW + BAND + next - i);
-                for (int v = 0; v < TRAIL; v++) ((U *)(top + next - k))[v] -= own * from[v];
-                for (int v = 0; v < RIGHT; v++) b[k][v] -= own * b[i][v];
-            }
-            const double inverse = 1.0 / top[0];
-            for (long r = k + 1; r <= last; r++) {
-                double *below = a + r * ROW + BAND + k - r;
-                if (below[0] == 0.0) continue;
-                const double own = factor[r - j][k - j] = below[0] * inverse;
-                for (long c = 1; c < next - k; c++) below[c] -= own * top[c];
-            }
+    for (long j = 0; j < size; j++) {
+        const long last = j + BAND < size ? j + BAND : size - 1;
+        double *top = a + j * ROW + BAND;
+        long pivot = j;
+        double largest = fabs(top[0]);
+        for (long r = j + 1; r <= last; r++) {
+            const double entry = fabs(a[r * ROW + BAND + j - r]);
+            pivot = entry > largest ? r : pivot;
+            largest = entry > largest ? entry : largest;
         }
-        const long last = next - 1 + BAND < size ? next - 1 + BAND : size - 1;
-        for (long r = next; r <= last; r++) {
-            U own[PANEL];
-            int any = 0;
-            for (int i = 0; i < PANEL; i++) any |= factor[r - j][i] != 0.0, own[i] = (U){0} + factor[r - j][i];
-            if (!any) continue;
-            U *below = (U *)(a + r * ROW + BAND + next - r);
-            for (int v = 0; v < TRAIL; v++) {
-                U rest = below[v];
-                for (int i = 0; i < PANEL; i++) rest -= own[i] * ((U *)(a + (j + i) * ROW + BAND + PANEL - i))[v];
-                below[v] = rest;
-            }
-            for (int v = 0; v < RIGHT; v++) {
-                U rest = b[r][v];
-                for (int i = 0; i < PANEL; i++) rest -= own[i] * b[j + i][v];
-                b[r][v] = rest;
-            }
+        double *row = a + pivot * ROW + BAND + j - pivot;
+        if (!(fabs(row[0]) > 0.0)) return 1;
+        if (pivot != j) {
+            exchange(top, row, LEFT);
+            exchange((double *)b[j], (double *)b[pivot], RIGHT);
+        }
+        const double inverse = 1.0 / top[0];
+        for (long r = j + 1; r <= last; r++) {
+            double *below = a + r * ROW + BAND + j - r;
+            if (below[0] == 0.0) continue;
+            const U factor = (U){0} + below[0] * inverse;
+            for (int v = 0; v < LEFT; v++) ((U *)below)[v] -= factor * ((U *)top)[v];
+            for (int v = 0; v < RIGHT; v++) b[r][v] -= factor * b[j][v];
         }
     }
     for (long j = size - 1; j >= 0; j--) {

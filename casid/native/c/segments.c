@@ -32,11 +32,20 @@ void simulate(long count, long length, const long *live, const V *data, const do
 }
 
 #define TILE 4
-/* entries (c, d) of the lower triangle by rows, in tiles that a column of q is read once for */
+#define FIRST_CACHE (48 * 1024) /* bytes */
+/* entries (c, d) of the lower triangle by rows; a q that does not stay in the first cache is read in tiles */
 static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q)[NF], const V *r)
 {
     for (int i = 0; i < O; i++)
         for (int c = 0; c < NF; c++) g[i][c] += q[i][c] * r[i];
+#if O * NF * W * 8 <= FIRST_CACHE
+    for (int c = 0; c < NF; c++)
+        for (int d = 0; d <= c; d++) {
+            V h = *H;
+            for (int i = 0; i < O; i++) h += q[i][c] * q[i][d];
+            *H++ = h;
+        }
+#else
     for (int c = 0; c < NF; c += TILE)
         for (int d = 0; d <= c; d += TILE) {
             if (d < c && c + TILE <= NF) {
@@ -56,6 +65,7 @@ static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q
                 for (int b = d; b < d + TILE && b <= a; b++)
                     for (int i = 0; i < O; i++) H[a * (a + 1) / 2 + b] += q[i][a] * q[i][b];
         }
+#endif
 }
 
 /* q <- L q, r <- L r with the lower triangle L by rows */

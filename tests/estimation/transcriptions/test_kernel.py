@@ -25,6 +25,7 @@ from casid.model.system import Model, define_model
 from casid.native import compiler
 from casid.native.emitter import UnknownOperationError, emit
 from casid.records.record import Record
+from problems.bench.chain import chain_problem
 from problems.paper.cases import Condition
 from problems.paper.estimation import paper_problem
 from problems.paper.truth import OUTPUTS, fly, noise_sigma
@@ -118,6 +119,13 @@ def test_kernel_equals_casadi_with_correlated_noise(missing):
 def test_kernel_equals_casadi_with_process_noise():
     method = MultipleShooting(interval=10, process_noise={"q": 0.02, "d_delta_e": 0.001})
     found = compare(do328_problem("D"), method)
+    assert max(found.values()) < 1e-10, found
+
+
+@needs_compiler
+def test_kernel_equals_casadi_with_many_states():
+    """82 columns of 22 outputs, which are gathered in tiles."""
+    found = compare(chain_problem(44, 38, 60), MultipleShooting(interval=20))
     assert max(found.values()) < 1e-10, found
 
 
