@@ -1,7 +1,7 @@
 """How much faster is an estimation than with the tools that people use, at the same optimum?
 
-Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, rockit, acados, opty, pyomo.dae
-             against ours
+Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, acados, opty, pyomo.dae against
+             ours
 Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
              prior (problems/peers/common.py). Theirs and ours in turn in one process, medians of processor time (all
              run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no
@@ -27,14 +27,12 @@ from problems.peers.casadi import casadi_ipopt_gn
 from problems.peers.common import TRUTH, our_problem, task
 from problems.peers.opty import opty
 from problems.peers.pyomo import pyomo
-from problems.peers.rockit import rockit
 from problems.peers.scipy import scipy_ivp, scipy_rk4
 
 PEERS = {
     "scipy_rk4": scipy_rk4,
     "scipy_ivp": scipy_ivp,
     "casadi_ipopt_gn": casadi_ipopt_gn,
-    "rockit": rockit,
     "acados": acados,
     "opty": opty,
     "pyomo": pyomo,
@@ -45,13 +43,11 @@ SAME = {
     "scipy_rk4": 1e-3,
     "casadi_ipopt_gn": 1e-3,
     "scipy_ivp": 1e-3,
-    "rockit": 1e-3,
     "acados": 1e-3,
     "opty": 0.2,
     "pyomo": 0.05,
 }
 NEEDS = {
-    "rockit": "pip install rockit-meco",
     "acados": "acados with acados_template, with ACADOS_SOURCE_DIR and LD_LIBRARY_PATH as its documentation says",
     "opty": "pip install 'casid[bench]', which builds cyipopt against libipopt",
     "pyomo": "pip install 'casid[bench]', and an executable 'ipopt' on the path",
