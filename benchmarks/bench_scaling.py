@@ -3,10 +3,10 @@
 Question     is an estimation linear in the samples up to 64000 (20 minutes at 50 Hz), and in the records up to 100?
              What does an iteration cost with 60 states and 40 parameters, in those of 30 and 20?
 Set-up       stable Do 328 in long flights (problems/bench/long_flight.py), 16 moment derivatives from 0.7 x truth,
-             multiple shooting over 25 samples. Median seconds of `solve` with all standard errors; peak of the arrays
-             that live at once (tracemalloc, a run of its own), that of the standard errors with noisy surfaces, which
-             come after, and of the whole process so far. States: chains of masses (problems/bench/chain.py), 1001
-             samples, two parameters for every three states.
+             multiple shooting over 25 samples. Median processor seconds of `solve` with all standard errors; peak of
+             the arrays that live at once (tracemalloc, a run of its own), that of the standard errors with noisy
+             surfaces, which come after, and of the whole process so far. States: chains of masses
+             (problems/bench/chain.py), 1001 samples, two parameters for every three states.
 Expectation  exponent of seconds per iteration over samples at most 1.1, over states at most 2; below 1 GB. At each size
              the estimate is right: `away` is the largest distance from the truth in standard deviations.
 
@@ -29,7 +29,7 @@ from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
 from problems.bench.chain import chain_problem, chain_truth
 from problems.bench.long_flight import long_problem
-from problems.bench.table import exponent, parser, publish, seconds_of
+from problems.bench.table import exponent, parser, processor_seconds_of, publish
 from problems.do328 import MOMENT_DERIVATIVES, STABLE
 from problems.paper.truth import SURFACES
 
@@ -85,7 +85,7 @@ def _measure(series: str, fit: Fit, truth: Mapping[str, float], repeats: int) ->
     away = max(abs(fit[name].value - value) / fit[name].std for name, value in truth.items())
     if not fit.converged or away > FAR:
         raise InputError(f"{series}: {fit.status}, {away:.2g} standard deviations from the truth")
-    seconds = median(seconds_of(lambda: solve(problem).parameters, repeats))
+    seconds = median(processor_seconds_of(lambda: solve(problem).parameters, repeats))
     peak = _peak_bytes(lambda: solve(problem).parameters)
     samples, records = len(problem.records[0]), len(problem.records)
     return {
