@@ -109,6 +109,8 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")
     kept = keep(held, state)
+    if kept.evidence is not state.evidence:
+        state.evidence.forget()
     stages.begin("missing inputs")
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
@@ -119,6 +121,8 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
     causes = belief.causes
     bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    flight = flight_values(kept.evidence)
+    kept.evidence.forget()
     refitted, extended, held_refitted, held_extended = map(
         view_of, (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
     )
@@ -139,7 +143,7 @@ def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Rec
         held_out_refitted=held_refitted,
         held_out_extended=held_extended,
         budget=budget_of(given, held_refitted, held_extended),
-        flight=flight_values(kept.evidence),
+        flight=flight,
         bare=bare,
         missing_before=tuple(first),
         missing_after=tuple(exact),

@@ -235,6 +235,7 @@ def try_cause(
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = raw + spared if one.effect.regressor else raw
     share = meaningful_share(fitted, one)
+    joint.forget()
     check = kinematic_check(kinematic, one)
     trial = Trial(
         candidate=replace(candidate, attached=one),

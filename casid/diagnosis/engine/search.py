@@ -152,6 +152,7 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     taken = {one.effect.key for one in state.fit.attached}
     effects = [one for one in catalogue if one.key not in taken]
     screened = _screened(state, effects)
+    state.evidence.forget()
     trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
     trials, equivalents = ranked(trials, fits, state.criteria)
     named = any(trial.meaningful for trial in fits)

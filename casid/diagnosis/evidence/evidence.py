@@ -70,21 +70,19 @@ class SmallTerms:
     """The small terms for a fit.
 
     names    (coefficient, term) of each
-    series   (N, R, n) their regressors
     factors  (n,) value of each that alone makes the small part of the variation of its coefficient
     alike    (n, n) correlations, within a coefficient, of the parts that fitted terms do not contain: the inverse of
              the prior covariance of the values, in units of `factors`, at a scale of one
     """
 
     names: tuple[tuple[str, str], ...]
-    series: np.ndarray
     factors: np.ndarray
     alike: np.ndarray
 
 
-def no_terms(fit: FlightFit) -> SmallTerms:
+def no_terms() -> SmallTerms:
     """No small terms: the structure of the model is exact."""
-    return SmallTerms(names=(), series=np.zeros((*fit.batch.live.shape, 0)), factors=np.zeros(0), alike=np.eye(0))
+    return SmallTerms(names=(), factors=np.zeros(0), alike=np.eye(0))
 
 
 def small_terms(fit: FlightFit) -> SmallTerms:
@@ -93,15 +91,13 @@ def small_terms(fit: FlightFit) -> SmallTerms:
     present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
-    series: list[np.ndarray] = []
     factors: list[np.ndarray] = []
     blocks: list[np.ndarray] = []
     for coefficient, size in variation(fit).items():
         if coefficient not in fit.flight.moved or size <= 0.0:
             continue
         allowed = [term for term in _symmetric_terms(coefficient) if (coefficient, term) not in present]
-        along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in allowed]
-        whole = np.stack(along, axis=2)
+        whole = series_of(fit, allowed)
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
         rests = np.array([criteria.resting ** parse_term(term).degree for term in allowed])
@@ -109,18 +105,22 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         varies = np.flatnonzero(spread > np.maximum(criteria.dependent * np.std(whole[fit.batch.live], axis=0), rests))
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
-        series.append(whole[..., varies])
         factors.append(criteria.small * size / spread[varies])
         ridge = criteria.ridge
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
-        return no_terms(fit)
+        return no_terms()
     return SmallTerms(
         names=tuple(names),
-        series=np.concatenate(series, axis=2),
         factors=np.concatenate(factors),
         alike=np.asarray(block_diag(*blocks)),
     )
+
+
+def series_of(fit: FlightFit, terms: Sequence[str]) -> np.ndarray:
+    """(N, R, terms) Time histories of terms along a fit."""
+    along = [np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape) for term in terms]
+    return np.stack(along, axis=2)
 
 
 def most_likely_scales(
@@ -191,18 +191,16 @@ def _symmetric_terms(coefficient: str) -> list[str]:
 class Evidence:
     """A fit with model discrepancy as nuisance parameters.
 
-    by_record   for each record (samples, k) whitened sensitivities to the fitted parameters and to the small `terms`
     covariance  (k, k) of their joint posterior
     newton      (k,) posterior mean of their changes; zero for converged parameters
     deviance    -2 log marginal likelihood up to a constant of the data, small terms integrated out
-    terms       (coefficient, term) of the small terms, in units of `factors`; in `by_record` they follow the parameters
+    terms       (coefficient, term) of the small terms, in units of `factors`
     factors     (terms,) units of the small terms
     scales      coefficient -> prior 1-sigma of its small terms, in units of the smallest: how nonlinear it is
     sums        normal equations behind these results
     """
 
     fit: FlightFit
-    by_record: tuple[np.ndarray, ...]
     covariance: np.ndarray
     newton: np.ndarray
     deviance: float
@@ -226,6 +224,16 @@ class Evidence:
         return max(self.scales.values(), default=1.0) > 1.0
 
     @cached_property
+    def by_record(self) -> tuple[np.ndarray, ...]:
+        """For each record (samples, k) whitened sensitivities to the fitted parameters and then to the small terms."""
+        return _by_record(self.fit, self.terms, self.factors)
+
+    def forget(self) -> None:
+        """Give up the arrays, which are computed again on demand."""
+        for name in ("by_record", "left"):
+            self.__dict__.pop(name, None)
+
+    @cached_property
     def left(self) -> np.ndarray:
         """(N, R, ny) Whitened residuals with parameters and small terms fitted."""
         left = self.fit.white.copy()
@@ -246,19 +254,13 @@ class Evidence:
 
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
     """The evidence of a fit; without `discrepancy` the model structure is taken as exact."""
-    small = small_terms(fit) if discrepancy else no_terms(fit)
-    stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in small.names]
-    white = fit.filter.whiten_histories(stations, small.series * small.factors) if small.names else None
-    k, by_record = len(fit.slots), []
-    for r in range(len(fit.batch.names)):
-        slots = fit.columns[:, r].reshape(fit.white[:, r].size, k)
-        by_record.append(np.hstack([slots, white[:, r].reshape(len(slots), -1)]) if white is not None else slots)
+    small = small_terms(fit) if discrepancy else no_terms()
+    by_record = _by_record(fit, small.names, small.factors)
     sums = _sums(fit, by_record, small)
     scales = sums.most_likely()
     covariance, newton, deviance = sums.posterior(scales)
-    return Evidence(
+    found = Evidence(
         fit=fit,
-        by_record=tuple(by_record),
         covariance=covariance,
         newton=newton,
         deviance=fit.deviance + deviance,
@@ -267,6 +269,18 @@ def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
         scales=scales,
         sums=sums,
     )
+    found.__dict__["by_record"] = by_record
+    return found
+
+
+def _by_record(fit: FlightFit, terms: Sequence[tuple[str, str]], factors: np.ndarray) -> tuple[np.ndarray, ...]:
+    """`Evidence.by_record`."""
+    apart = [fit.columns[:, r].reshape(fit.white[:, r].size, len(fit.slots)) for r in range(len(fit.batch.names))]
+    if not terms:
+        return tuple(apart)
+    stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in terms]
+    white = fit.filter.whiten_histories(stations, series_of(fit, [term for _, term in terms]) * factors)
+    return tuple(np.hstack([slots, white[:, r].reshape(len(slots), -1)]) for r, slots in enumerate(apart))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import threading
+import weakref
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -21,11 +24,11 @@ from casid.model.system import Model
 # instruments; nothing.
 Free = Literal["all", "effects", "offsets", "states"]
 
-# Attributes that a saved fit does not contain. They are most of its size, and are computed again on demand.
-_MADE_AGAIN = frozenset(
-    ["model", "batch", "functions", "linear", "read", "filter"]
-    + ["disturbances", "errors", "white", "columns", "known", "regressors"]
-)
+# Attributes that a saved fit does not contain. They are most of its size, and are computed again on demand. All
+# fits of a model share those of the first set.
+_SHARED = frozenset(["model", "batch", "functions"])
+_ARRAYS = frozenset(["linear", "read", "filter", "disturbances", "errors", "white", "columns", "known", "regressors"])
+_MADE_AGAIN = _SHARED | _ARRAYS
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,6 +82,7 @@ class FlightFit:
     regressors     the same as the aerodynamics see them, with effects on surfaces and wind included
     prior_pull     (slots,) gradient of the prior
     prior_weight   (slots,) inverse variance of the prior
+    readings       number of readings that are compared
     deviance       -2 log likelihood up to a constant of the data, prior included
     data_deviance  the same without the prior
     """
@@ -109,6 +113,7 @@ class FlightFit:
     regressors: dict[str, np.ndarray]
     prior_pull: np.ndarray
     prior_weight: np.ndarray
+    readings: int
     deviance: float
     data_deviance: float
     converged: bool
@@ -117,6 +122,15 @@ class FlightFit:
         state = {name: value for name, value in self.__dict__.items() if name not in _MADE_AGAIN}
         # A filter that is held belongs to another fit.
         return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
+
+    def forget(self) -> None:
+        """Give up the arrays, which are computed again on demand."""
+        state = self.__getstate__()
+        for name in _ARRAYS & self.__dict__.keys():
+            if name in state:
+                self.__dict__[name] = state[name]
+            else:
+                self.__dict__.pop(name, None)
 
     def lighter(self) -> FlightFit:
         """The fit without what can be computed again, to save memory."""
@@ -132,9 +146,10 @@ class FlightFit:
                 raise AttributeError(f"a fit has no '{name}'")
             work = Work(self.flight, self.attached, self.noise, self.free)
             work.reference, work.filter = self.reference, self.__dict__.get("filter")
+            remembered(self)  # first, so that an earlier fit makes room
             again = evaluate(work, self.attached, self.values, self.motion)
             self.__dict__.update({one: again.__dict__[one] for one in _MADE_AGAIN})
-            return self.__dict__[name]
+            return again.__dict__[name]
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by name."""
@@ -187,15 +202,31 @@ class FlightFit:
         return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
 
     @property
-    def readings(self) -> int:
-        """Number of readings that are compared."""
-        return int(self.linear.seen.sum())
-
-    @property
     def derivatives(self) -> dict[str, float]:
         """Fitted derivatives and terms of the aircraft file."""
         given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
+
+
+_FULL = 3  # fits that keep their arrays: present model, the one compared with it, and the kinematics
+_RECENT: deque[weakref.ref[FlightFit]] = deque()
+_TURN = threading.Lock()
+
+
+def remembered(fitted: FlightFit) -> FlightFit:
+    """The fit, which keeps its arrays until those of later fits are many: they are most of the memory of a diagnosis.
+
+    An earlier fit computes them again on demand.
+    """
+    with _TURN:
+        alive = [one for one in _RECENT if one() not in (None, fitted)]
+        _RECENT.clear()
+        _RECENT.extend([*alive, weakref.ref(fitted)])
+        while len(_RECENT) > _FULL:
+            old = _RECENT.popleft()()
+            if old is not None:
+                old.forget()
+    return fitted
 
 
 class Work:
@@ -335,6 +366,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         regressors=regressors,
         prior_pull=work.weight * deviation,
         prior_weight=work.weight,
+        readings=int(linear.seen.sum()),
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
         converged=False,

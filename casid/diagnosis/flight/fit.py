@@ -8,7 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import FlightFit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
+from casid.diagnosis.flight.evaluation import (
+    FlightFit,
+    Free,
+    Motion,
+    Slot,
+    Work,
+    evaluate,
+    gauss_newton_step,
+    remembered,
+    smoothed,
+)
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
 from casid.errors import InputError
@@ -96,14 +106,14 @@ def fit(
         gained = np.inf if best is None else abs(best.squares - now.squares)
         best, shrink = now, 1.0
         if max(gained, now.promise) < tolerance * now.misfit:
-            return replace(now.fit, converged=True)
+            return remembered(replace(now.fit, converged=True))
         if iteration >= 3 and now.fit.deviance - 2.0 * gained > give_up:
             break
         step = gauss_newton_step(work, now.fit)
         values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
     if best is None:
         raise RuntimeError("a fit without iterations")
-    return best.fit
+    return remembered(best.fit)
 
 
 def from_elsewhere(fitted: FlightFit) -> FlightFit | None:

@@ -226,3 +226,14 @@ def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
     flight = prepare(wild, flights(seed=1, count=1))
     with pytest.raises(InputError, match="diverges along the records"):
         fit(flight, [], flight.noise())
+
+
+def test_an_earlier_fit_gives_up_its_arrays_and_computes_the_same_ones_again() -> None:
+    """Truth: its arrays before later fits were made."""
+    flight = prepare(do328(), flights(seed=4, duration_s=8.0))
+    first = fit(flight, (), flight.noise(), iterations=3)
+    white, columns = first.white, first.columns
+    later = [fit(flight, (), flight.noise(), first, iterations=1) for _ in range(6)]
+    assert "columns" not in vars(first) and "columns" in vars(later[-1])
+    assert first.columns == pytest.approx(columns, rel=1e-9, abs=1e-9)
+    assert first.white == pytest.approx(white, rel=1e-9, abs=1e-9)
