@@ -338,7 +338,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     flat = columns.reshape(white.size, len(work.slots))
-    information = flat.T @ flat + np.diag(work.weight)
     return FlightFit(
         flight=work.flight,
         attached=attached,
@@ -353,7 +352,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         parameters=P,
         slots=work.slots,
         values=values,
-        covariance=scaled_inverse(information),
+        covariance=scaled_inverse(flat.T @ flat + np.diag(work.weight)),
         linear=linear,
         read=read,
         filter=kalman,
