@@ -208,7 +208,6 @@ class FlightFit:
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
 
 
-_FULL = 3  # fits that keep their arrays: present model, the one compared with it, and the kinematics
 _RECENT: deque[weakref.ref[FlightFit]] = deque()
 _TURN = threading.Lock()
 
@@ -222,7 +221,7 @@ def remembered(fitted: FlightFit) -> FlightFit:
         alive = [one for one in _RECENT if one() not in (None, fitted)]
         _RECENT.clear()
         _RECENT.extend([*alive, weakref.ref(fitted)])
-        while len(_RECENT) > _FULL:
+        while len(_RECENT) > fitted.criteria.numerics.fit.in_memory:
             old = _RECENT.popleft()()
             if old is not None:
                 old.forget()
