@@ -36,6 +36,7 @@ from casid.views import brief
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
 _NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
 _NOISE_RANGE, _NOISE_REACH = 1e4, 8.0  # factors a noise may be from its first guess, and from the last linearisation
+_TIMES = 4  # a trajectory is linearised anew before the parameters move
 _KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
 _NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
 _HOPELESS = 1e12
@@ -203,6 +204,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     theta, X = problem.start_vector, _guess(problem, system.batch)
     linear = system.linearise(theta, X)
     log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
+    linear = _along_the_readings(system, theta, linear, system.noise(log_sigma))
     limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
     status, near, done = f"gave up after {iterations} iterations", False, 0
     while done < iterations:
@@ -212,6 +214,11 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
         noise = system.noise(log_sigma)
         step = evaluate_step(system, theta, linear, noise, slope)
         taken = _search(system, theta, step, noise)
+        if taken is None:  # noise that belongs to a step which cannot be made forbids shorter ones
+            log_sigma = _best_noise(system, theta, linear, before, limits, slope, held=True)
+            noise = system.noise(log_sigma)
+            step = evaluate_step(system, theta, linear, noise, slope)
+            taken = _search(system, theta, step, noise)
         if taken is None:
             status = "gave up: no step along the Gauss-Newton direction lowers the deviance"
             break
@@ -240,7 +247,9 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     )
 
 
-def predict(problem: Problem, values: Mapping[str, float], noise: NoiseModel, relinearisations: int = 4) -> Innovations:
+def predict(
+    problem: Problem, values: Mapping[str, float], noise: NoiseModel, relinearisations: int = _TIMES
+) -> Innovations:
     """One-step predictions of the problem's records with its parameters at `values`; only states are estimated.
 
     A per-record parameter takes the value under its own name, "bias_q[m1]", or under the bare one. Raises InputError
@@ -256,10 +265,7 @@ def predict(problem: Problem, values: Mapping[str, float], noise: NoiseModel, re
     driven = {name: 0.0 for name in noise.white} | {name: tau for name, (_, tau) in noise.coloured.items()}
     system = _prepare(problem, driven)
     X = _guess(problem, system.batch)
-    for _ in range(relinearisations):
-        linear = system.linearise(theta, X)
-        X = X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., : X.shape[2]]
-    linear = system.linearise(theta, X)
+    linear = _along_the_readings(system, theta, system.linearise(theta, X), noise, relinearisations)
     return _innovations(system, linear, kalman_filter(linear, noise))
 
 
@@ -305,6 +311,21 @@ def _guess(problem: Problem, batch: Batch) -> np.ndarray:
     return X
 
 
+def _along_the_readings(
+    system: FilterSystem, theta: np.ndarray, linear: Linear, noise: NoiseModel, times: int = _TIMES
+) -> Linear:
+    """Linearised along the most likely trajectory for the parameters theta. States that are not measured are guessed as
+    zero; sensitivities along such a guess can make parameters collinear that are not. A trajectory that diverges is not
+    taken."""
+    for _ in range(times):
+        X = linear.X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., : linear.X.shape[2]]
+        found = system.linearise(theta, X)
+        if not (np.isfinite(found.residual).all() and np.isfinite(found.defect).all()):
+            break
+        linear = found
+    return linear
+
+
 def _first_noise(system: FilterSystem, linear: Linear) -> np.ndarray:
     """Logarithms of a first guess: high band of the outputs, a small kick per sample for process noise."""
     model, batch, tau = system.problem.model, system.batch, system.correlation_time
@@ -329,15 +350,16 @@ def _best_noise(
     log_sigma: np.ndarray,
     limits: tuple[np.ndarray, np.ndarray],
     slope: np.ndarray,
+    held: bool = False,
 ) -> np.ndarray:
-    """Noise of highest likelihood for the linearised system, parameters at their optimum for every trial."""
+    """Noise of highest likelihood for the linearised system, parameters at their optimum for every trial, or `held`."""
     if not len(log_sigma):
         return log_sigma
     units = unit_variances(linear, system.noise(log_sigma), system.measurement is None)
 
     def cost(trial: np.ndarray) -> tuple[float, np.ndarray]:
         try:
-            now = evaluate_step(system, theta, linear, system.noise(trial), slope)
+            now = evaluate_step(system, theta, linear, system.noise(trial), slope, held)
         except np.linalg.LinAlgError:  # so far from the data that the covariance is not positive definite in numbers
             return _HOPELESS, np.zeros(len(trial))
         return 0.5 * now.expected, variance_score(now.filter, now.left, units) * np.exp(2.0 * trial)

@@ -133,9 +133,10 @@ class Step:
 
 
 def evaluate_step(
-    system: FilterSystem, theta: np.ndarray, linear: Linear, noise: NoiseModel, slope: np.ndarray
+    system: FilterSystem, theta: np.ndarray, linear: Linear, noise: NoiseModel, slope: np.ndarray, held: bool = False
 ) -> Step:
-    """The step from theta; `slope` (parameters,) through the covariance, zero while far away."""
+    """The step from theta; `slope` (parameters,) through the covariance, zero while far away. With `held` parameters
+    the step is zero."""
     kalman = kalman_filter(linear, noise)
     residual, columns = residual_column(linear), system.columns(linear)
     Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
@@ -147,7 +148,7 @@ def evaluate_step(
     scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     inverse = np.linalg.pinv(information * scale[:, None] * scale, rcond=1e-13, hermitian=True)
     covariance = inverse * scale[:, None] * scale
-    change = covariance @ (J.T @ v - weight * off - 0.5 * slope)
+    change = np.zeros(len(theta)) if held else covariance @ (J.T @ v - weight * off - 0.5 * slope)
     left = (v - J @ change).reshape(white.shape[:3])
     determinant = float(kalman.log_determinant.sum())
     return Step(

@@ -96,6 +96,37 @@ def test_parameters_and_all_noises_are_recovered():
     assert float(error @ np.linalg.solve(plain.covariance, error)) > 50.0
 
 
+@pytest.mark.parametrize("factor", (0.1, 0.3, 1.0, 10.0))
+def test_states_without_a_channel_and_parameters_from_far_away(factor: float):
+    """Truth: the parameters of the simulation, and one optimum from all starts. An oscillator whose states are no
+    channels, driven by white noise; the likelihood of the far starts is lower by tens."""
+    truth = {"stiffness": 9.0, "damping": 0.4, "gain": 1.0}
+    model = define_model(
+        "oscillator",
+        states=["x", "v"],
+        inputs=["u"],
+        parameters=truth,
+        outputs=["y"],
+        disturbances=["w_v"],
+        dynamics=lambda s: {"x": s.v, "v": s.gain * s.u - s.stiffness * s.x - s.damping * s.v + s.w_v},
+        output=lambda s: {"y": s.x},
+    )
+    t, rng = 0.05 * np.arange(400), np.random.default_rng(1)
+    square = Record(name="square", t=t, channels={"u": np.sign(np.sin(t))})
+    clean = simulate(model, square, [0.0, 0.0], truth, {"w_v": rng.standard_normal(len(t))}).as_record("m1")
+    record = clean.with_channels(y=clean["y"] + 0.02 * rng.standard_normal(len(t)))
+
+    start = {name: factor * value for name, value in truth.items()}
+    problem = Problem(model=model, records=[record], free=["*"], start=start)
+    found = filter_error(problem, {"w_v": 0.0})
+
+    assert found.status == "converged"
+    for name, value in truth.items():
+        assert abs(found.values[name] - value) < 3.0 * found.std[name]
+    begun = predict(problem, start, found.noise)
+    assert begun.log_likelihood < found.innovations.log_likelihood - (20.0 if factor != 1.0 else 0.0)
+
+
 def test_a_gust_is_told_from_noise_of_the_vane():
     """A Gauss-Markov gust that the vane sees: its r.m.s. and the vane's own noise."""
     problem = Problem(gusty(far()), [flown(s, {}, GUST, name=f"m{s}") for s in (3, 4)], free=["*"])
