@@ -107,9 +107,9 @@ class Identifiability:
     names
         Parameters, in the order of the rows of `vectors`.
     singular_values
-        (parameters,) of the scaled sensitivities, largest first.
+        (k,) of the scaled sensitivities, largest first; k leaves out the `unseen` parameters.
     vectors
-        (parameters, parameters) directions that belong to them, as columns.
+        (parameters, k) directions that belong to them, as columns.
     inflation
         Parameter -> its std over what it would be were all others known (inf: not determined).
     unseen

@@ -190,7 +190,7 @@ def diagnose(
     report: Say = ...,
     criteria: Criteria | None = None,
     *,
-    as_recorded: bool = False,
+    as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
 ) -> Diagnosis: ...
 
@@ -225,7 +225,8 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
     criteria
         Thresholds of the diagnosis; by default `Criteria()`.
     as_recorded
-        For an aircraft: the data stay as recorded, and faults are only reported.
+        For an aircraft. True: faults of the data are reported, and the data are neither corrected nor left out. A list
+        of channels: these are trusted as recorded.
     axes
         For an aircraft: the scope, "longitudinal", "lateral" or "full"; by default the largest that the records
         support.

@@ -147,8 +147,8 @@ class CombinedError:
 class RangeWeights:
     """Weights instead of noise variances: w = min(1/(max z - min z), maximum) per channel.
 
-    Equation 13 of E. Özger, AIAA 2010-34. Only the proportions of the weights matter: standard errors use the variance
-    of the residuals of each channel.
+    Equation 13 of E. Özger, AIAA 2010-34. Each residual is multiplied by w before it is squared. Only ratios of
+    weights affect the estimates. Standard errors use the residual variance of each channel.
 
     Attributes
     ----------

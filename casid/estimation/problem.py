@@ -76,7 +76,7 @@ class Problem:
     prior
         Use `model.prior_std` about the nominal values, for the free parameters that have one.
     constraints
-        From `parameter`, `linear`, `nonlinear`, `path`.
+        From `limit_parameter`, `limit_combination`, `limit_function`, `limit_trajectory`.
     measured
         State -> channel of the records that measures it, where that has another name than the state. Equation error and
         combined error take their states from there; it is also the first guess of the simulated states.

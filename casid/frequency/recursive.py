@@ -86,7 +86,7 @@ def track_derivatives(
         Its equations are those of `EquationError`, and linear in the free parameters.
     samples
         One table of channel -> value at a time, with the time under "t"; or a record, for a flight that is over. A
-        sample in which a channel is missing (nan) is left out.
+        sample with a missing channel (nan) is left out if the derivatives of the states are channels (`pdot`).
     free
         Globs of the parameters to estimate, each in one equation.
     omega
@@ -106,14 +106,16 @@ def track_derivatives(
     Raises
     ------
     InputError
-        For a name that does not exist, frequencies that are none, and a sample without a channel that is needed.
+        For a name that does not exist, fewer than two frequencies or one that is not positive, a sample without a
+        channel that is needed, and a missing value (nan) where the derivative of a state is not a channel.
     EstimationError
         For an equation that is not linear in a free parameter, and a parameter that is a constant of its equation or
         stands in several.
 
     Notes
     -----
-    A state whose derivative is no channel needs samples at even times, of which none is missing.
+    If the derivative of a state is not a channel, the samples must be evenly spaced and complete. Uneven spacing is not
+    detected and degrades the estimates.
 
     Examples
     --------

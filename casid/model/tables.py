@@ -180,7 +180,9 @@ class Table:
     coefficient
         To which it is added, `Cm`.
     axes
-        Regressors that it is over, one to three of `terms.VARIABLES`, in the units that these have there.
+        Its one to three regressors: alpha, beta, delta_e, delta_a, delta_r [rad]; the dimensionless rates p, q, r,
+        alphadot, betadot (rate times rate length over V); mach; V, the relative speed change (V - V_trim) / V_trim; Tc,
+        thrust over dynamic pressure and reference area.
     grid
         Breakpoints, values, and how it runs between and beyond them.
     times

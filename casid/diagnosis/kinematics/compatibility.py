@@ -127,7 +127,8 @@ class Compatibility:
     axes
         The scope of the check.
     errors
-        Biases of all instruments, and the other errors that the data require; failed ones first.
+        Biases of all instruments except airspeed, heading and angular accelerations, and the other errors that the
+        data require; failed ones first.
     left
         Channel -> r.m.s. difference of measured and reconstructed, over the noise of the channel.
     noise
