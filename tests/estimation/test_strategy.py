@@ -239,9 +239,9 @@ def test_seconds_bound_ipopt():
     """From ten times the equations of Lorenz, where it takes many iterations; the rest is building the programme."""
     problem = lorenz(10.0)
     cs.solve(problem, cs.SingleShooting(), cs.Ipopt(seconds=0.01))  # built
-    begin = time.perf_counter()
+    begin = time.process_time()  # a busy machine takes longer for the same work
     fit = cs.solve(problem, cs.SingleShooting(), cs.Ipopt(seconds=0.3))
-    assert time.perf_counter() - begin < 1.5
+    assert time.process_time() - begin < 1.5
     assert not fit.converged
 
 
