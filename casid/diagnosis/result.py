@@ -296,7 +296,7 @@ class Diagnosis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of diagnosis.json.
+        """The content of diagnosis.json.
 
         Returns
         -------
@@ -371,7 +371,7 @@ class Diagnosis:
         return dict(sorted(ratio.items(), key=lambda item: -item[1]))
 
     def write(self, path: str | Path) -> None:
-        """Write diagnosis.json whole or not at all.
+        """Write diagnosis.json. If that fails, no partial file is left.
 
         Parameters
         ----------

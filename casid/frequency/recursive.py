@@ -101,21 +101,22 @@ def track_derivatives(
     Yields
     ------
     TrackedDerivatives
-        From when the samples determine the parameters on.
+        The first result comes once the samples determine the parameters.
 
     Raises
     ------
     InputError
         For a name that does not exist, fewer than two frequencies or one that is not positive, a sample without a
-        channel that is needed, and a missing value (nan) where the derivative of a state is not a channel.
+        channel that is needed, and a missing value (nan) or uneven times where the derivative of a state is not a
+        channel.
     EstimationError
-        For an equation that is not linear in a free parameter, and a parameter that is a constant of its equation or
-        stands in several.
+        For an equation that is not linear in a free parameter, and a parameter that only adds a constant to its
+        equation (a bias) or stands in several.
 
     Notes
     -----
-    If the derivative of a state is not a channel, the samples must be evenly spaced and complete. Uneven spacing is not
-    detected and degrades the estimates.
+    If the derivative of a state is not a channel, the samples must be evenly spaced and complete. A sample that is half
+    an interval or more from its time is refused; less than that degrades the estimates.
 
     Examples
     --------
@@ -254,6 +255,7 @@ class _Sums:
         self.across = np.zeros((len(omega), len(omega)), complex)  # sum of w^2 e e^H
         self.along = np.zeros_like(self.across)  # sum of w^2 e e^T
         self.count, self.first, self.last, self.weight = 0, np.nan, np.nan, 1.0
+        self.interval = np.nan
 
     def add(self, sample: Mapping[str, float]) -> float:
         """Add a sample; gives its time."""
@@ -262,6 +264,7 @@ class _Sums:
         if self.count:
             if t <= self.last:
                 raise InputError(f"track_derivatives: t = {t:g} s follows {self.last:g} s; expected increasing times")
+            self._check_even(t)
             decay = float(np.exp((self.last - t) / self.memory))
         else:
             self.first = t
@@ -285,6 +288,18 @@ class _Sums:
         self.across += np.outer(turn, turn.conj())
         self.along += np.outer(turn, turn)
         return t
+
+    def _check_even(self, t: float) -> None:
+        """The interval is that of the first two samples. Where derivatives come from the samples, InputError for one
+        that is nearer to another time than to its own."""
+        step = t - self.last
+        if self.count == 1:
+            self.interval = step
+        elif self.differentiated and abs(step - self.interval) > 0.5 * self.interval:
+            raise InputError(
+                f"track_derivatives: t = {t:g} s comes {step:g} s after the sample before; expected "
+                f"{self.interval:g} s, or the channels {', '.join(self.differentiated)}"
+            )
 
     def noise(self) -> np.ndarray:
         """(2 frequencies, 2 frequencies) covariance of the real rows for white noise of variance 1."""

@@ -380,7 +380,7 @@ def define_model(
         Takes the namespace and returns the equation-error form; default: the state equations with measured states.
     initial
         Takes the namespace of the parameters and returns {state: its value at the first sample}, which the estimation
-        holds exactly. Such a parameter may be free, known, or differ between records.
+        holds exactly. Such a parameter may be estimated, fixed, or have a value per record.
     period
         Makes it a model in discrete time, x[k+1] = f(x[k], u[k], p): the time from one sample to the next [s], which
         the records must have. Process noise of such a model is given by its standard deviation at each sample.

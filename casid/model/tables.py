@@ -178,7 +178,7 @@ class Table:
     name
         What its knots are called, `Cm_static(2,1)`.
     coefficient
-        To which it is added, `Cm`.
+        Aerodynamic coefficient that the table is added to, such as `Cm`.
     axes
         Its one to three regressors: alpha, beta, delta_e, delta_a, delta_r [rad]; the dimensionless rates p, q, r,
         alphadot, betadot (rate times rate length over V); mach; V, the relative speed change (V - V_trim) / V_trim; Tc,
@@ -230,7 +230,7 @@ class Table:
 
     @property
     def dynamic(self) -> bool:
-        """Whether it looks at rates of the flow angles."""
+        """Whether it depends on `alphadot` or `betadot`."""
         return any("dot" in name for name in (*self.axes, self.times))
 
     def at(self, regressors: Mapping[str, Any], parameters: Mapping[str, Any]) -> Any:
@@ -257,7 +257,7 @@ class Table:
         return looked_up * factor.evaluate(regressors) if factor.factors else looked_up
 
     def with_knots(self, values: Mapping[str, float]) -> Table:
-        """The table with values replaced by name, where there is one.
+        """A copy with the named values replaced. A table that is not free is returned as it is.
 
         Parameters
         ----------
@@ -285,7 +285,7 @@ class Table:
         )
 
     def beyond(self, channels: Mapping[str, np.ndarray]) -> Iterator[str]:
-        """What is to be said of regressors that leave the breakpoints.
+        """Warnings about regressors that leave the range of the breakpoints.
 
         Parameters
         ----------

@@ -236,8 +236,8 @@ def test_seconds_bound_everything():
 
 
 def test_seconds_bound_ipopt():
-    """From ten times the equations of Lorenz, where it does not end within 20 s. The number of integration steps is given,
-    so that no second programme is built."""
+    """From ten times the equations of Lorenz, where it does not end within 20 s. The number of steps is given, so
+    that no second programme is built."""
     problem, transcription = lorenz(10.0), cs.MultipleShooting(interval=10, substeps=16)
     cs.solve(problem, transcription, cs.Ipopt(seconds=0.01))  # built
     begin = time.process_time()  # a busy machine takes longer for the same work

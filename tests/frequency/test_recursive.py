@@ -126,6 +126,12 @@ def test_what_cannot_be_tracked_is_an_error() -> None:
         cs.track_derivatives(MODEL, flown(), free=["*"], omega=OMEGA, memory=-1.0)
     with pytest.raises(InputError, match="'delta_e'"):
         last(flown().without("delta_e"))
+    samples = [
+        dict(zip(("t", *flown().channels), row, strict=True)) for row in zip(T, *flown().channels.values(), strict=True)
+    ]
+    thinned = [{k: v for k, v in s.items() if k not in ("alphadot", "qdot")} for s in samples[:300] + samples[300::3]]
+    with pytest.raises(InputError, match="alphadot"):
+        list(cs.track_derivatives(MODEL, thinned, free=["*"], omega=OMEGA))
 
 
 @pytest.mark.slow

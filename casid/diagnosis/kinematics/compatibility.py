@@ -216,7 +216,7 @@ def compatibility(
     axes: str | None = None,
     criteria: Criteria | None = None,
 ) -> Compatibility:
-    """Check whether the measurements of records agree with each other, and estimate the errors of their instruments.
+    """Check by rigid-body kinematics whether measurements agree, and estimate the errors of their instruments.
 
     Parameters
     ----------
