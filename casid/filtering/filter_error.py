@@ -210,15 +210,13 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     while done < iterations:
         done += 1
         before = log_sigma
-        log_sigma = _best_noise(system, theta, linear, log_sigma, limits, slope)
-        noise = system.noise(log_sigma)
-        step = evaluate_step(system, theta, linear, noise, slope)
-        taken = _search(system, theta, step, noise)
-        if taken is None:  # noise that belongs to a step which cannot be made forbids shorter ones
-            log_sigma = _best_noise(system, theta, linear, before, limits, slope, held=True)
+        for held in (False, True):  # the noise that goes with a step that is too long forbids shorter steps, too
+            log_sigma = _best_noise(system, theta, linear, before, limits, slope, held)
             noise = system.noise(log_sigma)
             step = evaluate_step(system, theta, linear, noise, slope)
             taken = _search(system, theta, step, noise)
+            if taken is not None:
+                break
         if taken is None:
             status = "gave up: no step along the Gauss-Newton direction lowers the deviance"
             break
@@ -350,7 +348,7 @@ def _best_noise(
     log_sigma: np.ndarray,
     limits: tuple[np.ndarray, np.ndarray],
     slope: np.ndarray,
-    held: bool = False,
+    held: bool,
 ) -> np.ndarray:
     """Noise of highest likelihood for the linearised system, parameters at their optimum for every trial, or `held`."""
     if not len(log_sigma):
