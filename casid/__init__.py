@@ -175,11 +175,11 @@ _ROOMS = {
         "frequency_response",
     ),
     "casid.formats.export": ("export",),
-    "casid.diagnosis.data.check": (
+    "casid.data_check.check": (
         "DataFindings",
         "check",
     ),
-    "casid.diagnosis.data.reading": ("Finding",),
+    "casid.data_check.reading": ("Finding",),
     "casid.diagnosis.kinematics.compatibility": (
         "Compatibility",
         "InstrumentError",

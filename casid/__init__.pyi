@@ -5,13 +5,13 @@ from casid.acceptance.proof import MatchedTest, ProofOfMatch
 from casid.acceptance.theil import Theil, theil
 from casid.acceptance.tolerances import Standard
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile
+from casid.data_check.check import DataFindings as DataFindings
+from casid.data_check.check import check as check
+from casid.data_check.reading import Finding as Finding
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.diagnosis.cause import Decision as Decision
 from casid.diagnosis.cause import Gate as Gate
 from casid.diagnosis.cause import Trace as Trace
-from casid.diagnosis.data.check import DataFindings as DataFindings
-from casid.diagnosis.data.check import check as check
-from casid.diagnosis.data.reading import Finding as Finding
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, SteadyWind, compatibility
 from casid.diagnosis.result import Cause, Diagnosis

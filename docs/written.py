@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from equations import EQUATIONS
 
+from casid.criterion import listed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.criterion import listed
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS, Kind
 from casid.model.vocabulary import effect_unit

@@ -26,7 +26,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from casid.diagnosis.data.check import check
+from casid.data_check.check import check
 from casid.diagnosis.diagnose import diagnose
 from casid.errors import CasidError, InputError
 from casid.records.thinning import thinned

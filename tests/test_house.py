@@ -27,18 +27,19 @@ MAX_FUNCTION = 60  # lines of a function without its docstring
 MAX_ARGUMENTS = 7  # of a function, see `arguments_of`
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "arguments", "signals", "views", "keeping"}
+_CORE = {"errors", "arguments", "signals", "views", "keeping", "criterion"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
 _STANDARDS = {"frequency", "acceptance"}
-_USERS = _ENGINE | _STANDARDS | {"diagnosis", "report", "formats", "cli", "casid"}
+_USERS = _ENGINE | _STANDARDS | {"diagnosis", "data_check", "report", "formats", "cli", "casid"}
 LAYERS: dict[str, set[str]] = {
     "errors": set(),
     "arguments": {"errors"},
     "views": set(),
     "keeping": {"errors", "arguments"},
     "signals": {"errors"},
+    "criterion": {"errors"},
     "native": {"errors"},
     "records": _CORE,
     "model": _DATA,
@@ -47,11 +48,12 @@ LAYERS: dict[str, set[str]] = {
     "filtering": _MODEL | {"estimation"},
     "analysis": _MODEL | {"estimation", "filtering"},
     "design": _MODEL | {"estimation", "filtering"},
-    "diagnosis": _ENGINE,
+    "data_check": _MODEL,
+    "diagnosis": _ENGINE | {"data_check"},
     "frequency": _ENGINE,
     "acceptance": _ENGINE | {"frequency", "diagnosis"},
-    "report": _ENGINE | _STANDARDS | {"diagnosis"},
-    "cli": _ENGINE | _STANDARDS | {"diagnosis", "report", "formats"},
+    "report": _ENGINE | _STANDARDS | {"diagnosis", "data_check"},
+    "cli": _ENGINE | _STANDARDS | {"diagnosis", "data_check", "report", "formats"},
     "casid": _USERS - {"casid"},
     "__main__": {"cli"},
     "problems": _USERS,

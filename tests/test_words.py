@@ -14,7 +14,7 @@ import casid
 
 REPO = Path(__file__).resolve().parent.parent
 # Files whose docstrings and comments follow the same rules. Messages follow them in all files.
-CODE = ("casid/diagnosis/**/*.py",)
+CODE = ("casid/diagnosis/**/*.py", "casid/data_check/*.py")
 MESSAGES = sorted((REPO / "casid").rglob("*.py"))
 PAGES = (REPO / "README.md", REPO / "CONTRIBUTING.md", *sorted((REPO / "docs").glob("*.md")))
 

@@ -10,7 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, between, say_notes
-from casid.diagnosis.data.check import check as checked
+from casid.data_check.check import check as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from casid.diagnosis.criterion import Criterion, Value, listed, number, overridden
-from casid.diagnosis.data.criteria import DataCriteria
+from casid.criterion import Criterion, Value, listed, number, overridden
+from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.flight.criteria import DerivativeSizes, InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.library import SystemCriteria

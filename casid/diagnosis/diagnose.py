@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, overload
 
 from casid.arguments import require
+from casid.data_check.check import channels_of, check
 from casid.diagnosis.causes import causes_of, trace_of_search
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.check import channels_of, check
 from casid.diagnosis.engine.baseline import baseline_of
 from casid.diagnosis.engine.comparison import tempered
 from casid.diagnosis.engine.held_out import keep, split

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.budget import Budget

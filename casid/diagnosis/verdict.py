@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace, at_least, at_most
 from casid.diagnosis.causes import minor_trials, still_missing, too_small
-from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.engine.acceptance import required_gain
 from casid.diagnosis.engine.held_out import Kept, judge_on, with_events
 from casid.diagnosis.engine.search import State

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from casid.diagnosis.data.check import DataFindings
-from casid.diagnosis.data.reading import Finding
+from casid.data_check.check import DataFindings
+from casid.data_check.reading import Finding
 from casid.diagnosis.kinematics.compatibility import Compatibility
 from casid.records.record import Record
 from casid.records.segments import Segment

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED, Cause
-from casid.diagnosis.data.reading import Finding
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_named

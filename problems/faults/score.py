@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
 
+from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.data.reading import Finding
 from problems.faults.fault import GROUPS, DataFault
 from problems.faults.visible import judged
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from casid.diagnosis.data.reading import Finding
+from casid.data_check.reading import Finding
 from casid.diagnosis.verdict import named_in_errors
 from casid.errors import InputError
 

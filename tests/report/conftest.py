@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_flight import NAMES, aircraft_file, records
 
-from casid.diagnosis.data.reading import Finding
+from casid.data_check.reading import Finding
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.result import Diagnosis

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from casid.diagnosis.criterion import number
+from casid.criterion import number
 
 
 @dataclass(frozen=True, kw_only=True)

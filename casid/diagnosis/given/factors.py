@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+from casid.data_check.relations import FILE_UNITS
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.relations import FILE_UNITS
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.model.aircraft import Aircraft
 from casid.model.numbers import with_deviation

@@ -10,8 +10,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.criteria import Criteria, GivenCriteria
-from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
 from casid.diagnosis.given.factors import Factor, common_factors

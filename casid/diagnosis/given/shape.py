@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.interpolate import BSpline
 
-from casid.diagnosis.criterion import number
+from casid.criterion import number
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.flight.evaluation import FlightFit

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, table_of, whole
-from casid.diagnosis.criterion import number
+from casid.criterion import number
 from casid.errors import InputError, unknown
 from casid.model import operators
 from casid.model.effect import Effect, Series, Values

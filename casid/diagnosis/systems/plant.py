@@ -9,8 +9,8 @@ from typing import Any, cast
 import casadi as ca
 import numpy as np
 
+from casid.criterion import in_time
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.criterion import in_time
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.data.criteria import DataCriteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.given.contradicted import FlightValue, contradicted
 from casid.diagnosis.given.scope import or_thrust, with_thrust

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from casid.criterion import in_time
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.criterion import in_time
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import screen

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.reading import Read
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.reading import Read
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.terms import parse_term

@@ -9,11 +9,11 @@ from itertools import chain
 
 import numpy as np
 
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.levels import level_terms, trimmed_density
-from casid.diagnosis.data.reading import AS_RECORDED, Read, Reading, Smooth, smooth
-from casid.diagnosis.data.relations import FILE_UNITS, RELATIONS, FileUnit, Relation, agreement
-from casid.diagnosis.data.response import INSTRUMENTS, TIMES, Alternative, Response, alternatives
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.levels import level_terms, trimmed_density
+from casid.data_check.reading import AS_RECORDED, Read, Reading, Smooth, smooth
+from casid.data_check.relations import FILE_UNITS, RELATIONS, FileUnit, Relation, agreement
+from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, alternatives
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record

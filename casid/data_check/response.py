@@ -16,8 +16,8 @@ from operator import add
 import numpy as np
 from scipy import special
 
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.reading import Read, Reading
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.reading import Read, Reading
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.dynamics import standard_density

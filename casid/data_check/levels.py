@@ -10,9 +10,9 @@ from functools import cache, partial
 import numpy as np
 from scipy import signal, special
 
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.reading import Read
-from casid.diagnosis.data.relations import RELATIONS, Relation
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.reading import Read
+from casid.data_check.relations import RELATIONS, Relation
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density

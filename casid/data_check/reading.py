@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from casid.diagnosis.data.criteria import DataCriteria
+from casid.data_check.criteria import DataCriteria
 from casid.model.dynamics import standard_density
 from casid.records.checks import INPUTS
 from casid.records.record import Record

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from casid.arguments import require
-from casid.diagnosis.data import words
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.reading import Finding, Handled
-from casid.diagnosis.data.relations import SI_OF, FileUnit
-from casid.diagnosis.data.response import answers
-from casid.diagnosis.data.weighing import Weighed, Weighing, described, with_readings
+from casid.data_check import words
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.reading import Finding, Handled
+from casid.data_check.relations import SI_OF, FileUnit
+from casid.data_check.response import answers
+from casid.data_check.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 
 import casid as cs
-from casid.diagnosis.data.criteria import DataCriteria
-from casid.diagnosis.data.levels import level_terms
-from casid.diagnosis.data.reading import Read, Reading, smooth
-from casid.diagnosis.data.response import Response
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.levels import level_terms
+from casid.data_check.reading import Read, Reading, smooth
+from casid.data_check.response import Response
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from problems.blind.sets import fly_set

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import casid as cs
-from casid.diagnosis.data.reading import Finding
+from casid.data_check.reading import Finding
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
