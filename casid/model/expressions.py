@@ -115,7 +115,8 @@ def origin(expression: ca.SX, vectors: Vectors, values: Mapping[str, np.ndarray]
     if np.isfinite(value(at)):
         return ""
     while True:
-        parts = [at.dep(k) for k in range(at.n_dep())]
+        whole = at.dep(0) if at.is_output() else at  # a result of a function is computed from its arguments
+        parts = [whole.dep(k) for k in range(whole.n_dep())]
         bad = [part for part in parts if not np.isfinite(value(part))]
         if not bad:
             break

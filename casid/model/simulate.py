@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 
 import casadi as ca
@@ -16,6 +15,7 @@ from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period
 from casid.model.timeline import between_samples, check_events, timeline
+from casid.native.compiler import Compilable
 from casid.records.given import given_record
 from casid.records.record import Record
 
@@ -199,12 +199,11 @@ def simulate(
     UW = np.hstack([U, W])
     if not np.isfinite(states).all():
         raise InputError(_why_it_diverged(model, record, states, UW, p))
-    output = ca.Function("output", [model.x, model.u, model.p, model.w], [model.h])
+    output = Compilable(ca.Function("output", [model.x, model.u, model.p, model.w], [ca.densify(model.h)]))
     outputs = np.empty((n, len(model.outputs)))
     for own in _slabs(n):
         count = own.stop - own.start
-        mapped = output.map(count)
-        outputs[own] = mapped(states[own].T, U[own].T, np.repeat(p[:, None], count, 1), W[own].T).full().T
+        outputs[own] = output.mapped(count)(states[own], U[own], np.tile(p, (count, 1)), W[own])[0]
     if not np.isfinite(outputs).all():
         k, i = np.argwhere(~np.isfinite(outputs))[0]
         at = {"x": states[k], "u": U[k], "p": p, "w": W[k]}
@@ -261,13 +260,19 @@ def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.nd
     k = int(np.argmin(np.isfinite(states).all(axis=1))) - 1  # the last sample that is all numbers
     moved = "derivative" if model.period is None else "next value"
     head = f"simulation of '{model.name}' on record '{record.name}' diverged at t = {record.t[k + 1]:.2f} s"
-    f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
+    f = Compilable(ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [ca.densify(model.f)]))
     x, dt, nu = states[k], record.t[k + 1] - record.t[k], len(model.inputs)
-    slope = f(x, UW[k], p).full()[:, 0]
+
+    def slope_at(x: np.ndarray) -> np.ndarray:
+        return f.mapped(1)(x[None], UW[k][None], p[None])[0][0].copy()
+
+    slope = slope_at(x)
     for part in (0.0, 0.5, 1.0) if model.period is None else (0.0,):  # about where the step asks for derivatives
         at = {"x": x + part * dt * np.where(np.isfinite(slope), slope, 0.0), "u": UW[k, :nu], "p": p, "w": UW[k, nu:]}
+        if not np.isfinite(at["x"]).all() or np.isfinite(slope_at(at["x"])).all():
+            continue
         for i, name in enumerate(model.states):
-            if np.isfinite(at["x"]).all() and (found := origin(model.f[i], model.vectors, at)):
+            if found := origin(model.f[i], model.vectors, at):
                 return f"{head}: the {moved} of '{name}' is no number: {found}"
     largest = int(np.argmax(np.abs(x) / model.scale_vector()))
     return f"{head}: '{model.states[largest]}' had grown to {x[largest]:.3g}; check start, parameters and their units"
@@ -294,13 +299,14 @@ def flown(model: Model, record: Record, start: np.ndarray, p: np.ndarray, W: np.
 
 
 def _by_runge_kutta(model: Model, substeps: int) -> Run:
-    accumulate = cache(lambda count: _accumulate(model, substeps, count))
+    step = Compilable(_step(model, substeps))
 
     def run(state: np.ndarray, before: np.ndarray, after: np.ndarray, dt: np.ndarray, p: np.ndarray) -> np.ndarray:
         states = np.empty((len(dt), len(state)))
         for own in _slabs(len(dt)):
-            fly = accumulate(own.stop - own.start)
-            states[own] = fly(state, before[own].T, after[own].T, dt[None, own], p).full().T
+            count = own.stop - own.start
+            fly = step.accumulated(count, 1)
+            states[own] = fly(state[None], before[own], after[own], dt[own], np.tile(p, (count, 1)))[0]
             state = states[own.stop - 1]
         return states
 
@@ -346,8 +352,8 @@ def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:
     return ca.integrator("implicit", "cvodes", dae, 0.0, 1.0, options)
 
 
-def _accumulate(model: Model, substeps: int, count: int) -> ca.Function:
-    """(x, [u; w] at a sample, at the next, dt, p) -> states after each of `count` samples."""
+def _step(model: Model, substeps: int) -> ca.Function:
+    """(x, [u; w] at a sample, at the next, dt, p) -> state at the next."""
     nu = len(model.inputs)
     f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
     x, dt = ca.SX.sym("x", len(model.states)), ca.SX.sym("dt")
@@ -362,7 +368,4 @@ def _accumulate(model: Model, substeps: int, count: int) -> ca.Function:
         k3 = f(state + h / 2 * k2, um, model.p)
         k4 = f(state + h * k3, u1, model.p)
         state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    step = ca.Function("step", [x, first, last, dt, model.p], [state])
-    chain = step.mapaccum("chain", count)
-    sx = [ca.MX.sym(f"a{i}", step.size1_in(i), count if i in (1, 2, 3) else 1) for i in range(5)]
-    return ca.Function("fly", sx, [chain(sx[0], sx[1], sx[2], sx[3], ca.repmat(sx[4], 1, count))])
+    return ca.Function("step", [x, first, last, dt, model.p], [ca.densify(state)])

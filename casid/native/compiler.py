@@ -26,6 +26,8 @@ import casadi as ca
 import numpy as np
 
 from casid.native.cache import find, keep, workshop
+from casid.native.emitter import UnknownOperationError
+from casid.native.tape import Tape
 
 FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
 _LOG = logging.getLogger(__name__)
@@ -132,6 +134,14 @@ def _has_no_source(function: ca.Function) -> bool:
     return any(one.class_name() in _NO_C for one in function.find_functions())
 
 
+def _tape_of(function: ca.Function) -> Tape | None:
+    """Of a function that calls Python, where that can be done for many points at once."""
+    try:
+        return Tape(function) if function.is_a("SXFunction") else None
+    except UnknownOperationError:
+        return None
+
+
 class Compilable:
     """A CasADi function that becomes compiled C once it has earned it; `lock` is for those who call one of its batches
     from more than one thread."""
@@ -146,10 +156,11 @@ class Compilable:
         self._compile_after = _COMPILE_BASE + _COMPILE_PER_INSTRUCTION * instructions
         self._pending: str | None = None  # its C source
         self._settled = _has_no_source(function)
+        self._tape = _tape_of(function) if self._settled else None
         self._batches: OrderedDict[tuple, PointBatch] = OrderedDict()
 
-    def batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
-        """The Batch of `derive`, which `key` stands for; the most recent ones are kept, so that the next estimation of
+    def _batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
+        """The batch of `derive`, which `key` stands for; the most recent ones are kept, so that the next estimation of
         the same size finds its arrays ready. Not for two threads at once."""
         if key not in self._batches:
             self._batches[key] = PointBatch(self, derive)
@@ -158,9 +169,16 @@ class Compilable:
             self._batches.popitem(last=False)
         return self._batches[key]
 
-    def mapped(self, count: int) -> PointBatch:
+    def mapped(self, count: int) -> Batch:
         """The function over `count` samples."""
-        return self.batch(("map", count), lambda f: f.map(count))
+        return self._tape.mapped if self._tape else self._batch(("map", count), lambda f: f.map(count))
+
+    def accumulated(self, length: int, count: int) -> Batch:
+        """`count` sequences of `length` calls, each of which takes what the one before gave as its first argument."""
+        if self._tape:
+            return self._tape.accumulated
+        key = ("accumulated", length, count)
+        return self._batch(key, lambda f: f.mapaccum("accumulated", length).map(count))
 
     def current(self) -> ca.Function:
         """The function in the form that is to be used now."""
@@ -180,6 +198,9 @@ class Compilable:
         if library is not None:
             self.function, self._settled = _load(self.function, library), True
         return self.function
+
+
+Batch = Callable[..., list[np.ndarray]]  # a PointBatch, or what does the same
 
 
 class PointBatch:

@@ -143,7 +143,7 @@ def _statement(function: ca.Function, k: int) -> str:
     if op in _BY_LANE:
         return f"w{to[0]} = lane_{op}({a}, {b});"
     if op == ca.OP_CALL:
-        raise UnknownOperationError("it calls a function of CasADi, such as an interpolant")
+        raise UnknownOperationError("it calls a function of CasADi or of Python")
     names = {getattr(ca, name): name for name in dir(ca) if name.startswith("OP_")}
     raise UnknownOperationError(f"it contains CasADi's {names.get(op, op)}")
 

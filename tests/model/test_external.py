@@ -164,3 +164,55 @@ def test_two_functions_of_the_same_arguments_stay_two() -> None:
     assert all(fit.converged for fit in fits)
     assert fits[1]["a"].value == pytest.approx(fits[0]["a"].value, rel=1e-7)
     assert fits[1]["a"].std == pytest.approx(fits[0]["a"].std, rel=1e-6)
+
+
+def test_all_segments_and_samples_are_one_call() -> None:
+    """A record of ten times the samples takes about as many calls, each of more points, for the same iterations."""
+    calls = []
+
+    def rates(v: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        calls.append(len(v["h"]))
+        return {"h": v["pump"] - v["drain"] * np.tanh(v["h"])}
+
+    found = []
+    for count in (200, 2000):
+        t = 0.05 * np.arange(count)
+        pump = Record(name="m", t=t, channels={"pump": 0.5 + 0.4 * np.sin(t)})
+        flown = cs.simulate(traced(), pump, [0.4], {"drain": 1.2}).as_record("m")
+        noise = np.random.default_rng(1).normal(scale=0.01, size=(2, count))
+        record = flown.with_channels(h=flown["h"] + noise[0], out=flown["out"] + noise[1])
+        problems = [
+            cs.Problem(tank(d), [record], free=["drain"]) for d in (cs.external_function(rates, NAMES, ("h",)),)
+        ]
+        calls.clear()
+        fit = cs.solve(problems[0], cs.MultipleShooting(interval=20))
+        assert fit.converged
+        found.append((len(calls) / fit.iterations, max(calls)))
+    assert found[1][0] < 1.5 * found[0][0]
+    assert found[1][1] == pytest.approx(10 * found[0][1], rel=0.1)
+
+
+@pytest.mark.parametrize("method", [cs.SingleShooting(), cs.MultipleShooting(interval=10), cs.Collocation()])
+def test_an_error_at_some_points_says_which(method: Any) -> None:
+    """The level rises above 0.5, where the function raises: one line with the first such point."""
+
+    def rates(v: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        if np.any(v["h"] > 0.5):
+            raise ValueError("overflow")
+        return {"h": v["pump"] - v["drain"] * np.tanh(v["h"])}
+
+    t = 0.1 * np.arange(60)
+    flown = cs.simulate(traced(), Record(name="m", t=t, channels={"pump": np.full(60, 0.9)}), [0.1]).as_record("m")
+    opaque = tank(cs.external_function(rates, NAMES, ("h",)))
+    with pytest.raises(InputError, match=r"raised ValueError: overflow at h = 0\.[5-9]\d*, pump = 0\.9, drain = 1;"):
+        cs.solve(cs.Problem(opaque, [flown], free=["drain"]), method)
+    for integrator in ("runge-kutta", "cvodes"):
+        with pytest.raises(InputError, match=r"overflow at h = 0\.5\d+, pump = 0\.9, drain = 1;"):
+            cs.simulate(opaque, flown, [0.1], integrator=integrator)
+
+
+def test_a_value_that_is_none_is_traced_to_its_arguments() -> None:
+    opaque = tank(cs.external_function(lambda v: {"h": v["pump"] + np.log(0.5 - v["h"])}, NAMES, ("h",)))
+    pump = Record(name="m", t=0.1 * np.arange(60), channels={"pump": np.full(60, 3.0)})
+    with pytest.raises(InputError, match=r"derivative of 'h' is no number: .* where h = 0\.5\d* and pump = 3"):
+        cs.simulate(opaque, pump, [0.1])

@@ -32,7 +32,7 @@ from casid.estimation.transcriptions.steps import (
 from casid.estimation.transcriptions.symbolic import shot
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
-from casid.native.compiler import PointBatch
+from casid.native.compiler import Batch
 
 _SLAB_SAMPLES = 4096  # that CasADi holds at once, and of which there are derivatives
 
@@ -70,14 +70,14 @@ class Shooting:
         )
 
     @cached_property
-    def _mapped(self) -> tuple[PointBatch, PointBatch, PointBatch]:
+    def _mapped(self) -> tuple[Batch, Batch, Batch]:
         """Simulation of a group of segments, outputs of its samples, derivatives over a slab, by CasADi."""
         model, feedback = self._model, self._feedback
         count, length = self.shape
         step, outputs = compiled(model, step_function, feedback), compiled(model, output_function)
         derivatives = compiled(model, sample_derivatives, tuple(self._free), self.noise_names, feedback)
         group = self._group
-        simulate = step.batch(("simulate", length, group), lambda f: f.mapaccum("simulate", length).map(group))
+        simulate = step.accumulated(length, group)
         return simulate, outputs.mapped(group * length), derivatives.mapped(min(count * length, _SLAB_SAMPLES))
 
     @property
