@@ -2,38 +2,45 @@
 
 Question     from the published parameters, from twice and from five times these: which likelihood is reached, which
              status is said, in what time, and is it the likelihood that LSODA gives for the same parameters?
-Set-up       problems of the PEtab benchmark collection by `read_petab`; all parameters times the factor, within their
+Set-up       problems of the PEtab benchmark collection by `read_petab`, and an aircraft's short period whose optimum is
+             known on paper (problems/references/short_period.py); all parameters times the factor, within their
              bounds; the default method, and STARTS starts. scipy: least squares (L-BFGS-B where noise is estimated) on
              LSODA's motion with differences, from the same start and from further draws for as long as casid took.
-             Wall-clock seconds, reading and compiling included.
+             pyPESTO: Fides on AMICI's likelihood, likewise, its ends by LSODA. Wall-clock seconds; of casid reading and
+             compiling are in, of AMICI not.
 Expectation  nothing ends below its start, and nothing is said to have converged that LSODA contradicts by more than
              0.01.
 
-    python benchmarks/bench_petab.py [--data DIR] [--only TEXT ...] [--factor F ...] [--starts N] [--json FILE]
+    python benchmarks/bench_petab.py [--data DIR] [--only TEXT ...] [--factor F ...] [--starts N] [--pypesto PYTHON]
+                                     [--json FILE]
 
-DIR: folder with the folder `petab` of the collection, CASID_DATA by default.
+DIR: folder with the folder `petab` of the collection, CASID_DATA by default; without it the short period alone.
+PYTHON: the Python of an environment with pypesto, amici, fides and petab; without it there is no such column.
 """
 
 from __future__ import annotations
 
 from casid.cli.start import run_script
 
+import json
 import math
 import os
+import subprocess
+import sys
+import tempfile
 import time
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
-
-import numpy as np
 
 import casid as cs
 from casid.errors import InputError
 from casid.estimation import Problem
 from casid.estimation.starts import drawn
 from problems.bench.table import Row, parser, publish
-from problems.references.petab import PUBLISHED, TOLERANCES, Likelihood, minimum_by_scipy
+from problems.references import by_pypesto, short_period
+from problems.references.petab import PUBLISHED, TOLERANCES, Likelihood, minimum_by_scipy, times
 
-LEAST = 10.0  # s that scipy has at least
+LEAST = 10.0  # s that the others have at least
 APART = 0.01  # of -ln(likelihood)
 
 
@@ -43,28 +50,35 @@ def main() -> None:
     options.add_argument("--only", nargs="+", default=[""], metavar="TEXT", help="problems whose name contains one")
     options.add_argument("--factor", nargs="+", type=float, default=[1.0, 2.0, 5.0], metavar="F")
     options.add_argument("--starts", type=int, default=8, metavar="N")
+    options.add_argument("--pypesto", metavar="PYTHON", help="a Python that has pypesto and amici")
     given = options.parse_args()
-    if given.data is None:
-        raise InputError("no PEtab problems: give --data DIR, or set CASID_DATA")
     rows = []
-    for name, published in PUBLISHED.items():
-        file = Path(given.data) / "petab" / name / f"{name}.yaml"
-        if not any(text in name for text in given.only):
-            continue
-        if not file.is_file():
-            print(f"{name}: {file} is not there, left out")
-            continue
-        for factor in given.factor:
-            rows.append(one(file, published, factor, given.starts))
-            print(rows[-1], flush=True)
+    with tempfile.TemporaryDirectory() as folder:
+        for file, published in files(given.data, Path(folder)):
+            if not any(text in file.stem for text in given.only):
+                continue
+            if not file.is_file():
+                print(f"{file.stem}: {file} is not there, left out")
+                continue
+            for factor in given.factor:
+                rows.append(one(file, published, factor, given.starts, given.pypesto))
+                print(rows[-1], flush=True)
     publish(rows, given.json)
 
 
-def one(file: Path, published: float, factor: float, starts: int) -> Row:
+def files(data: Path | None, folder: Path) -> Iterator[tuple[Path, float]]:
+    """YAML files, and -ln(likelihood) at the best parameters that are known; our own is written into the folder."""
+    yield short_period.write(folder), short_period.optimum().cost
+    if data is not None:
+        for name, published in PUBLISHED.items():
+            yield Path(data) / "petab" / name / f"{name}.yaml", published
+
+
+def one(file: Path, published: float, factor: float, starts: int, python: str | None) -> Row:
     """A problem from one start."""
     problem = cs.read_petab(file)
     posed = times(problem, factor)
-    likelihood = Likelihood(problem, TOLERANCES[file.stem])
+    likelihood = Likelihood(problem, TOLERANCES.get(file.stem, 1e-10))
     begin = time.perf_counter()
     fit = cs.solve(posed, starts=starts if factor != 1.0 else 1)
     seconds = time.perf_counter() - begin
@@ -82,19 +96,13 @@ def one(file: Path, published: float, factor: float, starts: int) -> Row:
         "worse than start": checked > start + APART,
         "wrongly converged": fit.converged and not abs(own - checked) < APART,
     }
-    return {**row, **_by_scipy(posed, max(seconds, LEAST), starts)}
+    others = _by_scipy(posed, max(seconds, LEAST), starts)
+    if python is not None:
+        others |= _by_pypesto(python, file, posed, max(seconds, LEAST), likelihood)
+    return {**row, **others}
 
 
-def times(problem: Problem, factor: float) -> Problem:
-    """With all parameters of the start times a factor, within their bounds."""
-    start = {n: float(v) * factor for n, v in zip(problem.parameters, problem.start_vector, strict=True)}
-    for row, lower, upper in zip(*problem.linear_rows, strict=True):
-        name = problem.parameters[int(np.flatnonzero(row)[0])]
-        start[name] = min(max(start[name], lower), upper)
-    return replace(problem, start=start)
-
-
-def _by_scipy(problem: Problem, seconds: float, starts: int) -> Row:
+def _by_scipy(problem: Problem, seconds: float, starts: int) -> dict[str, float]:
     """scipy's best from the start, and from further draws until the time is up."""
     begin, best = time.perf_counter(), math.inf
     for start in [dict(problem.start), *drawn(problem, starts - 1, 0)]:
@@ -103,6 +111,19 @@ def _by_scipy(problem: Problem, seconds: float, starts: int) -> Row:
             break
         best = min(best, minimum_by_scipy(problem, start, left).cost)
     return {"scipy": best, "scipy seconds": time.perf_counter() - begin}
+
+
+def _by_pypesto(
+    python: str, file: Path, problem: Problem, seconds: float, likelihood: Likelihood
+) -> dict[str, float | str]:
+    """pyPESTO's best, in a process of its own."""
+    script = [python, "-P", str(by_pypesto.__file__), str(file), json.dumps(dict(problem.start)), str(seconds)]
+    ended = subprocess.run(script, capture_output=True, text=True, check=False)
+    if ended.returncode:
+        print(ended.stderr, file=sys.stderr)
+        raise InputError(f"pyPESTO: {file.stem} ended with {ended.returncode}, see above")
+    found = json.loads(ended.stdout)
+    return {"pyPESTO": likelihood(found["values"]), "pyPESTO's": found["cost"], "pyPESTO starts": found["starts"]}
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -139,6 +139,15 @@ def _sigma(problem: Problem, name: str) -> tuple[ca.SX, ca.SX | None]:
         return ca.SX(float(given)), None
     expression = given.expression(problem.model, name)
     return expression, expression if isinstance(given.sigma, str) else None
+
+
+def times(problem: Problem, factor: float) -> Problem:
+    """With all parameters of the start times a factor, within their bounds."""
+    start = {n: float(v) * factor for n, v in zip(problem.parameters, problem.start_vector, strict=True)}
+    for row, lower, upper in zip(*problem.linear_rows, strict=True):
+        name = problem.parameters[int(np.flatnonzero(row)[0])]
+        start[name] = min(max(start[name], lower), upper)
+    return replace(problem, start=start)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
