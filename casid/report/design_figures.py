@@ -91,7 +91,6 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
         below.plot(t, (first[:, i] - second[:, i]) / rivals.noise[channel], color=MEASURED, label="difference")
         below.set_ylabel("difference / σ")
         below.set_xlabel("time t [s]")
-        drawn.align_ylabels([above, middle, below])
         lines = {
             word: line
             for ax in (above, middle, below)

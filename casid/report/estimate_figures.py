@@ -104,7 +104,8 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
             ax.set_visible(False)
         handles, labels = axes.flat[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
-        figure.supxlabel("lag [samples]")
+        for ax in axes[-1]:
+            ax.set_xlabel("lag [samples]")
     return Picture(
         name="autocorrelation",
         figure=figure,
@@ -181,12 +182,12 @@ def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
     """Correlation matrix (parameters, parameters) of the errors of the estimates."""
     with settings():
         figure = blank(min(0.22 * len(names), 5.5) + 1.2)
-        ax = figure.subplots()
+        ax, scale = figure.subplots(1, 2, width_ratios=(1.0, 0.05))
         image = ax.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
         ax.grid(visible=False)
         ax.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
         ax.set_yticks(range(len(names)), names, fontsize=6)
-        figure.colorbar(image, ax=ax, label="correlation of errors")
+        figure.colorbar(image, cax=scale, label="correlation of errors")
     return Picture(
         name="correlations",
         figure=figure,

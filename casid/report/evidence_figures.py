@@ -19,7 +19,18 @@ from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.flight.noise import band_energy
 from casid.diagnosis.result import Diagnosis
 from casid.report.cause_figures import Reconstruction
-from casid.report.style import ALERT, BASELINE, EXPLAINED, EXTENDED, FAINT, MEASURED, NOISE, Picture, blank
+from casid.report.style import (
+    ALERT,
+    BASELINE,
+    EXPLAINED,
+    EXTENDED,
+    FAINT,
+    MEASURED,
+    NOISE,
+    Picture,
+    blank,
+    powers_of_ten,
+)
 from casid.report.words import EVIDENCE, effect_name, label, place, quantity
 
 _MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
@@ -56,6 +67,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     asked = diagnosis.criteria.naming
     ax.axvline(asked.gain, color=MEASURED, ls=":", lw=1.2)
     ax.set_xscale("log")
+    powers_of_ten(ax.xaxis)
     ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain.raw for _, t, _ in rows), *held_out))
     ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
@@ -137,6 +149,7 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
         at = (max(before[station], after[station]), order.index(station))
         ax.annotate("unexplained here", at, xytext=(5, 0), textcoords="offset points", va="center", weight="bold")
     ax.set_xscale("log")
+    powers_of_ten(ax.xaxis)
     ax.set_xlim(1.0, 10.0 * max(100.0, *before.values(), *after.values()))
     ax.set_yticks(y, [place(s) for s in order])
     ax.set_ylim(len(order) - 0.4, -0.6)
@@ -217,6 +230,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
 
 _EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz
 _MOST = 1e4
+_BAR = 0.04  # height of the scale of colours over that of the panels
 
 
 def heatmap(diagnosis: Diagnosis) -> Picture:
@@ -227,19 +241,21 @@ def heatmap(diagnosis: Diagnosis) -> Picture:
     views = [("file as given", diagnosis.as_given), (diagnosis.best, diagnosis.extended)]
     outputs = fit.model.outputs
     figure = blank(0.27 * len(outputs) + 1.8)
-    axes = figure.subplots(1, len(views), sharey=True, squeeze=False)[0]
+    grid = figure.add_gridspec(2, len(views), height_ratios=(1.0, _BAR))
+    axes = [figure.add_subplot(grid[0, k]) for k in range(len(views))]
     image, energies = None, []
     for ax, (title, view) in zip(axes, views, strict=True):
         ratio = band_energy(view.fit, view.simulated, edges)
         energies.append(ratio)
         image = ax.imshow(np.clip(ratio, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
         ax.set_title(title)
-        ax.set_yticks(range(len(outputs)), outputs)
+        ax.set_yticks(range(len(outputs)), outputs if ax is axes[0] else [""] * len(outputs))
         ax.set_xticks(np.arange(len(edges)) - 0.5, [f"{e:g}" for e in edges], rotation=0, fontsize=8.5)
         ax.set_xlabel("frequency [Hz]")
         ax.grid(visible=False)
     if image is not None:
-        bar = figure.colorbar(image, ax=axes, location="bottom", aspect=40, pad=0.03, extend="both")
+        bar = figure.colorbar(image, cax=figure.add_subplot(grid[1, :]), orientation="horizontal", extend="both")
+        powers_of_ten(bar.ax.xaxis)
         bar.set_label("energy of the residual / energy of the noise")
     i, b = np.unravel_index(np.nanargmax(energies[0]), energies[0].shape)
     worst = f"{outputs[i]} at {edges[b]:g} to {edges[b + 1]:g} Hz"

@@ -128,7 +128,6 @@ def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture
             annotation_clip=False,
         )
     axes[-1].set_xlabel("time, records one after the other [s]")
-    figure.align_ylabels(axes)
     lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
     handles, labels = [*lines.values(), Patch(color=_HELD)], [*lines, "held out: no fit has seen it"]
     if any(_left_out(diagnosis, name, one.record.name) for name in rows for one in pieces):
@@ -240,7 +239,6 @@ def histories(diagnosis: Diagnosis) -> Picture:
         ax.set_title(label_of(channel), loc="left")
         ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
-    figure.align_ylabels(axes)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     names = ", ".join(label_of(c) for c in channels)
     part = "" if window.stop - window.start == len(record) else f"The {_WINDOW:.0f} s that tell most. "
@@ -315,7 +313,6 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         ax.set_ylabel("residual / σ")
         ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
-    figure.align_ylabels(axes)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return Picture(
         name=name,

@@ -40,7 +40,6 @@ def histories(
                 )
             place.set_ylabel(labels[key])
         axes[-1].set_xlabel("t [s]")
-        drawing.align_ylabels()
         handles, words = axes[0].get_legend_handles_labels()
         drawing.legend(handles, words, loc="outside lower center", ncols=4)
     alt = f"Time histories of {', '.join(truth)}: truth and the three estimators."

@@ -1,0 +1,73 @@
+"""Panels of a figure have room for what stands around them: geometry of the boxes of all texts."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from casid.report.style import blank, settings
+
+_ROUNDING = 0.5  # pixels
+
+
+def boxes_of(figure: Figure) -> list[Bbox]:
+    """Every panel with its texts, and every legend, as drawn."""
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    renderer = canvas.get_renderer()
+    panels = [box for ax in figure.axes if (box := ax.get_tightbbox(renderer)) is not None]
+    return [*panels, *(legend.get_window_extent(renderer) for legend in figure.legends)]
+
+
+def crowded(legend: str) -> Figure:
+    """Panels of unlike numbers with titles, labels, a note at the right edge and a legend; one spans two cells."""
+    with settings():
+        figure = blank(6.0)
+        grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 2.0, 0.3))
+        places = [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1], grid[2, :]]
+        for k, ax in enumerate(figure.add_subplot(place) for place in places):
+            ax.plot([0.0, 1.0], [0.0, 10.0 ** (2 * k)], label=f"line {k}")
+            ax.set_xlabel(f"time {k} [s]")
+            ax.set_ylabel(f"y {k}", rotation=0 if k == 2 else 90, ha="right" if k == 2 else "center")
+            ax.set_title("title", loc="left")
+            if k == 1:
+                ax.yaxis.set_label_position("right")
+                ax.yaxis.tick_right()
+            if k == 3:
+                ax.annotate("a note", (1.02, 0.5), xycoords="axes fraction")
+        figure.legend(loc=f"outside {legend} center", ncols=2)  # pyright: ignore[reportArgumentType]
+    return figure
+
+
+@pytest.mark.parametrize("legend", ["upper", "lower"])
+def test_nothing_overlaps_and_nothing_is_cut_off(legend: str) -> None:
+    figure = crowded(legend)
+    boxes = boxes_of(figure)
+    assert len(boxes) == 6
+    for box in boxes:
+        assert min(box.x0, box.y0, figure.bbox.width - box.x1, figure.bbox.height - box.y1) > -_ROUNDING
+    for one, other in itertools.combinations(boxes, 2):
+        common = Bbox.intersection(one, other)
+        assert common is None or min(common.width, common.height) < _ROUNDING
+
+
+def test_rows_have_the_proportions_of_the_grid_and_labels_of_a_column_are_in_line() -> None:
+    figure = crowded("upper")
+    boxes_of(figure)
+    heights = [ax.get_window_extent().height for ax in figure.axes]
+    np.testing.assert_allclose(np.array(heights) / heights[0], [1.0, 1.0, 2.0, 2.0, 0.3])
+    edges = [figure.axes[k].yaxis.label.get_window_extent().x1 for k in (0, 2, 4)]
+    np.testing.assert_allclose(edges, edges[0], atol=2.0)  # the descent of a letter
+
+
+def test_a_figure_that_is_too_small_is_drawn_all_the_same() -> None:
+    with settings():
+        figure = blank(0.5, 0.5)
+        figure.subplots(3, 3)
+    boxes_of(figure)
+    assert all(ax.get_window_extent().height > 0.0 for ax in figure.axes)
