@@ -375,8 +375,8 @@ def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effe
     rows = [_row(evidence, effect) for effect in effects]
     with_size = [(row, size) for row, size in rows if np.isfinite(size) and size > 0.0]
     own = responses(evidence, [row for row, _ in with_size])
-    projected = Projection.shared(evidence, dict(enumerate(own)))
-    whole = sum((flat**2).sum(axis=0) for flat in own)
+    projected = Projection.shared(evidence, own)
+    whole = (own**2).sum(axis=(0, 1, 2))
     square = np.diag(projected.gram).copy()
     least = np.maximum(flight.criteria.screening.surviving**2, _NONE) * whole
     square[square <= least] = 0.0

@@ -86,6 +86,7 @@ class MissingInputNumerics:
 class ScreeningNumerics:
     """Screening of all causes."""
 
+    samples: int = number(64, "samples whose whitened small terms are in memory together: they stay in the cache")
     columns: int = number(32, "columns in one pass back through the filter, whole tiles of the compiled one")
     starts: int = number(4, "number of records from which sets of records are grown")
     onset_step: float = number(1.0, "time between the onsets that are tried", unit="s")
@@ -94,7 +95,6 @@ class ScreeningNumerics:
     responses: float = number(1.8e6, "numbers of whitened responses in memory together")
     fewest_responses: int = number(24, "smallest number of responses in memory together")
     most_responses: int = number(96, "largest number of responses in memory together")
-    steps_together: int = number(32, "onsets of jumps whose responses are in memory together")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ the arrays as in `innovations`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -102,6 +102,17 @@ class Filter:
 
         white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
         return self.colouring.taken_off(white).swapaxes(0, 1)
+
+    def histories_in_parts(
+        self, stations: Sequence[int], series: np.ndarray, together: int
+    ) -> Iterator[tuple[int, np.ndarray]]:
+        """(number of the first sample, (R, samples, ny, nh)) `whiten_histories` of each, `together` samples at a time:
+        what is summed over samples needs no memory for all. In one part where colour joins a reading to the one before.
+        """
+        if self.kernel is None or self.colouring.stretches:
+            yield 0, self.whiten_histories(stations, series).swapaxes(0, 1)
+        else:
+            yield from self.kernel.histories_in_parts(self, stations, series, together)
 
     def squares_of_histories(self, stations: Sequence[int], series: np.ndarray, first: np.ndarray) -> np.ndarray:
         """(R, nc) sums of squares of `whiten_histories`, which are not kept."""

@@ -7,7 +7,7 @@ each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS`
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 
 import numpy as np
@@ -99,16 +99,32 @@ class FilterKernel:
         """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns that are sums of time histories (N, R,
         histories) at disturbance `stations`, from number `first` (nc,) on to that of the next column. Or their sums of
         squares (R, nc) alone."""
-        (N, R, ny, n), nc = of.C.shape, len(first)
-        Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
-        found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, B0.shape[2], ny, nc)
+        return self._of_histories(of, stations, first, series, squares)
+
+    def histories_in_parts(self, of, stations, series, together: int) -> Iterator[tuple[int, np.ndarray]]:
+        """(first sample, `whiten_histories` of each time history), `together` samples at a time."""
+        (N, R, _, n), nc = of.C.shape, series.shape[2]
+        held = np.zeros((R, n, nc))
+        for begin in range(0, N, together):
+            part = slice(begin, begin + together + 1)  # with the first sample of the next part, whose states are kept
+            white = self._of_histories(of, stations, np.arange(nc), series, part=part, held=held)
+            yield begin, white[:, :together]
+
+    def _of_histories(
+        self, of, stations, first, series, squares: bool = False, part: slice = slice(None), held=None
+    ) -> np.ndarray:
+        """`whiten_histories` of some samples; `held` (R, n, nc): states at the first one, then those at the last."""
+        C, Dw = of.C[part], of.linear.Dw[part]
+        (N, R, ny, n), nc = C.shape, len(first)
+        found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, of.linear.Bw0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         index = np.asarray(stations, dtype=ctypes.c_long)
         low, among = index.min(), np.ptp(index) + 1
         at = (*(ctypes.c_long(one) for one in (Dw.shape[3], low, among)), index, begin)
         to = (None, found) if squares else (found, None)
-        given = (of.A, of.C, of.gain, of.inverse_root, *at, series, Dw, B0, B1)
-        _call(self._whiten_histories, _tiles(R, nc), sizes, *given, *to)
+        given = (of.A[part], C, of.gain[part], of.inverse_root[part], *at, series[part], Dw)
+        by_state = of.linear.Bw0[part], of.linear.Bw1[part]
+        _call(self._whiten_histories, _tiles(R, nc), sizes, *given, *by_state, held, *to)
         return found
 
     def entrances(self, of, stations, white, read: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -117,7 +117,7 @@ class Campaign:
         for one in self.names:
             effect, matters = effect_named(one), self.found.causes[one].matters
             rows.append((effect, {} if effect.linear else {"value": matters}, None))
-        projected = Projection.shared(evidence, dict(enumerate(responses(evidence, rows))))
+        projected = Projection.shared(evidence, responses(evidence, rows))
         return projected.match / np.sqrt(np.diag(projected.gram))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from casid.diagnosis.cause import Gate, at_least
 from casid.diagnosis.criteria import EventCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import Entrances, Projection, fingerprints, history, onset_grid, prints_of
+from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit
@@ -172,8 +172,8 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     onsets = onset_grid(evidence)
     durations = [values["duration"] for c in coefficients[:1] for values in configuration_change(c).grid]
     best: Candidate | None = None
-    for duration in durations if len(onsets) and coefficients else ():
-        steps = _steps(evidence, coefficients, onsets, duration)
+    every = _steps(evidence, coefficients, onsets, durations) if len(onsets) and coefficients else []
+    for duration, steps in zip(durations, every, strict=False):
         for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
             members = _members(np.abs(sizes[0]) / stds[0], criteria.events)
@@ -240,9 +240,7 @@ def _mean_part(series: np.ndarray) -> float:
 
 def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
     """Predicted decrease of the deviance by independent columns of white (N, R, ny, k)."""
-    left = Projection.shared(
-        evidence, {r: white[:, r].reshape(-1, white.shape[3]) for r in range(len(evidence.by_record))}
-    )
+    left = Projection.shared(evidence, white)
     return float(left.match @ scaled_inverse(left.gram, rcond=1e-8) @ left.match)
 
 
@@ -274,28 +272,31 @@ def _sum(parts: list[np.ndarray]) -> np.ndarray:
     return reduce(np.add, parts)
 
 
-def _steps(evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, duration: float) -> list[_Steps]:
-    """Normal equations of the steps in every record, at the same times after its first sample."""
+def _steps(
+    evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, durations: Sequence[float]
+) -> list[list[_Steps]]:
+    """For every duration and record the normal equations of the steps at these times after its first sample."""
     base, c = evidence.fit, len(coefficients)
-    since = base.batch.t - base.batch.t[0]
+    since, together = base.batch.t - base.batch.t[0], evidence.criteria.numerics.screening.samples
     names = [coefficient(name) for name in coefficients]
-    stations, entrances = [base.model.disturbances.index(name) for name in names], Entrances.of(evidence, names)
-    found: list[list[_Steps]] = [[] for _ in base.batch.names]
-    together = evidence.criteria.numerics.screening.steps_together
-    for first in range(0, len(onsets), together):
-        some = onsets[first : first + together]
-        shapes = [operators.transition(since.ravel(), o, duration).reshape(since.shape) for o in some]
-        series = np.stack(shapes, axis=2)
-        white = base.filter.whiten_histories(stations * len(some), np.repeat(series, c, axis=2))
-        products = [entrances.products(name, series) for name in names]
-        for r in range(len(found)):
-            blocks = white[:, r].reshape(-1, len(some), c)
-            gram = np.stack([blocks[:, i].T @ blocks[:, i] for i in range(len(some))])
-            cross = np.stack([own[r].T for own, _ in products], axis=2)
-            match = np.stack([own[r] for _, own in products], axis=1) - cross.swapaxes(1, 2) @ evidence.newton
-            spent = evidence.covariance @ cross
-            found[r].append(_Steps(gram=gram, cross=cross, spent=spent, match=match))
-    return [_Steps.joined(parts, np.concatenate) for parts in found]
+    stations = [base.model.disturbances.index(name) for name in names]
+    shapes = [operators.transition(since.ravel(), o, d).reshape(since.shape) for d in durations for o in onsets]
+    both = products_at(evidence, dict.fromkeys(names, np.stack(shapes, axis=2))).values()
+    cross = np.stack([own.swapaxes(1, 2) for own, _ in both], axis=3)
+    match = np.stack([own for _, own in both], axis=2) - cross.swapaxes(2, 3) @ evidence.newton
+    found = []
+    for first in range(0, len(shapes), len(onsets)):
+        some = slice(first, first + len(onsets))
+        series = np.repeat(np.stack(shapes[some], axis=2), c, axis=2)
+        grams = np.zeros((since.shape[1], len(onsets), c, c))
+        for _, part in base.filter.histories_in_parts(stations * len(onsets), series, together):
+            for own, white in zip(grams, part, strict=True):
+                blocks = white.reshape(-1, len(onsets), c)
+                for i in range(len(onsets)):
+                    own[i] += blocks[:, i].T @ blocks[:, i]
+        of_records = zip(grams, cross[:, some], match[:, some], strict=True)
+        found.append([_Steps(gram=g, cross=x, spent=evidence.covariance @ x, match=m) for g, x, m in of_records])
+    return found
 
 
 def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -153,7 +153,7 @@ def _projected(base: FlightFit, enter: np.ndarray) -> Projection:
     """Normal equations of responses `enter` (N, R, ny, n) to the readings, fitted parameters eliminated."""
     evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
     white = base.filter.whiten(enter * base.linear.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
-    return Projection.shared(evidence, {r: white[:, r].reshape(-1, n) for r in range(len(base.batch.names))})
+    return Projection.shared(evidence, white)
 
 
 def _sizes(information: np.ndarray, match: np.ndarray, chosen: Sequence[int]) -> np.ndarray:

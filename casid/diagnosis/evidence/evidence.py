@@ -22,7 +22,6 @@ from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, read
 from casid.model import station
 from casid.model.path import MOMENTS
 from casid.model.terms import parse_term
-from casid.native.processors import share_out, side_by_side
 
 
 def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
@@ -71,18 +70,21 @@ class SmallTerms:
 
     names    (coefficient, term) of each
     factors  (n,) value of each that alone makes the small part of the variation of its coefficient
+    series   (N, R, n) time histories of the terms at these values
     alike    (n, n) correlations, within a coefficient, of the parts that fitted terms do not contain: the inverse of
              the prior covariance of the values, in units of `factors`, at a scale of one
     """
 
     names: tuple[tuple[str, str], ...]
     factors: np.ndarray
+    series: np.ndarray
     alike: np.ndarray
 
 
-def no_terms() -> SmallTerms:
+def no_terms(fit: FlightFit) -> SmallTerms:
     """No small terms: the structure of the model is exact."""
-    return SmallTerms(names=(), factors=np.zeros(0), alike=np.eye(0))
+    nothing = np.zeros((*fit.batch.live.shape, 0))
+    return SmallTerms(names=(), factors=np.zeros(0), series=nothing, alike=np.eye(0))
 
 
 def small_terms(fit: FlightFit) -> SmallTerms:
@@ -92,6 +94,7 @@ def small_terms(fit: FlightFit) -> SmallTerms:
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
     factors: list[np.ndarray] = []
+    series: list[np.ndarray] = []
     blocks: list[np.ndarray] = []
     for coefficient, size in variation(fit).items():
         if coefficient not in fit.flight.moved or size <= 0.0:
@@ -106,13 +109,15 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
         factors.append(criteria.small * size / spread[varies])
+        series.append(whole[..., varies] * factors[-1])
         ridge = criteria.ridge
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
-        return no_terms()
+        return no_terms(fit)
     return SmallTerms(
         names=tuple(names),
         factors=np.concatenate(factors),
+        series=np.concatenate(series, axis=2),
         alike=np.asarray(block_diag(*blocks)),
     )
 
@@ -224,22 +229,57 @@ class Evidence:
         return max(self.scales.values(), default=1.0) > 1.0
 
     @cached_property
-    def by_record(self) -> tuple[np.ndarray, ...]:
-        """For each record (samples, k) whitened sensitivities to the fitted parameters and then to the small terms."""
-        return _by_record(self.fit, self.terms, self.factors)
-
-    def forget(self) -> None:
-        """Give up the arrays, which are computed again on demand."""
-        for name in ("by_record", "left"):
-            self.__dict__.pop(name, None)
+    def series(self) -> np.ndarray:
+        """(N, R, terms) Time histories of the small terms."""
+        return series_of(self.fit, [term for _, term in self.terms]) * self.factors
 
     @cached_property
     def left(self) -> np.ndarray:
         """(N, R, ny) Whitened residuals with parameters and small terms fitted."""
-        left = self.fit.white.copy()
-        for r, flat in enumerate(self.by_record):
-            left[:, r] -= (flat @ self.newton).reshape(left[:, r].shape)
-        return left
+        return self.fit.white - self.along(self.newton)
+
+    def forget(self) -> None:
+        """Give up the arrays, which are computed again on demand."""
+        for name in ("series", "left"):
+            self.__dict__.pop(name, None)
+
+    def columns(self, first: int, last: int) -> np.ndarray:
+        """(R, N, ny, columns) Some of the whitened sensitivities to the fitted parameters and then to the small terms;
+        the column after these is the innovations.
+        """
+        fit, (slots, k) = self.fit, (len(self.fit.slots), len(self.newton))
+        some = range(max(first, slots), min(last, k))
+        parts = [fit.columns[..., first : min(last, slots)]] if first < slots else []
+        if some:
+            at, series = _stations(fit, self.terms), self.series[..., some.start - slots : some.stop - slots]
+            parts.append(fit.filter.whiten_histories(at[some.start - slots : some.stop - slots], series))
+        if last > k:
+            parts.append(fit.white[..., None])
+        return np.concatenate([part.swapaxes(0, 1) for part in parts], axis=3)
+
+    def products(self, white: np.ndarray) -> np.ndarray:
+        """(R, k, n) Products of whitened columns (N, R, ny, n) with the sensitivities to parameters and small terms."""
+        fit, (N, R, ny, n) = self.fit, white.shape
+        rows = white.swapaxes(0, 1)
+        own = fit.columns.swapaxes(0, 1).reshape(R, N * ny, len(fit.slots))
+        found = [own.swapaxes(1, 2) @ rows.reshape(R, N * ny, n)]
+        if self.terms:
+            stations = _stations(fit, self.terms)
+            acting = sorted(set(stations))
+            entering, _ = fit.filter.entrances(acting, rows.copy(), read=False)
+            for station, part in zip(acting, entering, strict=True):
+                terms = self.series[..., np.array(stations) == station].swapaxes(0, 1)
+                found.append(terms.swapaxes(1, 2) @ part)
+        return np.concatenate(found, axis=1)
+
+    def along(self, direction: np.ndarray) -> np.ndarray:
+        """(N, R, ny) Sum of the whitened sensitivities (k,) times a direction."""
+        fit, k = self.fit, len(self.fit.slots)
+        found = fit.columns @ direction[:k]
+        if self.terms:
+            terms = self.series * direction[k:]
+            found += fit.filter.whiten_histories(_stations(fit, self.terms), terms, [0])[..., 0]
+        return found
 
     @property
     def small_information(self) -> np.ndarray:
@@ -254,9 +294,8 @@ class Evidence:
 
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
     """The evidence of a fit; without `discrepancy` the model structure is taken as exact."""
-    small = small_terms(fit) if discrepancy else no_terms()
-    by_record = _by_record(fit, small.names, small.factors)
-    sums = _sums(fit, by_record, small)
+    small = small_terms(fit) if discrepancy else no_terms(fit)
+    sums = _sums(fit, small)
     scales = sums.most_likely()
     covariance, newton, deviance = sums.posterior(scales)
     found = Evidence(
@@ -269,31 +308,30 @@ def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
         scales=scales,
         sums=sums,
     )
-    found.__dict__["by_record"] = by_record
+    found.__dict__["series"] = small.series
     return found
 
 
-def _by_record(fit: FlightFit, terms: Sequence[tuple[str, str]], factors: np.ndarray) -> tuple[np.ndarray, ...]:
-    """`Evidence.by_record`."""
-    apart = [fit.columns[:, r].reshape(fit.white[:, r].size, len(fit.slots)) for r in range(len(fit.batch.names))]
-    if not terms:
-        return tuple(apart)
-    stations = [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in terms]
-    white = fit.filter.whiten_histories(stations, series_of(fit, [term for _, term in terms]) * factors)
-    return tuple(np.hstack([slots, white[:, r].reshape(len(slots), -1)]) for r, slots in enumerate(apart))
+def _stations(fit: FlightFit, terms: Sequence[tuple[str, str]]) -> list[int]:
+    """Index of the disturbance where each small term enters."""
+    return [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in terms]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EvidenceSums:
     """Normal equations of the fitted parameters, prior included, and the small terms.
 
-    gram    (k, k) matrix
-    slope   (k,) right-hand side
+    grams   (R, k, k) matrix of the readings of each record
+    slopes  (R, k) right-hand side of the readings of each record
+    gram    (k, k) matrix, prior of the parameters included
+    slope   (k,) right-hand side, prior of the parameters included
     alike   prior information of the small terms at a scale of one
     owners  coefficient of each small term
     scales  scales that are tried
     """
 
+    grams: np.ndarray
+    slopes: np.ndarray
     gram: np.ndarray
     slope: np.ndarray
     alike: np.ndarray
@@ -330,15 +368,33 @@ class EvidenceSums:
         return covariance, newton, deviance
 
 
-def _sums(fit: FlightFit, by_record: Sequence[np.ndarray], small: SmallTerms) -> EvidenceSums:
-    """The normal equations of a fit with its small terms."""
-    k, n = len(fit.slots), len(fit.slots) + len(small.names)
-    gram = sum(side_by_side(gram_of, by_record)) + np.zeros((n, n))
-    slope = sum(flat.T @ fit.white[:, r].reshape(-1) for r, flat in enumerate(by_record)) + np.zeros(n)
+def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
+    """The normal equations of a fit with its small terms, summed over parts of the records that stay in the cache."""
+    (N, R, ny), k, n = fit.white.shape, len(fit.slots), len(small.names)
+    grams, slopes = np.zeros((R, k + n, k + n)), np.zeros((R, k + n))
+    columns, white = fit.columns.swapaxes(0, 1).reshape(R, N * ny, k), fit.white.swapaxes(0, 1).reshape(R, N * ny)
+    for r, own in enumerate(columns):
+        grams[r, :k, :k], slopes[r, :k] = gram_of(own), white[r] @ own
+    together, stations = fit.criteria.numerics.screening.samples, _stations(fit, small.names)
+    for first, part in fit.filter.histories_in_parts(stations, small.series, together) if n else ():
+        rows = slice(first * ny, (first + part.shape[1]) * ny)
+        for r, terms in enumerate(one.reshape(-1, n) for one in part):
+            grams[r, k:, k:] += gram_of(terms)
+            grams[r, k:, :k] += terms.T @ columns[r, rows]
+            slopes[r, k:] += white[r, rows] @ terms
+    grams[:, :k, k:] = grams[:, k:, :k].swapaxes(1, 2)
+    gram, slope = grams.sum(axis=0), slopes.sum(axis=0)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull
-    owners = tuple(c for c, _ in small.names)
-    return EvidenceSums(gram=gram, slope=slope, alike=small.alike, owners=owners, scales=fit.criteria.structure.scales)
+    return EvidenceSums(
+        grams=grams,
+        slopes=slopes,
+        gram=gram,
+        slope=slope,
+        alike=small.alike,
+        owners=tuple(c for c, _ in small.names),
+        scales=fit.criteria.structure.scales,
+    )
 
 
 def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> float:
@@ -388,7 +444,7 @@ def _moved(
         read = [readings([one], names, t, fit.linear.output, fit.model.outputs, some) for some in (known, instead)]
         Y = np.where(fit.linear.seen, read[0] - read[1], 0.0)[..., None]
         white = white + fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, 1)))[..., 0]
-    pull = sum(flat.T @ white[:, r].reshape(-1) for r, flat in enumerate(evidence.by_record))
+    pull = evidence.products(white[..., None]).sum(axis=0)[:, 0]
     return abs(float(evidence.covariance[index] @ pull))
 
 
@@ -432,14 +488,12 @@ def scatter(evidence: Evidence, index: int) -> float:
     parameter itself, as in the jackknife (Bell and McCaffrey 2002). For a correct model it equals the posterior
     standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
-    direction, pulls, shares = evidence.covariance[index], [], []
+    along, pulls, shares = evidence.along(evidence.covariance[index]), [], []
     criteria = evidence.criteria.structure
-    for r, flat in enumerate(evidence.by_record):
-        samples = max(1, round(criteria.stretch / evidence.fit.flight.records[r].dt))
-        along = (flat @ direction).reshape(evidence.fit.white.shape[0], -1)
-        first = np.arange(0, len(along), samples)
-        pulls.append(np.add.reduceat((along * evidence.left[:, r]).sum(axis=1), first))
-        shares.append(np.add.reduceat((along**2).sum(axis=1), first))
+    for r, record in enumerate(evidence.fit.flight.records):
+        first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))
+        pulls.append(np.add.reduceat((along[:, r] * evidence.left[:, r]).sum(axis=1), first))
+        shares.append(np.add.reduceat((along[:, r] ** 2).sum(axis=1), first))
     share = np.concatenate(shares)
     own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
@@ -454,11 +508,10 @@ def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
     index = [slot.name for slot in evidence.fit.slots].index(name)
     if len(records) < 3:
         return 0.0
-    information, without = evidence.sums.information(evidence.scales), []
+    sums, information, without = evidence.sums, evidence.sums.information(evidence.scales), []
     for r in records:
-        flat = evidence.by_record[r]
-        others = evidence.sums.slope - flat.T @ evidence.fit.white[:, r].reshape(-1)
-        without.append(float((scaled_inverse(information - gram_of(flat)) @ others)[index]))
+        found = scaled_inverse(information - sums.grams[r]) @ (sums.slope - sums.slopes[r])
+        without.append(float(found[index]))
     n = len(records)
     return float(np.sqrt((n - 1) / n * np.sum((np.array(without) - np.mean(without)) ** 2)))
 
@@ -470,14 +523,3 @@ def gram_of(columns: np.ndarray) -> np.ndarray:
     (syrk,) = get_blas_funcs(("syrk",), (columns,))
     half = syrk(1.0, columns.T)
     return half + np.triu(half, 1).T
-
-
-def cross_of(left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Product left' right, for many columns on the right."""
-    found = np.empty((left.shape[1], right.shape[1]))
-
-    def run(first: int, last: int) -> None:
-        np.matmul(left.T, right[:, first:last], out=found[:, first:last])
-
-    share_out(right.shape[1], run)
-    return found

@@ -6,19 +6,20 @@ further pass.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
+from typing import Literal
 
 import numpy as np
 
-from casid.diagnosis.evidence.evidence import Evidence, cross_of
+from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise
 from casid.model.effect import Effect
 from casid.model.operators import CYCLES
-from casid.model.station import Station
+from casid.model.station import Station, reading
 from casid.native.processors import side_by_side
 
 
@@ -34,15 +35,11 @@ class Projection:
     match: np.ndarray
 
     @classmethod
-    def shared(cls, evidence: Evidence, responses: Mapping[int, np.ndarray]) -> Projection:
-        """For responses with one size in all records: index of the record -> (samples, n)."""
-        n = next(iter(responses.values())).shape[1]
-        gram, match, cross = np.zeros((n, n)), np.zeros(n), np.zeros((len(evidence.newton), n))
-        for r, own in responses.items():
-            gram += own.T @ own
-            cross += evidence.by_record[r].T @ own
-            match += own.T @ evidence.fit.white[:, r].reshape(-1)
-        return cls._eliminated(evidence, gram, match, cross)
+    def shared(cls, evidence: Evidence, white: np.ndarray) -> Projection:
+        """For whitened responses (N, R, ny, n) with one size in all records."""
+        flat = white.reshape(-1, white.shape[3])
+        cross = evidence.products(white).sum(axis=0)
+        return cls._eliminated(evidence, flat.T @ flat, evidence.fit.white.reshape(-1) @ flat, cross)
 
     @classmethod
     def by_record(cls, evidence: Evidence, grams: np.ndarray, products: tuple[np.ndarray, np.ndarray]) -> Projection:
@@ -66,76 +63,33 @@ class Projection:
         return cls(gram=gram - spent, match=match - cross.T @ evidence.newton)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Entrances:
-    """Products of the response to a unit at every sample with the parameters, small terms and innovations of an
-    evidence.
-
-    by_station  port -> (R, N, k + 1), the innovations last
-    """
-
-    by_station: Mapping[str, np.ndarray]
-
-    @classmethod
-    def of(cls, evidence: Evidence, stations: Sequence[str]) -> Entrances:
-        """The products for disturbances of the model and readings."""
-        (N, R, _), k = evidence.fit.white.shape, len(evidence.newton)
-        found = {name: np.empty((R, N, k + 1)) for name in stations}
-        for name, some, part in _parts(evidence, stations):
-            found[name][..., some] = part
-        return cls(by_station=found)
-
-    def products(self, station: str, series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Products of the whitened responses to time histories (N, R, n) at a port.
-
-        Returns
-        -------
-        cross
-            (R, k, n) With fitted parameters and small terms.
-        match
-            (R, n) With the innovations.
-        """
-        both = self.by_station[station].swapaxes(1, 2) @ series.swapaxes(0, 1)
-        return both[:, :-1], both[:, -1]
-
-
 def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Port -> `Entrances.products` of the time histories (N, R, n) there, computed in parts to save memory."""
-    R, k = len(evidence.by_record), len(evidence.newton)
-    both = {name: np.empty((R, k + 1, of.shape[2])) for name, of in series.items()}
-    for name, some, part in _parts(evidence, list(series)):
-        both[name][:, some] = part.swapaxes(1, 2) @ series[name].swapaxes(0, 1)
-    return {name: (of[:, :-1], of[:, -1]) for name, of in both.items()}
+    """Products of the whitened responses to time histories (N, R, n) at ports, by the transposed filter.
 
+    It runs once over the columns of the evidence, a few at a time to save memory, whatever the number of histories.
 
-def _parts(evidence: Evidence, stations: Sequence[str]) -> Iterator[tuple[str, slice, np.ndarray]]:
-    """(port, columns, (R, N, columns)) Products of the response to a unit at a sample with some columns, by port."""
+    Returns
+    -------
+    cross
+        Port -> (R, k, n) with fitted parameters and small terms.
+    match
+        Port -> (R, n) with the innovations.
+    """
     fit, k = evidence.fit, len(evidence.newton)
-    entering = [name for name in stations if name in fit.model.disturbances]
+    entering = [name for name in series if name in fit.model.disturbances]
     index = [fit.model.disturbances.index(name) for name in entering]
-    channels = {name: fit.model.outputs.index(Station.at(name).name) for name in set(stations) - set(entering)}
+    channels = {name: fit.model.outputs.index(Station.at(name).name) for name in series if name not in entering}
+    both = {name: np.empty((fit.white.shape[1], k + 1, of.shape[2])) for name, of in series.items()}
     together = fit.criteria.numerics.screening.columns
     for first in range(0, k + 1, together):
         some = slice(first, min(first + together, k + 1))
-        by_disturbance, by_output = fit.filter.entrances(index, _columns(evidence, some), read=bool(channels))
-        for name, one in zip(entering, by_disturbance, strict=True):
-            yield name, some, one
-        for name, channel in channels.items():
-            yield name, some, by_output[channel] * fit.linear.seen[:, :, channel].T[..., None]
-
-
-def _columns(evidence: Evidence, some: slice) -> np.ndarray:
-    """(R, N, ny, columns) Some of the columns of fitted parameters and small terms; the innovations are the last
-    column.
-    """
-    fit, k = evidence.fit, len(evidence.newton)
-    (N, R, ny), fitted = fit.white.shape, min(some.stop, k) - some.start
-    columns = np.empty((R, N, ny, some.stop - some.start))
-    for r, flat in enumerate(evidence.by_record):
-        columns[r, ..., :fitted] = flat[:, some.start : some.start + fitted].reshape(N, ny, fitted)
-    if some.stop > k:
-        columns[..., -1] = fit.white.swapaxes(0, 1)
-    return columns
+        columns = evidence.columns(some.start, some.stop)
+        by_disturbance, by_output = fit.filter.entrances(index, columns, read=bool(channels))
+        parts = dict(zip(entering, by_disturbance, strict=True))
+        parts |= {name: by_output[i] * fit.linear.seen[:, :, i].T[..., None] for name, i in channels.items()}
+        for name, part in parts.items():
+            both[name][:, some] = part.swapaxes(1, 2) @ series[name].swapaxes(0, 1)
+    return {name: (of[:, :-1], of[:, -1]) for name, of in both.items()}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -156,6 +110,7 @@ class Fingerprint:
 
 
 _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its further values, and its onset
+_History = Mapping[str, np.ndarray]  # port -> (N, R)
 
 
 def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarray | None = None) -> list[Fingerprint]:
@@ -177,23 +132,16 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
             at = onset_grid(evidence, length=values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
     rows.sort(key=lambda row: row[2] or 0.0)  # samples before the first onset of a group need no work
-    symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
-    direct = [row for row in rows if not _a_history(row[0])]
-    known = [row for row in rows if _a_history(row[0])]
-
-    # The transposed filter costs as much as one response for each parameter and small term.
-    entrances = Entrances.of(evidence, base.model.disturbances) if len(known) > len(evidence.newton) else None
-
-    def some(of: Sequence[_Row]) -> list[Fingerprint]:
-        """The fingerprints of some rows of one kind."""
-        if not _a_history(of[0][0]):
-            return _fingerprints(evidence, of, _white_direct(base, of, symbolic))
-        histories = [_unit_history(base, *row) for row in of]
-        return _of_histories(evidence, of, histories, entrances)
-
-    together = _together(base)
-    parts = [of[at : at + together] for of in (known, direct) for at in range(0, len(of), together)]
-    return [print_ for found in side_by_side(some, parts) for print_ in found]
+    by_place: dict[str, list[_Row]] = {"disturbances": [], "readings": [], "equations": []}
+    for row in rows:
+        by_place[_acts_on(row[0])].append(row)
+    known = [*by_place["disturbances"], *by_place["readings"]]
+    found = _of_histories(evidence, known, [_unit_history(base, *row) for row in known])
+    symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
+    equations, together = by_place["equations"], _together(base)
+    for some in (equations[at : at + together] for at in range(0, len(equations), together)):
+        found += _fingerprints(evidence, some, _white_of_equations(base, some, symbolic))
+    return found
 
 
 def onset_grid(evidence: Evidence, step: float | None = None, length: float = np.inf) -> np.ndarray:
@@ -209,39 +157,38 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
     return np.arange(edge, longest - edge, wider)
 
 
-def _a_history(effect: Effect) -> bool:
-    """Whether an effect consists of time histories at disturbances of the model."""
-    return effect.quasi_steady or (effect.series is not None and not effect.symbolic)
+def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]:
+    """Whether an effect adds time histories at disturbances of the model, or at readings, or changes its equations."""
+    if effect.quasi_steady or (effect.series is not None and not effect.symbolic):
+        return "disturbances"
+    return "equations" if effect.symbolic else "readings"
 
 
-def _of_histories(
-    evidence: Evidence,
-    rows: Sequence[_Row],
-    histories: Sequence[Mapping[str, np.ndarray]],
-    entrances: Entrances | None,
-) -> list[Fingerprint]:
-    """The fingerprints of rows that are time histories by port."""
-    if entrances is None:
-        return _fingerprints(evidence, rows, _whitened(evidence.fit, histories))
-    square = evidence.fit.filter.squares_of_histories(*_entering(evidence.fit, histories))
-    R = len(evidence.by_record)
-    cross, match = np.zeros((R, len(evidence.newton), len(rows))), np.zeros((R, len(rows)))
-    for station in dict.fromkeys(station for one in histories for station in one):
-        at = [j for j, one in enumerate(histories) if station in one]
-        products = entrances.products(station, np.stack([histories[j][station] for j in at], axis=2))
-        cross[:, :, at] += products[0]
-        match[:, at] += products[1]
+def _of_histories(evidence: Evidence, rows: Sequence[_Row], histories: Sequence[_History]) -> list[Fingerprint]:
+    """The fingerprints of rows that are time histories by port, those at disturbances first."""
+    base = evidence.fit
+    parts = [slice(at, at + _together(base)) for at in range(0, len(rows), _together(base))]
+    if len(rows) <= len(evidence.newton):  # one pass for each is less than one for each parameter and small term
+        made = side_by_side(lambda s: _fingerprints(evidence, rows[s], _whitened(base, histories[s])), parts)
+        return [print_ for some in made for print_ in some]
+    square = np.concatenate(side_by_side(lambda some: _squares(base, histories[some]), parts), axis=1)
+    at: dict[str, list[int]] = {}
+    for j, one in enumerate(histories):
+        for port in one:
+            at.setdefault(port, []).append(j)
+    cross, match = np.zeros((len(square), len(evidence.newton), len(rows))), np.zeros(square.shape)
+    series = {port: np.stack([histories[j][port] for j in some], axis=2) for port, some in at.items()}
+    for port, (by_column, by_innovation) in products_at(evidence, series).items():
+        cross[:, :, at[port]] += by_column
+        match[:, at[port]] += by_innovation
     return _each(rows, square, cross, match)
 
 
 def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
-    """The fingerprints from whitened responses (last samples, R, ny, rows); earlier samples are zero."""
-    before = evidence.fit.white[: len(evidence.fit.white) - len(white), 0].size
-    parts = [white[:, r].reshape(-1, len(rows)) for r in range(white.shape[1])]
-    square = np.stack([np.einsum("kj,kj->j", w, w) for w in parts])
-    cross = np.stack([cross_of(c[before:], w) for c, w in zip(evidence.by_record, parts, strict=True)])
-    match = np.stack([evidence.fit.white[:, r].reshape(-1)[before:] @ w for r, w in enumerate(parts)])
-    return _each(rows, square, cross, match)
+    """The fingerprints from whitened responses (N, R, ny, rows)."""
+    square = np.einsum("krij,krij->rj", white, white)
+    match = np.einsum("kri,krij->rj", evidence.fit.white, white)
+    return _each(rows, square, evidence.products(white), match)
 
 
 def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np.ndarray) -> list[Fingerprint]:
@@ -252,28 +199,24 @@ def _each(rows: Sequence[_Row], square: np.ndarray, cross: np.ndarray, match: np
     ]
 
 
-def responses(evidence: Evidence, rows: Sequence[_Row]) -> list[np.ndarray]:
-    """For each record (samples, rows): whitened responses to a unit of effects with these values and onsets.
+def responses(evidence: Evidence, rows: Sequence[_Row]) -> np.ndarray:
+    """(N, R, ny, rows) Whitened responses to a unit of effects with these values and onsets.
 
     For an effect that is not linear it is the response to the complete effect.
     """
     base = evidence.fit
-    symbolic = symbolic_columns(base, [e for e, _, _ in rows if e.symbolic and not e.quasi_steady])
+    known = [j for j, row in enumerate(rows) if _acts_on(row[0]) != "equations"]
+    others = [j for j, row in enumerate(rows) if _acts_on(row[0]) == "equations"]
     white = np.zeros((*base.white.shape, len(rows)))
-    for history_rows in (True, False):
-        at = [j for j, row in enumerate(rows) if _a_history(row[0]) == history_rows]
-        if not at:
-            continue
-        some = [rows[j] for j in at]
-        if history_rows:
-            found = _whitened(base, [_unit_history(base, *row) for row in some])
-        else:
-            found = _white_direct(base, some, symbolic)
-        white[len(white) - len(found) :, ..., at] = found
-    return [white[:, r].reshape(-1, len(rows)) for r in range(len(base.batch.names))]
+    if known:
+        white[..., known] = _whitened(base, [_unit_history(base, *rows[j]) for j in known])
+    if others:
+        some = [rows[j] for j in others]
+        white[..., others] = _white_of_equations(base, some, _symbolic_columns(base, [e for e, _, _ in some]))
+    return white
 
 
-def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def _symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Name -> (Y, F) of symbolic effects, from the Jacobians of a model that contains all of them at zero effect."""
     already = [a.effect for a in base.attached]
     effects = [e for e in effects if e.name not in {a.name for a in already}]
@@ -287,14 +230,16 @@ def symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, tu
     return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
 
 
-def _unit_history(
-    base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None
-) -> Mapping[str, np.ndarray]:
-    """Port -> (N, R) time history of a unit of an effect."""
+def _unit_history(base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None) -> _History:
+    """Port -> (N, R) time history of a unit of an effect, or of the complete effect on readings that is not linear."""
     if effect.quasi_steady:
         term = base.flight.term_along(effect, base.regressors)
         return {str(effect.enters): np.broadcast_to(term, base.batch.live.shape)}
-    return station_series(_unit(effect, values, onset, base), base.batch.names, base.batch.t, base.known)
+    one, names, t = _unit(effect, values, onset, base), base.batch.names, base.batch.t
+    if _acts_on(effect) == "disturbances":
+        return station_series(one, names, t, base.known)
+    change = readings([one], names, t, base.read, base.model.outputs, base.known) - base.read
+    return _by_port([reading(name) for name in base.model.outputs], np.where(base.linear.seen, change, 0.0))
 
 
 def history(base: FlightFit, one: Attached) -> np.ndarray:
@@ -302,46 +247,61 @@ def history(base: FlightFit, one: Attached) -> np.ndarray:
     return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
 
 
-def _by_station(base: FlightFit, W: np.ndarray) -> dict[str, np.ndarray]:
-    """Port -> (N, R) time history of those of (N, R, nw) that are not zero; the first port if all are. Copies: W is
-    large.
+def _by_port(ports: Sequence[str], series: np.ndarray) -> _History:
+    """Port -> (N, R) time history of those of (N, R, ports) that are not zero; the first port if all are. Copies: the
+    whole is large.
     """
-    acting = np.flatnonzero(W.any(axis=(0, 1)))
-    return {base.model.disturbances[s]: W[..., s].copy() for s in (acting if len(acting) else [0])}
+    acting = np.flatnonzero(series.any(axis=(0, 1))).tolist() or [0]
+    return {ports[i]: series[..., i].copy() for i in acting}
 
 
-def _entering(
-    base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]
-) -> tuple[list[int], np.ndarray, np.ndarray]:
-    """Time histories by port as arrays.
+def _squares(base: FlightFit, histories: Sequence[_History]) -> np.ndarray:
+    """(R, histories) Sums of squares of the whitened responses."""
+    ports, series, first = _joined(histories)
+    if set(ports) <= set(base.model.disturbances):
+        return base.filter.squares_of_histories([base.model.disturbances.index(p) for p in ports], series, first)
+    return np.einsum("krij,krij->rj", *[white_at(base, ports, series, first)] * 2)
 
-    Returns
-    -------
-    stations
-        Index of the disturbance of each series.
-    series
-        (N, R, number of series)
-    first
-        Index of the first series of each history.
-    """
-    stations = [base.model.disturbances.index(station) for one in histories for station in one]
+
+def _whitened(base: FlightFit, histories: Sequence[_History]) -> np.ndarray:
+    """(N, R, ny, histories) Whitened responses to time histories by port."""
+    return white_at(base, *_joined(histories))
+
+
+def _joined(histories: Sequence[_History]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Port of each series, all series (N, R, number of series), and the index of the first series of each history."""
     series = np.stack([h for one in histories for h in one.values()], axis=2)
     parts = np.array([len(one) for one in histories])
-    return stations, series, np.cumsum(parts) - parts
+    return [port for one in histories for port in one], series, np.cumsum(parts) - parts
 
 
-def _whitened(base: FlightFit, histories: Sequence[Mapping[str, np.ndarray]]) -> np.ndarray:
-    """(last samples, R, ny, histories) Whitened responses to time histories by port, from the first nonzero sample."""
-    stations, series, first = _entering(base, histories)
-    begins = int(np.argmax(series.any(axis=(1, 2))))
-    return base.filter.whiten_histories(stations, series, first)[begins:]
+def white_at(base: FlightFit, ports: Sequence[str], series: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(N, R, ny, n) Whitened responses to time histories (N, R, number of series) at ports, or to sums of them: from
+    series number `first` (n,) of each sum to that of the next.
+    """
+    disturbances, of = base.model.disturbances, np.searchsorted(first, np.arange(len(ports)), side="right") - 1
+    read = [h for h, port in enumerate(ports) if port not in disturbances]
+    others = [h for h, port in enumerate(ports) if port in disturbances]
+    if not read:
+        return base.filter.whiten_histories([disturbances.index(port) for port in ports], series, first)
+    Y = np.zeros((*base.white.shape, len(first)))
+    for h in read:
+        channel = base.model.outputs.index(Station.at(ports[h]).name)
+        Y[:, :, channel, of[h]] += np.where(base.linear.seen[:, :, channel], series[..., h], 0.0)
+    white = base.filter.whiten(Y, np.zeros((*base.linear.defect.shape, len(first))))
+    if others:
+        columns, begin = np.unique(of[others], return_index=True)
+        stations = [disturbances.index(ports[h]) for h in others]
+        white[..., columns] += base.filter.whiten_histories(stations, series[..., others], begin)
+    return white
 
 
 def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
     """The fingerprints of time histories (N, R, nw) as those of an effect."""
-    found, following = [], (_by_station(evidence.fit, one) for one in histories)
-    while some := list(islice(following, _together(evidence.fit))):
-        found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(evidence.fit, some))
+    base, found = evidence.fit, []
+    following = (_by_port(base.model.disturbances, one) for one in histories)
+    while some := list(islice(following, _together(base))):
+        found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(base, some))
     return found
 
 
@@ -351,28 +311,12 @@ def _together(base: FlightFit) -> int:
     return int(np.clip(numerics.responses / base.white.size, numerics.fewest_responses, numerics.most_responses))
 
 
-def _white_direct(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
-    """(N, R, ny, rows) Whitened responses to effects in the equations of the model, or on readings.
-
-    Effects in the equations are computed from Jacobians. For an effect on readings that is not linear it is the
-    response to the complete effect.
-    """
-    seen, shape = base.linear.seen, base.linear.defect.shape
-    outputs, states = [], {}
-    for i, (effect, values, onset) in enumerate(rows):
-        if effect.symbolic:
-            Y, F = symbolic.get(effect.name, (np.zeros(base.read.shape), np.zeros(shape)))
-            outputs.append(Y)
-            states[i] = F
-            continue
-        one, output = _unit(effect, values, onset, base), base.read
-        read = readings([one], base.batch.names, base.batch.t, output, base.model.outputs, base.known)
-        outputs.append(np.where(seen, read - output, 0.0))
-    F = np.zeros((*shape, len(rows)))
-    for i, state in states.items():
-        F[..., i] = state
-    # Rows are transposed at the end, because writing columns one by one takes twice the time.
-    Y = np.stack(outputs).reshape(len(rows), -1).T.reshape(*base.read.shape, len(rows))
+def _white_of_equations(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
+    """(N, R, ny, rows) Whitened responses to effects in the equations of the model, from their Jacobians."""
+    Y, F = np.zeros((*base.read.shape, len(rows))), np.zeros((*base.linear.defect.shape, len(rows)))
+    for i, (effect, _, _) in enumerate(rows):
+        if effect.name in symbolic:
+            Y[..., i], F[..., i] = symbolic[effect.name]
     return base.filter.whiten(Y, F)
 
 

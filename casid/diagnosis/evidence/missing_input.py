@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special, stats
 
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
-from casid.diagnosis.evidence.fingerprints import Projection, products_at
+from casid.diagnosis.evidence.fingerprints import Projection, products_at, white_at
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
@@ -148,7 +148,7 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
     white = response(fit, station, series)
     gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
     for r, name in enumerate(fit.batch.names):
-        left = Projection.shared(evidence, {r: white[:, r].reshape(-1, 2)})
+        left = Projection.shared(evidence, np.where(np.arange(len(first))[:, None, None] == r, white, 0.0))
         inverse = np.linalg.pinv(left.gram, hermitian=True)
         amplitude = inverse @ left.match
         gain += float(left.match @ amplitude)
@@ -201,20 +201,14 @@ def _one_station(
 
 def response(fit: FlightFit, station: str, series: np.ndarray) -> np.ndarray:
     """(N, R, ny, k) Whitened response to time histories (N, R, k) at a port."""
-    place = Station.at(station)
-    if place.kind != "reading":
-        return fit.filter.whiten_histories([fit.model.disturbances.index(station)] * series.shape[2], series)
-    Y = np.zeros((*fit.white.shape, series.shape[2]))
-    channel = fit.model.outputs.index(place.name)
-    Y[:, :, channel] = np.where(fit.linear.seen[:, :, channel, None], series, 0.0)
-    return fit.filter.whiten(Y, np.zeros((*fit.linear.defect.shape, series.shape[2])))
+    return white_at(fit, [station] * series.shape[2], series, np.arange(series.shape[2]))
 
 
 def _most_likely(
     evidence: Evidence, station: str, nodes: np.ndarray, left: Projection, times: Sequence[float]
 ) -> MissingInput:
     """The latent input with the correlation time and variance of the largest marginal likelihood."""
-    gram, match, R = left.gram, left.match, len(evidence.by_record)
+    gram, match, R = left.gram, left.match, len(evidence.fit.batch.names)
     best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
         root = _prior_root(nodes, tau)

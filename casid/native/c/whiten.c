@@ -150,11 +150,12 @@ static void closed_loop(long n, long nx, long ny, long nw, long low, long among,
 /* Innovations of columns that are sums of time histories: column l of series (N,R,begin[nc]) from number begin[l] to
    begin[l + 1], which enter at the disturbance number station[h], one of the `among` from `low` on, through Dw, B0, B1;
    a column is zero as long as these are. white (R,N,ny,nc); or, when `squares` is not null, only their squares (R,nc),
-   summed over samples and outputs. Parts as in `whiten`. */
+   summed over samples and outputs. Unless it is null, `held` (R,n,nc) has the states at the first sample, and those at
+   the last one afterwards. Parts as in `whiten`. */
 void whiten_histories(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A,
                       const double *C, const double *gain, const double *root, long nw, long low, long among,
                       const long *station, const long *begin, const double *series, const double *Dw, const double *B0,
-                      const double *B1, double *white, double *squares)
+                      const double *B1, double *held, double *white, double *squares)
 {
     long count = (nc + TILE - 1) / TILE, width = nc < TILE ? nc : TILE, many = begin[nc], parts = to - from;
     long wide = (n + among + WIDTH - 1) / WIDTH, stride = wide * WIDTH;
@@ -169,6 +170,11 @@ void whiten_histories(long from, long to, long N, long R, long n, long nx, long 
     zero(ny, wide, work);
     memset(states, 0, parts * (n + 1) * sizeof(tile));
     memset(begun, 0, parts * sizeof(long));
+    if (held) for (long part = from; part < to; part++) for (long i = 0; i < n; i++) {
+        tile *own = states + (part - from) * n + i;
+        copy(own->d, held + (part / count * n + i) * nc + first_of(part % count, nc), width);
+        for (long l = 0; l < width; l++) begun[part - from] |= own->d[l] != 0.0;
+    }
     for (long k = 0; k < N; k++) for (long part = from, made = -1; part < to; part++) {
         long r = part / count, b = part % count, at = k * R + r, own = part - from, last = k == N - 1;
         double *to_white = squares ? 0 : white + (r * N + k) * ny * nc + first_of(b, nc);
@@ -193,6 +199,8 @@ void whiten_histories(long from, long to, long N, long R, long n, long nx, long 
     }
     if (squares) for (long part = from; part < to; part++)
         copy(squares + part / count * nc + first_of(part % count, nc), sums[part - from].d, width);
+    if (held) for (long part = from; part < to; part++) for (long i = 0; i < n; i++)
+        copy(held + (part / count * n + i) * nc + first_of(part % count, nc), states[(part - from) * n + i].d, width);
     END
     free(states); free(work); free(of); free(room);
 }

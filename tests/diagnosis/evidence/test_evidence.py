@@ -26,10 +26,13 @@ def _evidence(rng: np.random.Generator, apart: float):
     """Five records of 40 readings and two slots, the second of which differs between records by `apart`, 1-sigma."""
     columns = [rng.standard_normal((40, 2)) for _ in range(5)]
     white = np.stack([rng.standard_normal(40) + apart * rng.standard_normal() * c[:, 1] for c in columns], axis=1)
-    gram, slope = sum(c.T @ c for c in columns), sum(c.T @ white[:, r] for r, c in enumerate(columns))
-    sums = SimpleNamespace(slope=slope, information=lambda _: gram)
+    grams = np.array([c.T @ c for c in columns])
+    slopes = np.array([c.T @ white[:, r] for r, c in enumerate(columns)])
+    sums = SimpleNamespace(
+        grams=grams, slopes=slopes, slope=slopes.sum(axis=0), information=lambda _: grams.sum(axis=0)
+    )
     fit = SimpleNamespace(white=white[..., None], slots=[SimpleNamespace(name="a"), SimpleNamespace(name="b")])
-    return SimpleNamespace(by_record=tuple(columns), fit=fit, scales={}, sums=sums)
+    return SimpleNamespace(columns=columns, fit=fit, scales={}, sums=sums)
 
 
 def test_it_is_that_of_regressions_without_each_record() -> None:
@@ -37,7 +40,7 @@ def test_it_is_that_of_regressions_without_each_record() -> None:
     sizes = []
     for left_out in range(5):
         kept = [r for r in range(5) if r != left_out]
-        A = np.vstack([evidence.by_record[r] for r in kept])
+        A = np.vstack([evidence.columns[r] for r in kept])
         y = np.concatenate([evidence.fit.white[:, r, 0] for r in kept])
         sizes.append(np.linalg.lstsq(A, y, rcond=None)[0][1])
     expected = np.sqrt(4.0 / 5.0 * np.sum((np.array(sizes) - np.mean(sizes)) ** 2))

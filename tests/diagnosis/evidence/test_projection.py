@@ -20,39 +20,44 @@ def _evidence(rng: np.random.Generator):
     white = np.stack([np.r_[rng.standard_normal(n), np.zeros(longest - n)] for n in _LENGTHS], axis=1)[..., None]
     covariance = np.linalg.inv(sum(c.T @ c for c in padded))
     newton = covariance @ sum(c.T @ white[:, r, 0] for r, c in enumerate(padded))
-    fit = SimpleNamespace(white=white)
-    return SimpleNamespace(by_record=tuple(padded), covariance=covariance, newton=newton, fit=fit)
+    sensitivities = np.stack(padded, axis=1)  # (samples, records, slots)
+    return SimpleNamespace(
+        fit=SimpleNamespace(white=white),
+        covariance=covariance,
+        newton=newton,
+        sensitivities=sensitivities,
+        products=lambda own: np.einsum("krs,krin->rsn", sensitivities, own),
+    )
 
 
-def _together(columns: list[np.ndarray], responses: np.ndarray, white: np.ndarray) -> np.ndarray:
-    """Truth: sizes of the responses in one least-squares fit with all slots."""
-    return np.linalg.lstsq(np.hstack([np.vstack(columns), responses]), white, rcond=None)[0][_SLOTS:]
+def _together(evidence: SimpleNamespace, responses: np.ndarray) -> np.ndarray:
+    """Truth: sizes of the responses in one least-squares fit with all slots, one record after the other."""
+    columns, white = (of.swapaxes(0, 1) for of in (evidence.sensitivities, evidence.fit.white))
+    both = np.hstack([columns.reshape(-1, _SLOTS), responses])
+    return np.linalg.lstsq(both, white.reshape(-1), rcond=None)[0][_SLOTS:]
 
 
 @pytest.mark.parametrize("by_record", [False, True])
 def test_sizes_are_those_of_one_fit_with_all_slots(by_record: bool) -> None:
     rng = np.random.default_rng(3)
     evidence = _evidence(rng)
-    own = [rng.standard_normal((max(_LENGTHS), _RESPONSES)) for _ in _LENGTHS]
-    white = np.concatenate([evidence.fit.white[:, r, 0] for r in range(len(own))])
+    own = rng.standard_normal((max(_LENGTHS), len(_LENGTHS), 1, _RESPONSES))
     if by_record:
-        innovations = (evidence.fit.white[:, r, 0] for r in range(len(own)))
-        products = zip(evidence.by_record, own, innovations, strict=True)
-        cross, match = zip(*((c.T @ m, m.T @ e) for c, m, e in products), strict=True)
-        grams = np.array([m.T @ m for m in own])
-        left = Projection.by_record(evidence, grams, (np.array(cross), np.array(match)))  # pyright: ignore
-        zero = np.zeros_like(own[0])
-        responses = np.block([[own[0], zero], [zero, own[1]]])
+        grams = np.einsum("krin,krim->rnm", own, own)
+        match = np.einsum("krin,kri->rn", own, evidence.fit.white)
+        left = Projection.by_record(evidence, grams, (evidence.products(own), match))  # pyright: ignore
+        zero = np.zeros_like(own[:, 0, 0])
+        responses = np.block([[own[:, 0, 0], zero], [zero, own[:, 1, 0]]])
     else:
-        left = Projection.shared(evidence, dict(enumerate(own)))  # pyright: ignore
-        responses = np.vstack(own)
-    expected = _together(list(evidence.by_record), responses, white)
+        left = Projection.shared(evidence, own)  # pyright: ignore
+        responses = np.vstack([own[:, 0, 0], own[:, 1, 0]])
+    expected = _together(evidence, responses)
     assert np.linalg.solve(left.gram, left.match) == pytest.approx(expected, rel=1e-9)
 
 
 def test_what_slots_can_do_has_nothing_left() -> None:
     """Symmetry: a response that is a sum of the slots' is not seen beside them."""
     evidence = _evidence(np.random.default_rng(5))
-    mixed = {r: c @ np.array([[1.0], [-2.0], [0.5]]) for r, c in enumerate(evidence.by_record)}
+    mixed = evidence.sensitivities[:, :, None] @ np.array([[1.0], [-2.0], [0.5]])
     left = Projection.shared(evidence, mixed)  # pyright: ignore
     assert left.gram == pytest.approx(0.0, abs=1e-9) and left.match == pytest.approx(0.0, abs=1e-9)
