@@ -135,6 +135,8 @@ class _Batch:
         """(N, gives) of (N, takes)."""
         try:
             found = self._called(points)
+        except InputError:
+            raise
         except Exception as error:
             raise InputError(self._blamed(points, error)) from error
         if not isinstance(found, Mapping):

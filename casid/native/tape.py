@@ -130,11 +130,11 @@ class Tape:
         return results
 
 
-def _operation(function: ca.Function, nodes: Any, k: int) -> Callable[..., Any] | None:
-    """What instruction k does to arrays; None where it reads an argument or writes a result."""
+def _operation(function: ca.Function, nodes: Any, k: int) -> Callable[..., Any]:
+    """What instruction k does to arrays; nothing where it reads an argument or writes a result."""
     kind = function.instruction_id(k)
     if kind in (ca.OP_INPUT, ca.OP_OUTPUT):
-        return None
+        return _OPERATIONS[ca.OP_ASSIGN]
     if kind == ca.OP_CONST:
         value = function.instruction_constant(k)
         return lambda: value

@@ -212,7 +212,7 @@ def test_an_error_at_some_points_says_which(method: Any) -> None:
 
 
 def test_a_value_that_is_none_is_traced_to_its_arguments() -> None:
-    opaque = tank(cs.external_function(lambda v: {"h": v["pump"] + np.log(0.5 - v["h"])}, NAMES, ("h",)))
+    opaque = tank(cs.external_function(lambda v: {"h": v["pump"] + np.sqrt(0.5 - v["h"])}, NAMES, ("h",)))
     pump = Record(name="m", t=0.1 * np.arange(60), channels={"pump": np.full(60, 3.0)})
-    with pytest.raises(InputError, match=r"derivative of 'h' is no number: .* where h = 0\.5\d* and pump = 3"):
+    with pytest.raises(InputError, match=r"derivative of 'h' is no number: .* where h = 0\.[5-9]\d* and pump = 3"):
         cs.simulate(opaque, pump, [0.1])
