@@ -134,7 +134,7 @@ def _measured_score(at: AtFit, caused: np.ndarray) -> np.ndarray:
     outputs' covariances `caused` (lags, outputs, outputs) by the inputs."""
     objective = at.objective
     sums = gathered(score_pieces(objective, at.value, at.linear))
-    prior = prior_information(at.linear, sums)
+    prior = prior_information(at.linear.hessian, sums)
     if _noise_given(at):
         colours = {c: Colour(a=np.ones(1), variance=1.0) for c in sums}  # of whitened residuals
     else:

@@ -112,7 +112,7 @@ def _held(fit: Any) -> Iterator[str]:
 
 
 def _held_paths(fit: Any) -> Iterator[str]:
-    """Path limits that samples reach, of which the standard errors know nothing."""
+    """Path limits that samples reach."""
     model = fit.problem.model
     for limit in fit.problem.path_constraints:
         state = limit.name in model.states
@@ -122,10 +122,9 @@ def _held_paths(fit: Any) -> Iterator[str]:
         room = np.minimum(limit.upper - values, values - limit.lower)
         reached = int((room <= _REACHED * max(float(np.abs(values).max()), 1e-300)).sum())
         if reached:
-            yield (
-                f"{limit.name}: its limit holds {reached} of {len(values)} samples; the standard errors are those "
-                "without it, and no smaller than within it"
-            )
+            soft = math.isfinite(limit.price)
+            errors = "are those without it, and no smaller than within it" if soft else "allow for it"
+            yield f"{limit.name}: its limit holds {reached} of {len(values)} samples; the standard errors {errors}"
 
 
 def _noise(fit: Any) -> Iterator[str]:

@@ -12,14 +12,17 @@ z^2/2 at
 This is z standard deviations of the free estimate where the limit is only just active, and z^2/(2 m) where the
 multiplier is large. For noise other than the information H assumes, with the covariance S of the gradient, K becomes
 V'SV under the root and d is V'SV/K times as large. Each of several active limits counts separately.
+
+A limit on the path holds what the initial states do too, which are no parameters. Its rows, and the information, then
+have further unknowns: independent ones of unit information that move the samples which are held (see `HeldPaths`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import casadi as ca
@@ -40,8 +43,9 @@ from casid.estimation.residual_colour import (
 )
 from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.paths import HeldPaths, diagonal
 from casid.estimation.solvers.point import Levels, Linearised, ObjectiveValue
-from casid.estimation.solvers.quadratic import inverse_along
+from casid.estimation.solvers.quadratic import free_directions, inverse_along
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.kernel import whitened
 from casid.model.system import Model
@@ -88,12 +92,12 @@ class Uncertainty:
     @cached_property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
-        return self._unknown if self._inverse is None else self._with_held(*self._cramer_rao)
+        return self._unknown if self._inverse is None else self._of_parameters(*self._cramer_rao)
 
     @cached_property
     def corrected(self) -> np.ndarray:
         """With the colour of the residuals."""
-        return self._unknown if self._inverse is None else self._with_held(*self._coloured)
+        return self._unknown if self._inverse is None else self._of_parameters(*self._coloured)
 
     @property
     def honest(self) -> np.ndarray:
@@ -138,23 +142,31 @@ class Uncertainty:
     def _squares(self, base: np.ndarray, score: np.ndarray) -> np.ndarray:
         """(2, parameters) squares of the reach below and above, by a covariance and that of its gradient."""
         squares = np.tile(_Z95**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
-        return squares if self._held is None else squares + self._held.sides(score, _Z95)
+        squares = squares if self._held is None else squares + self._held.sides(score, _Z95)
+        return squares[:, : self._count]
+
+    @property
+    def _count(self) -> int:
+        return len(self.objective.problem.parameters)
 
     @cached_property
     def _cramer_rao(self) -> tuple[np.ndarray, np.ndarray]:
-        """Covariance within the limits that hold, and the covariance of the gradient that it comes from."""
-        assert self.linear is not None and self._inverse is not None
-        levels, inverse = self.value.noise.levels, self._inverse
+        """Covariance of all unknowns within the limits that hold, and the covariance of the gradient that it comes
+        from."""
+        assert self._inverse is not None
+        levels, inverse, information = self.value.noise.levels, self._inverse, self._information
         plain = not levels.proportional and (levels.share == 1.0).all()
-        score = self.linear.hessian if plain else self._scores.white
+        score = information if plain else self._scores.white
         covariance = inverse if plain else inverse @ score @ inverse
         if levels.fixed:
             return covariance, score
-        data = score - np.diag(1.0 / self.objective.problem.prior_std**2)
+        data, further = score.copy(), len(score) - self._count
+        data[: self._count, : self._count] -= np.diag(1.0 / self.objective.problem.prior_std**2)
+        # initial states count in full; what path limits take from them is taken off again
         told = float(np.trace(inverse @ data)) if plain else self._free.shape[1]
-        more = freedom(self.objective, levels, told) - 1.0
+        more = freedom(self.objective, levels, told - further) - 1.0
         if not np.isfinite(more):
-            return self._unknown, score
+            return np.full_like(score, np.nan), score
         return covariance + more * inverse @ data @ inverse, score + more * data
 
     @cached_property
@@ -163,16 +175,39 @@ class Uncertainty:
         score = self._scores.coloured
         return self._inverse @ score @ self._inverse, score  # pyright: ignore[reportOptionalOperand]
 
-    def _with_held(self, covariance: np.ndarray, score: np.ndarray) -> np.ndarray:
-        return covariance if self._held is None else covariance + self._held.covariance(score)
+    def _of_parameters(self, covariance: np.ndarray, score: np.ndarray) -> np.ndarray:
+        """The parameters' part, with what leaving the limits adds."""
+        found = covariance if self._held is None else covariance + self._held.covariance(score)
+        return found[: self._count, : self._count]
 
     @cached_property
     def _held(self) -> HeldDirections | None:
-        assert self.linear is not None and self._inverse is not None
-        limits = self.objective.limits
-        rows = limits.at(self.linear.point.theta)[1]
-        equal = limits.lower == limits.upper
-        return held_directions(rows, self.limit_multipliers, equal, self.linear.hessian, self._inverse)
+        assert self._inverse is not None
+        return held_directions(*self._limits, self._information, self._inverse)
+
+    @cached_property
+    def _limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (limits, unknowns), multipliers and which are equations, of the limits of parameters and of the path."""
+        assert self.linear is not None
+        limits, paths = self.objective.limits, self._paths
+        rows, equal = limits.at(self.linear.point.theta)[1], limits.lower == limits.upper
+        if paths is None:
+            return rows, self.limit_multipliers, equal
+        wide = np.pad(rows, ((0, 0), (0, paths.rows.shape[1] - self._count)))
+        multipliers = np.concatenate([self.limit_multipliers, paths.multipliers])
+        return np.concatenate([wide, paths.rows]), multipliers, np.concatenate([equal, paths.equal])
+
+    @cached_property
+    def _paths(self) -> HeldPaths | None:
+        assert self.linear is not None
+        return self.objective.held_paths(self.linear)
+
+    @cached_property
+    def _information(self) -> np.ndarray:
+        """(unknowns, unknowns) of the parameters and of what else path limits hold."""
+        assert self.linear is not None
+        further = 0 if self._paths is None else self._paths.rows.shape[1] - self._count
+        return diagonal(self.linear.hessian, np.eye(further))
 
     @cached_property
     def confused(self) -> tuple[str, ...]:
@@ -188,15 +223,15 @@ class Uncertainty:
 
     @cached_property
     def _free(self) -> np.ndarray:
-        assert self.linear is not None
-        return self.objective.free_directions(self.linear.point.theta, self.limit_multipliers)
+        rows, multipliers, equal = self._limits
+        return free_directions(rows, np.where(equal, 1.0, multipliers))
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:
         if self.linear is None or self.confused:
             return None
         try:
-            return inverse_along(self._free, self.linear.hessian)
+            return inverse_along(self._free, self._information)
         except np.linalg.LinAlgError:  # the parameters are not determined: their errors are no numbers
             return None
 
@@ -208,7 +243,8 @@ class Uncertainty:
     @cached_property
     def _scores(self) -> _Scores:
         assert self.linear is not None
-        return _score_covariances(self.objective, self.value, self.linear, self._free)
+        pieces = partial(score_pieces, self.objective, self.value, self.linear, self._paths)
+        return _score_covariances(self.value.noise.levels, self.value.squares, pieces, self._information, self._free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,49 +340,60 @@ class _Scores:
 
 
 @single_threaded()
-def _score_covariances(objective: Objective, value: ObjectiveValue, linear: Linearised, free: np.ndarray) -> _Scores:
-    levels = value.noise.levels
-    expected = levels.share * (levels.rms(value.squares) / levels.sigma) ** 2 if levels.proportional else levels.share
-
-    sums = gathered(score_pieces(objective, value, linear))
-    white, prior = linear.hessian.copy(), prior_information(linear, sums)
+def _score_covariances(
+    levels: Levels,
+    squares: np.ndarray,
+    pieces: Callable[[], Iterator[WhitePiece]],
+    information: np.ndarray,
+    free: np.ndarray,
+) -> _Scores:
+    expected = levels.share * (levels.rms(squares) / levels.sigma) ** 2 if levels.proportional else levels.share
+    sums = gathered(pieces())
+    white, prior = information.copy(), prior_information(information, sums)
     for channel, own in sums.items():
         spread(white, own.gram(expected[channel] - 1.0))
     noise = noise_autocovariance(sums, prior, free)
     colours = {channel: estimated(noise[channel], own.count) for channel, own in sums.items()}
-    coloured = prior + coloured_score(colours, sums, score_pieces(objective, value, linear), len(prior))
+    coloured = prior + coloured_score(colours, sums, pieces(), len(prior))
     gains = {channel: gain(noise[channel], own.count) for channel, own in sums.items()}
     return _Scores(white=white, coloured=coloured, colours=colours, gains=gains)
 
 
-def prior_information(linear: Linearised, sums: Mapping[int, ChannelSums]) -> np.ndarray:
-    """(parameters, parameters) what the information has besides the data's, of which `sums` are gathered."""
-    prior = linear.hessian.copy()
+def prior_information(information: np.ndarray, sums: Mapping[int, ChannelSums]) -> np.ndarray:
+    """What the information has besides the data's, of which `sums` are gathered."""
+    prior = information.copy()
     for own in sums.values():
         spread(prior, own.gram(-1.0))
     return prior
 
 
-def score_pieces(objective: Objective, value: ObjectiveValue, linear: Linearised) -> Iterator[WhitePiece]:
-    """Sensitivities and residuals of all records and channels, outputs before equations."""
+def score_pieces(
+    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None = None
+) -> Iterator[WhitePiece]:
+    """Sensitivities and residuals of all records and channels, outputs before equations; with `paths` the sensitivities
+    also to the unknowns of theirs."""
     for record in range(len(objective.problem.records)):
-        yield from _pieces(objective, value, linear, record)
+        yield from _pieces(objective, value, linear, paths, record)
 
 
-def _pieces(objective: Objective, value: ObjectiveValue, linear: Linearised, r: int) -> Iterator[WhitePiece]:
+def _pieces(
+    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
+) -> Iterator[WhitePiece]:
     """Every channel of a record, of the output and of the equation part."""
     columns = objective.problem.columns(r)
-    for first, rows, residuals, present in _parts(objective, value, linear, r):
+    columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
+    for first, rows, residuals, present in _parts(objective, value, linear, paths, r):
+        wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
         for c in range(residuals.shape[1]):
             seen = present[:, c]
             if seen.any():
                 yield WhitePiece(
-                    channel=first + c, record=r, columns=columns, rows=rows[seen, c], residuals=residuals[seen, c]
+                    channel=first + c, record=r, columns=columns, rows=wide[seen, c], residuals=residuals[seen, c]
                 )
 
 
 def _parts(
-    objective: Objective, value: ObjectiveValue, linear: Linearised, r: int
+    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
 ) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
     """(first channel, rows (m, c, f), weighted residuals (m, c), present (m, c)) of the output and of the equation
     part, piece by piece: the rows of all samples would take most of the memory."""
@@ -354,10 +401,13 @@ def _parts(
     if value.trajectory is not None and objective.dynamics is not None:
         layout, n, weights = objective.layout, len(objective.scale), objective.whitening(value.noise.levels)
         own, outputs = layout.segments_of(r), layout.z.shape[2]
+        motion = -linear.reduced[r].ds_p
+        motion = motion if paths is None else np.concatenate([motion, paths.motion[r]], axis=2)
         for slab in objective.dynamics.slabs(value.trajectory, value.parameters[layout.record], weights, own):
             at = slab.segments, slab.samples
-            by_state = linear.reduced[r].ds_p[slab.segments.start - own.start : slab.segments.stop - own.start, None]
-            rows = slab.rows[..., n:] - slab.rows[..., :n] @ by_state
+            by_state = motion[slab.segments.start - own.start : slab.segments.stop - own.start, None]
+            rows = slab.rows[..., :n] @ by_state
+            rows[..., : slab.rows.shape[3] - n] += slab.rows[..., n:]
             residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
             present, width = layout.present[at] > 0, rows.shape[3]
             yield 0, rows.reshape(-1, outputs, width), residuals.reshape(-1, outputs), present.reshape(-1, outputs)

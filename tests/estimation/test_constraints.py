@@ -137,7 +137,7 @@ def test_a_high_price_is_a_limit_and_a_low_one_is_paid():
     excess = np.maximum(cheap.predictions["m1"][:, 0] - limit, 0.0).sum()
     assert excess > 0.0 and cheap.prior_cost >= 10.0 * excess > 0.0
     assert free.cost < cheap.cost < hard.cost
-    for fit in (hard, dear, cheap):  # the standard errors are those without the limit
+    for fit in (hard, dear, cheap):  # that a limit holds samples is said
         assert any(remark.startswith("alpha") for remark in fit.remarks)
     assert not any(remark.startswith("alpha") for remark in free.remarks)
 

@@ -73,3 +73,64 @@ def test_intervals_hold_the_truth(correlation, runs):
     assert abs(np.mean(inside) - 0.95) < (0.02 if runs == 300 else 0.05)
     if correlation == 0.95:
         assert np.mean(plain) < 0.6
+
+
+def ramp(by_parameter: bool) -> cs.Model:
+    """x = x0 + a t + b t^2/2, which begins where a parameter says or anywhere."""
+    start = {"x0": 0.0} if by_parameter else {}
+    return cs.define_model(
+        "ramp",
+        states=("x",),
+        inputs=("t",),
+        parameters={"a": 1.0, "b": 0.5, **start},
+        outputs=("y",),
+        dynamics=lambda s: {"x": s.a + s.b * s.t},
+        output=lambda s: {"y": s.x},
+        initial=(lambda s: {"x": s.x0}) if by_parameter else None,
+    )
+
+
+def ramp_record(seed: int, top: float = 0.0, correlation: float = 0.0) -> cs.Record:
+    """Of x = 1 + (1 + top) t - t^2/2 with noise of 0.1."""
+    t = 0.05 * np.arange(61)
+    white = np.random.default_rng(seed).normal(scale=0.1 * np.sqrt(1.0 - correlation**2), size=len(t) + 200)
+    noise = np.asarray(lfilter([1.0], [1.0, -correlation], white))[200:]
+    return cs.Record(name="m", t=t, channels={"t": t, "y": 1.0 + top * t + t - t**2 / 2 + noise})
+
+
+@pytest.mark.parametrize("noise", [{"y": 0.1}, None])
+@pytest.mark.parametrize("method", [cs.SingleShooting(), cs.MultipleShooting(interval=10), cs.Collocation()])
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_a_path_limit_at_one_sample_is_one_on_the_parameters(method, noise, correlation):
+    """x at the last sample is x0 + 3 a + 4.5 b: limited as a path, with x0 an initial state, and as a combination."""
+    record = ramp_record(3, top=3.0, correlation=correlation)
+    free = cs.solve(cs.Problem(ramp(False), [record], free=["a", "b"], noise=noise), method)
+    upper = float(free.states["m"].trajectory[-1, 0]) - 0.05
+    path = cs.limit_trajectory("x", upper=upper)
+    plain = cs.limit_combination({"x0": 1.0, "a": 3.0, "b": 4.5}, upper=upper)
+    limited = cs.solve(cs.Problem(ramp(False), [record], free=["a", "b"], noise=noise, constraints=[path]), method)
+    truth = cs.solve(cs.Problem(ramp(True), [record], free=["a", "b", "x0"], noise=noise, constraints=[plain]), method)
+    assert limited.converged and truth.converged
+    assert limited.states["m"].trajectory[-1, 0] == pytest.approx(upper, abs=1e-9)
+    for name in ("a", "b"):
+        assert limited[name].value == pytest.approx(truth[name].value, abs=1e-3 * truth[name].std)
+        assert limited[name].std_cramer_rao == pytest.approx(truth[name].std_cramer_rao, rel=1e-5)
+        assert limited[name].std == pytest.approx(truth[name].std, rel=1e-4)
+        np.testing.assert_allclose(limited[name].interval, truth[name].interval, atol=1e-3 * truth[name].std)
+        assert limited[name].std_cramer_rao < 0.95 * free[name].std_cramer_rao
+
+
+@pytest.mark.parametrize("runs", [60, pytest.param(300, marks=pytest.mark.slow)])
+def test_intervals_within_a_path_limit_hold_the_truth(runs):
+    """The limit is the maximum of the true motion, which lies between two samples, so that it holds in about half of
+    the runs: the binomial bounds of 95 % in the two parameters."""
+    limit, inside, held = cs.limit_trajectory("x", upper=1.5), [], 0
+    truth = {"a": 1.0, "b": -1.0}
+    for run in range(runs):
+        record = ramp_record(run)
+        fit = cs.solve(cs.Problem(ramp(False), [record], free=list(truth), constraints=[limit]))
+        assert fit.converged
+        inside.append([fit[n].interval[0] <= v <= fit[n].interval[1] for n, v in truth.items()])
+        held += any(remark.startswith("x: its limit holds") for remark in fit.remarks)
+    assert 0.3 * runs < held < 0.7 * runs
+    assert abs(np.mean(inside) - 0.95) < (0.025 if runs == 300 else 0.05)

@@ -20,7 +20,7 @@ from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.limits import ParameterLimits
-from casid.estimation.solvers.paths import PathLimits, PathStep
+from casid.estimation.solvers.paths import HeldPaths, PathLimits, PathStep
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
@@ -354,6 +354,15 @@ class Objective:
             return self.step_along(point, linear, theta, limits)
         theta, limits, along = self.paths.step(self.reduced, point, linear, curvature, (rows, lower, upper))
         return self.step_along(point, linear, theta, limits, along)
+
+    def held_paths(self, linear: Linearised) -> HeldPaths | None:
+        """What hard path limits hold at a solution."""
+        if self.paths is None or linear.paths is None:
+            return None
+        at, rows = self.limits.at(linear.point.theta)
+        return self.paths.held(
+            self.reduced, linear.point, linear, (rows, self.limits.lower - at, self.limits.upper - at)
+        )
 
     def step_along(
         self,

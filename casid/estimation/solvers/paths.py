@@ -50,6 +50,30 @@ class PathStep:
     feasible: bool = True
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HeldPaths:
+    """What hard path limits hold at a point, in the parameters and in unknowns v of unit information, independent of
+    them, by which initial states and random defects move the samples that are held.
+
+    rows         (limits, parameters + v) derivatives: one limit for all samples that follow each other at it, whose
+                 maximum lies between them
+    multipliers  (limits,) positive at an upper limit
+    equal        (limits,) whether a limit is upper and lower one
+    motion       per record (segments, n, v of the record) how its v move the nodes; the v of records follow each other
+    """
+
+    rows: np.ndarray
+    multipliers: np.ndarray
+    equal: np.ndarray
+    motion: list[np.ndarray]
+
+    def columns(self, record: int) -> np.ndarray:
+        """Of the v of a record among all unknowns."""
+        sizes = [moves.shape[2] for moves in self.motion]
+        first = self.rows.shape[1] - sum(sizes[record:])
+        return np.arange(first, first + sizes[record])
+
+
 class PathLimits:
     """lower <= quantity <= upper at every sample, `price` (constraints,) infinite where a limit must hold.
 
@@ -139,6 +163,44 @@ class PathLimits:
         price = np.abs((found.multipliers * self.scale[:, None])[~self.soft]).max(initial=0.0)
         return theta, own, replace(found, change=change, price=float(price))
 
+    def held(
+        self, reduce: Reduce, point: Point, linear: Linearised, limits: tuple[np.ndarray, np.ndarray, np.ndarray]
+    ) -> HeldPaths | None:
+        """What holds at a solution; arguments as of `step`. None where no sample is held."""
+        paths, problem, count = linear.paths, self._problem, len(linear.gradient)
+        assert paths is not None
+        pressed = self.step(reduce, point, linear, linear.hessian, limits)[2].multipliers
+        held = (pressed != 0.0) & self._near(paths.values) & ~self.soft[:, None]
+        if not held.any():
+            return None
+        rows, roots, multipliers, equal, motion = [], [], [], [], []
+        for r in range(len(problem.records)):
+            own = np.argwhere(held & (self.record == r))
+            solved, f = self._bordered(reduce, point, linear, r, own, np.zeros_like(pressed)), len(problem.columns(r))
+            together = self._together(own, pressed)
+            root = _root(-solved.hessian[f:, f:])
+            motion.append(solved.ds_p[..., f:] @ np.linalg.pinv(root).T)
+            by_parameter = np.zeros((len(together), count))
+            by_parameter[:, problem.columns(r)] = together @ solved.hessian[f:, :f]
+            rows.append(by_parameter)
+            roots.append(together @ root)
+            multipliers.append(np.sign(together) @ pressed[own[:, 0], own[:, 1]])
+            equal.append((together > 0.0) @ (self.lower == self.upper)[own[:, 0]])
+        return HeldPaths(
+            rows=np.hstack([np.concatenate(rows), diagonal(*roots)]),
+            multipliers=np.concatenate(multipliers),
+            equal=np.concatenate(equal),
+            motion=motion,
+        )
+
+    def _together(self, own: np.ndarray, pressed: np.ndarray) -> np.ndarray:
+        """(limits, w) weights of the samples `own` (w, 2) of a record in each limit, by their multipliers."""
+        follows = (np.diff(own, axis=0) == [0, 1]).all(axis=1) & (self.lower < self.upper)[own[1:, 0]]
+        limit = np.cumsum(np.concatenate([[False], ~follows])) if len(own) else np.zeros(0, dtype=int)
+        weights = np.zeros((int(limit.max(initial=-1)) + 1, len(own)))
+        weights[limit, np.arange(len(own))] = np.abs(pressed[own[:, 0], own[:, 1]])
+        return weights / weights.sum(axis=1, keepdims=True)
+
     def _near(self, values: np.ndarray) -> np.ndarray:
         """(constraints, N) samples at or beyond a limit, and of those beyond only the peaks."""
         near = np.zeros(values.shape, dtype=bool)
@@ -186,15 +248,10 @@ class PathLimits:
         every, index = np.concatenate(chosen), [own[:, 0] for own in chosen]
         reached = np.concatenate([reduced[r].gradient[len(problem.columns(r)) :] for r in range(len(chosen))])
         which = np.concatenate(index)
-        further = sum(root.shape[1] for root in roots)
-        matrix = np.zeros((len(rows) + len(every), count + further))
-        matrix[: len(rows), :count], matrix[len(rows) :, :count] = rows, np.concatenate(blocks)
-        at, column = len(rows), count
-        for root in roots:
-            matrix[at : at + root.shape[0], column : column + root.shape[1]] = root
-            at, column = at + root.shape[0], column + root.shape[1]
-        hessian = np.zeros((count + further, count + further))
-        hessian[:count, :count], hessian[count:, count:] = curvature, np.eye(further)
+        matrix = diagonal(rows, *roots)
+        matrix[len(rows) :, :count] = np.concatenate(blocks)
+        further = matrix.shape[1] - count
+        hessian = diagonal(curvature, np.eye(further))
         gradient = np.concatenate([slope, np.zeros(further)])
         lower = np.concatenate([low, self.lower[which] - reached])
         upper = np.concatenate([high, self.upper[which] - reached])
@@ -262,6 +319,15 @@ class PathLimits:
 
 def _index(model, name: str) -> int:
     return model.states.index(name) if name in model.states else model.outputs.index(name)
+
+
+def diagonal(*blocks: np.ndarray) -> np.ndarray:
+    """The matrix with these blocks, which may have no rows or no columns, along its diagonal."""
+    sizes = np.array([block.shape for block in blocks])
+    found = np.zeros(sizes.sum(axis=0))
+    for block, (row, column) in zip(blocks, sizes.cumsum(axis=0) - sizes, strict=True):
+        found[row : row + block.shape[0], column : column + block.shape[1]] = block
+    return found
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:
