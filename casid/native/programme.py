@@ -6,7 +6,9 @@ the same size. When compiling pays is decided as in `compiler`: the time spent w
 
 from __future__ import annotations
 
+import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import casadi as ca
@@ -20,16 +22,42 @@ _LOOK_UP_AFTER = 2.0  # processor s in the virtual machine, after which the sour
 _COMPILE_PER_BYTE = {"exact": 1.1e-6, "given": 4.2e-6}  # s by the Hessian, measured with gcc on one core
 
 
+class _Deadline(ca.Callback):
+    """What IPOPT asks after every iteration: whether to stop. One programme then serves for any time."""
+
+    def __init__(self, nlp: dict[str, ca.MX]) -> None:
+        ca.Callback.__init__(self)
+        x, g, p = (nlp[name].numel() for name in "xgp")
+        self.sizes, self.until = (x, 1, g, x, g, p), math.inf  # of x, f, g and their multipliers
+        self.construct("deadline", {})
+
+    def get_n_in(self) -> int:
+        return len(self.sizes)
+
+    def get_n_out(self) -> int:
+        return 1
+
+    def get_sparsity_in(self, i: int) -> ca.Sparsity:
+        return ca.Sparsity.dense(self.sizes[i], 1)
+
+    def eval(self, arguments: Sequence[ca.DM]) -> list[float]:
+        return [float(time.perf_counter() > self.until)]
+
+
 class CompilableProgramme:
     """casadi.nlpsol with IPOPT of a programme `nlp`; `given` are its options that are functions, jac_g or hess_lag, in
-    place of CasADi's own. Called with the arguments of nlpsol it returns the result and IPOPT's statistics."""
+    place of CasADi's own. Called with the arguments of nlpsol it returns the result and IPOPT's statistics; `until` of
+    `time.perf_counter` it stops."""
 
     def __init__(self, nlp: dict[str, ca.MX], options: dict[str, Any], given: dict[str, ca.Function]) -> None:
-        self._options, self._given = options, {option: function.name() for option, function in given.items()}
-        self._solver = ca.nlpsol("estimation", "ipopt", nlp, options | given)
+        self._deadline = _Deadline(nlp)
+        self._options = options | {"iteration_callback": self._deadline}
+        self._given = {option: function.name() for option, function in given.items()}
+        self._solver = ca.nlpsol("estimation", "ipopt", nlp, self._options | given)
         self._spent, self._settled, self._source = 0.0, False, ""
 
-    def __call__(self, **arguments: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
+    def __call__(self, until: float, **arguments: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
+        self._deadline.until = until
         if not self._settled and self._spent >= _LOOK_UP_AFTER:
             self._compile()
         begin = time.process_time()  # what else runs must not make the compiler look cheap

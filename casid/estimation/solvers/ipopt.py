@@ -105,9 +105,10 @@ class Ipopt:
 _ROUNDS = 60  # of noise and covariance
 _SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
 _SOLVED = 1e-5  # standard deviations
+_TIME_LIMIT = "stopped at the time limit, not converged"
 _WORDS = {
     "Maximum_Iterations_Exceeded": "stopped at the iteration limit, not converged",
-    "Maximum_WallTime_Exceeded": "stopped at the time limit, not converged",
+    "User_Requested_Stop": _TIME_LIMIT,
     "Infeasible_Problem_Detected": "failed: the constraints cannot be satisfied together",
     "Restoration_Failed": "failed: IPOPT found no point that satisfies the constraints better",
     "Invalid_Number_Detected": "departed: the simulation diverges on the way",
@@ -128,11 +129,14 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     count = value.noise.levels.count
     gain = 1.0 / count
     d = Packing(data(objective, value.noise, scale, gain))
-    key = ("programme", solver, _signature(objective, x, d))
-    function, programme = cached(objective.problem.model, key, lambda: _solver(objective, x, d, solver))
+    built = _built(objective, x, d, solver, deadline)
+    if built is None:
+        return _outcome(point, value, _TIME_LIMIT, 0, np.inf, nothing)
+    function, programme = built
     iterations, status, multipliers, settling = 0, "", np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
         result, stats = function(
+            until=deadline,
             x0=x.pack(variables(objective, point, scale)),
             p=d.pack(data(objective, value.noise, scale, gain)),
             lbg=programme.lower,
@@ -179,6 +183,23 @@ def _outcome(
     )
 
 
+def _built(
+    objective: Objective, x: Packing, d: Packing, solver: Ipopt, deadline: float
+) -> tuple[CompilableProgramme, Programme] | None:
+    """The programme, made now or before; None where making it takes longer than until the deadline, as those of fewer
+    steps took, which were made before: the time is proportional to the steps of a segment."""
+    model, simulated = objective.problem.model, objective.dynamics is not None
+    segments, steps = (objective.layout.segments, objective.layout.length) if simulated else (0, 1)
+    kind = (solver.hessian, solver.tolerance, solver.iterations)  # the time is no part of it
+    took = cached(model, ("seconds per step to build", kind, segments), list)
+    programmes, key = cached(model, ("programmes", kind), dict), _signature(objective, x, d)
+    begin = time.perf_counter()
+    if key not in programmes and begin + max(took, default=0.0) * steps < deadline:
+        programmes[key] = _solver(objective, x, d, solver)
+        took.append((time.perf_counter() - begin) / steps)
+    return programmes.get(key)
+
+
 def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tuple[CompilableProgramme, Programme]:
     programme = build(objective, x, d)
     options: dict = {
@@ -191,7 +212,6 @@ def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tupl
             "constr_viol_tol": 1e-9,
             "bound_relax_factor": 0.0,
             "max_iter": solver.iterations,
-            "max_wall_time": solver.seconds,
             "nlp_scaling_method": "none",
             "acceptable_iter": 10,
             "acceptable_tol": 1e3 * solver.tolerance,
