@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from casid.arguments import require
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem, check_plain
+from casid.estimation.solvers.identified import lost_along
 from casid.estimation.working import along_splines
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
@@ -157,7 +158,9 @@ class FilterFit:
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 
-    A course of iteration that goes wrong is not an error: `FilterFit.status` says it.
+    A course of iteration that goes wrong is not an error: `FilterFit.status` says it. The time constant of a lag
+    runs off to infinity from a start of the wrong sign, where the data say nothing of it. The iteration then starts
+    again with the other sign. If nothing is found there either, the status is "not identifiable", and standard errors are nan.
 
     Parameters
     ----------
@@ -201,8 +204,41 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     require(problem, Problem, "filter_error: problem", "cs.Problem(model, records, free=[...])")
     begin = time.perf_counter()
     system = _prepare(problem, process_noise)
-    theta, X = problem.start_vector, _guess(problem, system.batch)
-    linear = system.linearise(theta, X)
+    end = _iterated(system, problem.start_vector, iterations)
+    beyond = np.isin(problem.parameters, end.lost) & (np.abs(end.theta) > np.abs(problem.start_vector))
+    if beyond.any():  # a time constant of infinity is one of minus infinity: the way goes on from the other side
+        other = _iterated(system, np.where(beyond, -1.0, 1.0) * problem.start_vector, iterations)
+        if other.status == "converged" and other.step.deviance < end.step.deviance + _FLAT:
+            end = replace(other, iterations=end.iterations + other.iterations)
+    covariance = np.full_like(end.step.covariance, np.nan) if end.lost else end.step.covariance
+    return FilterFit(
+        problem=problem,
+        values=dict(zip(problem.parameters, end.theta.tolist(), strict=True)),
+        std=dict(zip(problem.parameters, np.sqrt(np.diag(covariance)).tolist(), strict=True)),
+        covariance=covariance,
+        noise=end.noise,
+        innovations=_innovations(system, end.step.linear, end.step.filter),
+        status=end.status,
+        iterations=end.iterations,
+        seconds=time.perf_counter() - begin,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _End:
+    """Where an iteration ended; `lost` are parameters of which the data say nothing there."""
+
+    theta: np.ndarray
+    noise: NoiseModel
+    step: Step
+    status: str
+    iterations: int
+    lost: tuple[str, ...]
+
+
+def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
+    """From the parameters theta, with a first guess of noise and trajectory."""
+    linear = system.linearise(theta, _guess(system.problem, system.batch))
     log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
     linear = _along_the_readings(system, theta, linear, system.noise(log_sigma))
     limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
@@ -220,6 +256,8 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
         if taken is None:
             status = "gave up: no step along the Gauss-Newton direction lowers the deviance"
             break
+        if _lost(system, step, theta):
+            break
         theta, linear, length = taken
         std = np.sqrt(np.diag(step.covariance))
         moved = max(np.abs(step.change / std).max(initial=0.0), np.abs(log_sigma - before).max(initial=0.0))
@@ -231,18 +269,16 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
             slope = system.covariance_slope(theta, linear, noise)
     noise = system.noise(log_sigma)
     final = evaluate_step(system, theta, linear, noise, slope)
-    std = np.sqrt(np.diag(final.covariance))
-    return FilterFit(
-        problem=problem,
-        values=dict(zip(problem.parameters, theta.tolist(), strict=True)),
-        std=dict(zip(problem.parameters, std.tolist(), strict=True)),
-        covariance=final.covariance,
-        noise=noise,
-        innovations=_innovations(system, linear, final.filter),
-        status=status,
-        iterations=done,
-        seconds=time.perf_counter() - begin,
-    )
+    lost = _lost(system, final, theta)
+    if lost:
+        values = zip(system.problem.parameters, theta, strict=True)
+        where = ", ".join(f"{name} = {value:.3g}" for name, value in values if name in lost)
+        status = f"not identifiable: the data say nothing of {where}; start nearer, fix one, or give a prior"
+    return _End(theta=theta, noise=noise, step=final, status=status, iterations=done, lost=lost)
+
+
+def _lost(system: FilterSystem, step: Step, theta: np.ndarray) -> tuple[str, ...]:
+    return lost_along(system.problem, step.information, np.eye(len(theta)), theta)
 
 
 def predict(

@@ -120,6 +120,7 @@ class Step:
     """A linearised system under a noise model and the Newton step from it.
 
     change      (parameters,) to the optimum of the linearised system; `left` (N, R, ny) innovations there
+    information (parameters, parameters) priors included; covariance its inverse
     deviance    -2 ln L up to a constant, priors included; `expected` what the linearised system promises at the optimum
     """
 
@@ -127,6 +128,7 @@ class Step:
     filter: Filter
     left: np.ndarray
     change: np.ndarray
+    information: np.ndarray
     covariance: np.ndarray
     deviance: float
     expected: float
@@ -156,6 +158,7 @@ def evaluate_step(
         filter=kalman,
         left=left,
         change=change,
+        information=information,
         covariance=covariance,
         deviance=float(v @ v) + float(weight @ off**2) + determinant,
         expected=float(np.sum(left**2) + weight @ (off + change) ** 2 + slope @ change) + determinant,

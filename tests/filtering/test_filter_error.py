@@ -17,7 +17,7 @@ from casid.filtering.kalman import kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, evaluate_step
 from casid.model.simulate import simulate
-from casid.model.system import define_model
+from casid.model.system import Model, define_model
 from casid.records.record import Record
 from problems.real import hfb320
 
@@ -125,6 +125,45 @@ def test_states_without_a_channel_and_parameters_from_far_away(factor: float):
         assert abs(found.values[name] - value) < 3.0 * found.std[name]
     begun = predict(problem, start, found.noise)
     assert begun.log_likelihood < found.innovations.log_likelihood - (20.0 if factor != 1.0 else 0.0)
+
+
+def lagging(moved: float = 1.0) -> tuple[Model, Record]:
+    """A lag of 0.4 s behind a square wave times `moved`, with white process noise."""
+    lag = define_model(
+        "lag",
+        states=["x"],
+        inputs=["u"],
+        parameters={"T": 0.5, "gain": 1.0},
+        outputs=["y"],
+        disturbances=["w_x"],
+        dynamics=lambda s: {"x": (s.gain * s.u - s.x) / s.T + s.w_x},
+        output=lambda s: {"y": s.x},
+    )
+    t, rng = 0.05 * np.arange(200), np.random.default_rng(1)
+    square = Record(name="square", t=t, channels={"u": moved * np.sign(np.sin(t))})
+    driven = {"w_x": 0.5 * rng.standard_normal(len(t))}
+    clean = simulate(lag, square, [0.0], {"T": 0.4}, driven).as_record("m1")
+    return lag, clean.with_channels(y=clean["y"] + 0.02 * rng.standard_normal(len(t)))
+
+
+@pytest.mark.parametrize("factor", (-0.25, -1.0, -10.0))
+def test_a_lag_of_the_wrong_sign_comes_to_the_solution_from_near(factor: float):
+    """Its time constant runs off to minus infinity, where the lag is none. The truth is the fit from 0.4 s."""
+    model, record = lagging()
+    near, far = (
+        filter_error(Problem(model, [record], free=["T"], start={"T": 0.4 * f}), {"w_x": 0.0}) for f in (1.0, factor)
+    )
+    assert near.converged and far.converged
+    assert far.values["T"] == pytest.approx(near.values["T"], abs=0.01 * near.std["T"])
+    assert far.std["T"] == pytest.approx(near.std["T"], rel=1e-3)
+
+
+def test_what_the_data_say_nothing_of_is_no_estimate():
+    """The gain of an input that stands still."""
+    model, record = lagging(moved=0.0)
+    fit = filter_error(Problem(model, [record], free=["T", "gain"]), {"w_x": 0.0})
+    assert fit.status.startswith("not identifiable") and "gain" in fit.status
+    assert np.isnan(fit.std["gain"])
 
 
 def test_a_gust_is_told_from_noise_of_the_vane():

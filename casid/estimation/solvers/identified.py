@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised
 from casid.estimation.solvers.quadratic import jacobi_scale
@@ -39,17 +40,22 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
     limit_multipliers: a parameter that an active limit holds is not lost.
     """
-    names, free = objective.problem.parameters, objective.free_directions(linear.point.theta, limit_multipliers)
-    inner = free.T @ linear.hessian @ free
+    theta = linear.point.theta
+    return lost_along(objective.problem, linear.hessian, objective.free_directions(theta, limit_multipliers), theta)
+
+
+def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
+    """As `lost`, by an information matrix at theta, of parameters that can move in the directions `free`."""
+    names, inner = problem.parameters, free.T @ information @ free
     scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = inner * np.outer(scale, scale)
     if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
         return tuple(names)
-    start = np.abs(objective.problem.start_vector)
+    start = np.abs(problem.start_vector)
     # a parameter that begins at zero and stays there has no size of its own
-    size = np.where(start > 0.0, np.maximum(np.abs(linear.point.theta), start), 0.0)
-    moves = size * np.sqrt(np.maximum(np.diagonal(linear.hessian), 0.0))
+    size = np.where(start > 0.0, np.maximum(np.abs(theta), start), 0.0)
+    moves = size * np.sqrt(np.maximum(np.diagonal(information), 0.0))
     moving = np.abs(free).max(axis=1, initial=0.0) > 0.0
     idle = (size > 0.0) & (moves < _IDLE) & moving
     eigenvalues, vectors = np.linalg.eigh(scaled)
