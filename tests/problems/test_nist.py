@@ -10,8 +10,8 @@ import pytest
 import casid as cs
 from problems.references.nist import FORMULAS, read_reference
 
-# of the 27: the four on which undamped steps run off, one that creeps, one of many parameters, one of two predictors
-QUICK = ("BoxBOD", "Eckerle4", "MGH09", "MGH17", "Bennett5", "ENSO", "Nelson")
+# of the 27: the five on which undamped steps run off, one that creeps, one of many parameters, one of two predictors
+QUICK = ("BoxBOD", "Eckerle4", "MGH09", "MGH10", "MGH17", "Bennett5", "ENSO", "Nelson")
 
 
 @pytest.mark.parametrize("start", [0, 1])
