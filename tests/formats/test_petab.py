@@ -10,7 +10,7 @@ import pytest
 
 import casid as cs
 from casid.errors import EstimationError, InputError
-from problems.references.petab import TOLERANCES, Likelihood
+from problems.references.petab import TOLERANCES, Likelihood, times
 
 # -ln(likelihood) at the nominal parameters: the PEtab benchmark collection (Hass et al., Bioinformatics 35, 2019)
 PUBLISHED = {
@@ -143,6 +143,21 @@ def test_a_published_optimum_is_confirmed_and_its_status_is_right(name, converge
     assert -fit.log_likelihood == pytest.approx(PUBLISHED[name], abs=0.01)
     assert Likelihood(problem, 1e-10)(fit.values) == pytest.approx(-fit.log_likelihood, abs=0.01)
     assert fit.result is (cs.Results.CONVERGED if converged else cs.Results.NOT_IDENTIFIABLE)
+
+
+def test_a_fit_from_twice_the_published_parameters_is_never_below_its_start(petab_data: Path) -> None:
+    """Crauste, where the fit once crashed: in three seconds it is more likely than its start, by LSODA too, and has not
+    converged where LSODA contradicts."""
+    name = "Crauste_CellSystems2017"
+    if not (petab_data / name).is_dir():
+        pytest.skip(f"no {name} among the PEtab problems")
+    problem = times(cs.read_petab(petab_data / name / f"{name}.yaml"), 2.0)
+    by_lsoda = Likelihood(problem, 1e-8)
+    begun = by_lsoda(dict(zip(problem.parameters, problem.start_vector, strict=True)))
+    fit = cs.solve(problem, solver=cs.Automatic(seconds=3.0))
+    ended = by_lsoda(fit.values)
+    assert ended < begun and -fit.log_likelihood < begun
+    assert not fit.converged or ended == pytest.approx(-fit.log_likelihood, abs=0.01)
 
 
 def test_conditions_doses_switches_and_noise_are_those_of_the_formula_on_paper(tmp_path: Path) -> None:
