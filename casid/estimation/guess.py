@@ -68,10 +68,11 @@ def _guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
 
 def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
-    model = cached(problem.model, ("held",), lambda: _held(problem.model))
+    held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
+    model = share_cache(replace(held, guess=problem.model.guess), held)
     # in continuous time noise gathers over a record's duration, in discrete time over its samples
     duration = max(len(r) if model.period is not None else r.duration for r in problem.records)
-    held = Problem(
+    smoothing = Problem(
         model,
         problem.records,
         free=[_NOTHING],
@@ -84,7 +85,7 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     wander = {s: _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
     method = MultipleShooting(interval=1, process_noise=wander, substeps=1)
     try:
-        objective = Objective(held, method.dynamics(held))
+        objective = Objective(smoothing, method.dynamics(smoothing))
         outcome = GaussNewton(iterations=_ITERATIONS).minimise(objective)
     except np.linalg.LinAlgError:
         return None

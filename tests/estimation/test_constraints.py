@@ -174,6 +174,7 @@ def test_constrained_fits_from_zero_come_to_those_from_near():
         solve(problem(*limited("equation"), start=zero))
 
 
+@pytest.mark.slow
 def test_paths_that_contradict_each_other_end_with_a_word():
     contrary = problem(limit_trajectory("alpha", upper=0.001), limit_trajectory("alpha", lower=0.002))
     fit = solve(contrary, solver=GaussNewton())

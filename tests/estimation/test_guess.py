@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -50,3 +52,12 @@ def test_a_state_that_only_shows_in_the_others_motion():
     assert fit.converged, fit.status
     # nothing tells the predators' number but b, and nothing but theirs tells d
     assert abs(fit["a"].value - 0.6) < 4.0 * fit["a"].std and abs(fit["c"].value - 0.9) < 4.0 * fit["c"].std
+
+
+def test_a_guess_is_that_of_the_records_at_hand():
+    """One model for two records of the same name: the estimates from the whole are those of a model that is new."""
+    whole = problem(("hares",), free=["a", "c"], fixed={"b": TRUTH["b"], "d": TRUTH["d"]})
+    cs.solve(replace(whole, records=[whole.records[0].between(0.0, 10.0)]))
+    again = cs.solve(whole)
+    new = cs.solve(problem(("hares",), free=["a", "c"], fixed={"b": TRUTH["b"], "d": TRUTH["d"]}))
+    assert again.converged and again.values == pytest.approx(new.values, rel=1e-9)

@@ -188,6 +188,7 @@ def elowitz() -> tuple[cs.Problem, float]:
 PUBLISHED = -63.2027
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [cs.MultipleShooting(), cs.Collocation()], ids=lambda m: type(m).__name__)
 def test_a_published_optimum_is_not_left_for_worse(elowitz, method):
     """By LSODA at the estimates, and by the fit's own likelihood, which must be that of LSODA."""

@@ -50,7 +50,10 @@ def test_conditions_draw_the_noise_that_they_name():
     assert np.sqrt(np.mean(np.square(steps))) == pytest.approx(NOISE["q"], rel=0.2)
 
 
-@pytest.mark.parametrize(("kind", "runs"), [("cramer_rao", RUNS), ("corrected", RUNS), ("profile", 25)])
+@pytest.mark.parametrize(
+    ("kind", "runs"),
+    [("cramer_rao", RUNS), ("corrected", RUNS), pytest.param("profile", 25, marks=pytest.mark.slow)],
+)
 def test_clean_inputs_an_interval_contains_the_truth_as_often_as_it_says(kind, runs):
     """Each parameter within the binomial bounds of 95 % that one study in two thousand leaves (five parameters)."""
     row = coverage("clean", [kind], runs)[kind]

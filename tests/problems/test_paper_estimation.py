@@ -82,6 +82,7 @@ def test_open_loop_single_shooting_converges_at_the_truth_or_not_at_all() -> Non
     assert worst < 1e-5 if fit.converged else worst > 0.1
 
 
+@pytest.mark.slow
 def test_sensitivities_that_overflow_are_a_status_and_no_exception() -> None:
     """Open loop on this record single shooting ends where the information matrix may have no eigenvalues in numbers.
 

@@ -250,7 +250,7 @@ def test_a_spline_of_casadi_is_called_so(caplog):
         dynamics=lambda s: {"x": s.v, "v": -s.a * wave(s.x) - 0.1 * s.v + s.b * s.delta_e},
         output=lambda s: {"x": s.x},
     )
-    record = flight().without("alpha", "q")
+    record = flight(t=np.arange(0.0, 2.0, 0.1)).without("alpha", "q")
     record = record.with_channels(x=simulate(model, record, [0.1, 0.0]).output("x"))
     fit = solve(Problem(model, [record], free=["*"], start={"a": 0.8}))
     assert fit.converged and fit["a"].value == pytest.approx(1.0, abs=1e-5)
