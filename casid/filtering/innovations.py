@@ -13,7 +13,7 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -201,21 +201,31 @@ class Linear:
 
 
 def linearise(
-    functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray | None = None
+    functions: PointFunctions,
+    batch: Batch,
+    P: np.ndarray,
+    X: np.ndarray,
+    W: np.ndarray | None = None,
+    slopes: Linear | None = None,
 ) -> Linear:
     """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
 
     The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
+    With `slopes`, a linearisation nearby, all matrices are taken from it.
     """
     model = functions.model
     nx = len(model.states)
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
-    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
     held = batch.held_at(model)
     (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W, held)
     after = functions.step(X[:-1], U0, U1, P, W0, W1, batch.dt)
     output = functions.output(X, batch.U, P, W)
     seen = np.isfinite(batch.Z)
+    residual = np.where(seen, batch.Z - output, 0.0)
+    defect = np.where(batch.live[1:, :, None], after - X[1:], 0.0)
+    if slopes is not None:
+        return replace(slopes, X=X, output=output, residual=residual, defect=defect)
+    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
     kernel = filter_kernel(nx, len(model.outputs))
     interval = _interval if kernel is None else kernel.interval
     A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, held, seen)
@@ -225,8 +235,8 @@ def linearise(
         X=X,
         output=output,
         seen=seen,
-        residual=np.where(seen, batch.Z - output, 0.0),
-        defect=np.where(batch.live[1:, :, None], after - X[1:], 0.0),
+        residual=residual,
+        defect=defect,
         A=A,
         Bp=Bp,
         Bw0=Bw0,

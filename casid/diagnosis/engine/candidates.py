@@ -234,13 +234,13 @@ def try_cause(
     spared = evidence.deviance_at_scales(joint.scales) - evidence.deviance
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = raw + spared if one.effect.regressor else raw
-    share = meaningful_share(fitted, one)
+    share, print_ = meaningful_share(fitted, one), _fingerprint(fitted, base, one)
     joint.forget()
     check = kinematic_check(kinematic, one)
     trial = Trial(
         candidate=replace(candidate, attached=one),
         std=_std(fitted, one),
-        fingerprint=_fingerprint(fitted, base, one),
+        fingerprint=print_,
         gain=Gain(
             raw=raw,
             price=candidate.statistic - candidate.net,

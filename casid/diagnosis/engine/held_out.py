@@ -334,6 +334,8 @@ def predicted(held: FlightFit, fitted: FlightFit) -> Predicted:
     that matter on the held-out ones: an aileron manoeuvre does not determine the rudder derivatives.
     """
     known, there = weigh(fitted), weigh(all_free(held))
+    fitted.forget()
+    held.forget()
     mean, information = _expected(known, there)
     gram, slope = _data(there)
     posterior = gram + information

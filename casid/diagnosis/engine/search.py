@@ -253,7 +253,7 @@ def _tried(
 
     def run(candidate: Candidate) -> tuple[Trial, FlightFit, Intervals]:
         trial, joint, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
-        return trial, joint.fit.lighter(), interval  # most of them are not looked at again
+        return trial, joint.fit, interval
 
     at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(candidates), at_once):

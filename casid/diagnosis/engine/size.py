@@ -68,7 +68,7 @@ def _consequence(fitted: FlightFit, one: Attached) -> float:
     least = fitted.criteria.size.consequence
     names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
     if one.effect.output is not None:
-        outputs, read = fitted.model.outputs, fitted.linear.output
+        outputs, read = fitted.model.outputs, fitted.output
         without = [a for a in fitted.attached if a.name != one.name]
         plain, seen = (readings(a, names, t, read, outputs, fitted.known) for a in (without, [*without, one]))
         change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)

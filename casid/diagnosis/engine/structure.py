@@ -97,8 +97,8 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     found = [(list[Attached](), 0.0)]
     for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]
-        read = [readings([a], fit.batch.names, fit.batch.t, fit.linear.output, outputs, fit.known) for a in late]
-        enter = (np.stack(read, axis=3) - fit.linear.output[..., None]) / step
+        read = [readings([a], fit.batch.names, fit.batch.t, fit.output, outputs, fit.known) for a in late]
+        enter = (np.stack(read, axis=3) - fit.output[..., None]) / step
         found.append(_demanded(fit, [a.effect for a in late], enter))
     return max(found, key=lambda one: one[1])
 
@@ -152,7 +152,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
 def _projected(base: FlightFit, enter: np.ndarray) -> Projection:
     """Normal equations of responses `enter` (N, R, ny, n) to the readings, fitted parameters eliminated."""
     evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
-    white = base.filter.whiten(enter * base.linear.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
+    white = base.filter.whiten(enter * base.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
     return Projection.shared(evidence, white)
 
 

@@ -239,9 +239,10 @@ class Evidence:
         return self.fit.white - self.along(self.newton)
 
     def forget(self) -> None:
-        """Give up the arrays, which are computed again on demand."""
+        """Give up the arrays, also those of the fit, which are computed again on demand."""
         for name in ("series", "left"):
             self.__dict__.pop(name, None)
+        self.fit.forget()
 
     def columns(self, first: int, last: int) -> np.ndarray:
         """(R, N, ny, columns) Some of the whitened sensitivities to the fitted parameters and then to the small terms;

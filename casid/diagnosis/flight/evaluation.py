@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-import weakref
-from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -24,11 +21,12 @@ from casid.model.system import Model
 # instruments; nothing.
 Free = Literal["all", "effects", "offsets", "states"]
 
-# Attributes that a saved fit does not contain. They are most of its size, and are computed again on demand. All
-# fits of a model share those of the first set.
-_SHARED = frozenset(["model", "batch", "functions"])
-_ARRAYS = frozenset(["linear", "read", "filter", "disturbances", "errors", "white", "columns", "known", "regressors"])
-_MADE_AGAIN = _SHARED | _ARRAYS
+# Sensitivities: most of the size of a fit. They are computed again on demand after `forget`.
+_ARRAYS = frozenset(["linear", "filter", "columns"])
+# Attributes that a saved fit does not contain; they are computed again too. All fits of a model share the first three.
+_UNSAVED = _ARRAYS | frozenset(
+    ["model", "batch", "functions", "output", "seen", "read", "disturbances", "errors", "white", "known", "regressors"]
+)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,7 +70,9 @@ class FlightFit:
     noise          noise of instruments and recorded inputs
     held           the same, with noise of inputs that has the effect on the motion that it has in `reference`
     acting         the same as changed by the attached effects
-    read           (N, R, ny) readings for the outputs of `linear`
+    output         (N, R, ny) outputs of the model, before effects of the instruments
+    read           (N, R, ny) readings
+    seen           (N, R, ny) True for readings that are compared, at the time that they refer to
     disturbances   (N, R, nw) disturbances by attached effects
     motion         the point about which the model is linearised
     errors         (N, R, ni) correction of the recorded inputs in `known`
@@ -85,6 +85,8 @@ class FlightFit:
     readings       number of readings that are compared
     deviance       -2 log likelihood up to a constant of the data, prior included
     data_deviance  the same without the prior
+    left           change of the sum of squares in the last step, or predicted for the next, over the mean square
+                   residual
     """
 
     flight: Flight
@@ -102,7 +104,9 @@ class FlightFit:
     values: np.ndarray
     covariance: np.ndarray
     linear: Linear
+    output: np.ndarray
     read: np.ndarray
+    seen: np.ndarray
     filter: Filter
     disturbances: np.ndarray
     motion: Motion
@@ -117,39 +121,41 @@ class FlightFit:
     deviance: float
     data_deviance: float
     converged: bool
+    left: float
 
     def __getstate__(self) -> dict[str, Any]:
-        state = {name: value for name, value in self.__dict__.items() if name not in _MADE_AGAIN}
-        # A filter that is held belongs to another fit.
+        return self._without(_UNSAVED)
+
+    def _without(self, names: frozenset[str]) -> dict[str, Any]:
+        """The attributes without some; a filter that is held is kept, for it belongs to another fit."""
+        state = {name: value for name, value in self.__dict__.items() if name not in names}
         return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
 
     def forget(self) -> None:
-        """Give up the arrays, which are computed again on demand."""
-        state = self.__getstate__()
-        for name in _ARRAYS & self.__dict__.keys():
-            if name in state:
-                self.__dict__[name] = state[name]
-            else:
-                self.__dict__.pop(name, None)
+        """Give up the sensitivities, which are computed again on demand."""
+        kept = self._without(_ARRAYS)
+        for name in _ARRAYS - kept.keys():
+            self.__dict__.pop(name, None)
+        self.__dict__.update(kept)
 
     def lighter(self) -> FlightFit:
-        """The fit without what can be computed again, to save memory."""
+        """The fit without its sensitivities, to save memory."""
         found = object.__new__(FlightFit)
-        found.__dict__.update(self.__getstate__())
+        found.__dict__.update(self._without(_ARRAYS))
         return found
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """Compute an attribute that a saved fit does not contain."""
-            if name not in _MADE_AGAIN or "motion" not in self.__dict__:
+            """Compute an attribute that was given up or not saved."""
+            if name not in _UNSAVED or "motion" not in self.__dict__:
                 raise AttributeError(f"a fit has no '{name}'")
             work = Work(self.flight, self.attached, self.noise, self.free)
             work.reference, work.filter = self.reference, self.__dict__.get("filter")
-            remembered(self)  # first, so that an earlier fit makes room
-            again = evaluate(work, self.attached, self.values, self.motion)
-            self.__dict__.update({one: again.__dict__[one] for one in _MADE_AGAIN})
-            return again.__dict__[name]
+            again = evaluate(work, self.attached, self.values, self.motion).__dict__
+            missing = {one: again[one] for one in _UNSAVED if one in _ARRAYS or one not in self.__dict__}
+            self.__dict__.update(missing)
+            return missing[name]
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by name."""
@@ -206,26 +212,6 @@ class FlightFit:
         """Fitted derivatives and terms of the aircraft file."""
         given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
-
-
-_RECENT: deque[weakref.ref[FlightFit]] = deque()
-_TURN = threading.Lock()
-
-
-def remembered(fitted: FlightFit) -> FlightFit:
-    """The fit, which keeps its arrays until those of later fits are many: they are most of the memory of a diagnosis.
-
-    An earlier fit computes them again on demand.
-    """
-    with _TURN:
-        alive = [one for one in _RECENT if one() not in (None, fitted)]
-        _RECENT.clear()
-        _RECENT.extend([*alive, weakref.ref(fitted)])
-        while len(_RECENT) > fitted.criteria.numerics.fit.in_memory:
-            old = _RECENT.popleft()()
-            if old is not None:
-                old.forget()
-    return fitted
 
 
 class Work:
@@ -308,8 +294,13 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
-    """The hypothesis at given values of its parameters, along a motion."""
+def evaluate(
+    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, slopes: FlightFit | None = None
+) -> FlightFit:
+    """The hypothesis at given values of its parameters, along a motion.
+
+    With `slopes`, a point nearby, sensitivities, noise and filter are taken from it: only the residual is computed.
+    """
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
     moving = _scattered(model, acting.coloured, motion.coloured)
@@ -320,55 +311,73 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     made_of = work.with_recorded(known)
     W = work.series(attached, made_of)
     quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
-    regressors = work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known
     P = work.parameters(values, attached)
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seenearlier(late) if late.any() else batch
-    linear = linearise(work.functions, moved, P, motion.X, W + moving + _scattered(model, acting.inputs, errors))
+    moving_all = W + moving + _scattered(model, acting.inputs, errors)
+    linear = linearise(work.functions, moved, P, motion.X, moving_all, None if slopes is None else slopes.linear)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
-    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
-    acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
-    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    work.by_slot = Y, F = _columns(work, attached, linear, made_of, late)
-    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
-    columns = kalman.whiten(Y, F)
+    if slopes is None:
+        by = _sensitivities(work, attached, linear, made_of, late)
+    else:
+        by = {name: getattr(slopes, name) for name in ("held", "reference", "acting", "columns", "covariance")}
+        by["filter"] = slopes.filter.along(linear, slopes.acting)
+    kalman: Filter = by["filter"]
+    white = kalman.whiten(*residual_about(linear, by["acting"], motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
-    flat = columns.reshape(white.size, len(work.slots))
     return FlightFit(
+        **by,
         flight=work.flight,
         attached=attached,
         free=work.free,
         model=model,
         batch=batch,
         noise=work.noise,
-        acting=acting,
-        held=held,
-        reference=reference,
         functions=work.functions,
         parameters=P,
         slots=work.slots,
         values=values,
-        covariance=scaled_inverse(flat.T @ flat + np.diag(work.weight)),
         linear=linear,
+        output=linear.output,
         read=read,
-        filter=kalman,
+        seen=linear.seen,
         disturbances=W,
         motion=motion,
         errors=errors,
         white=white,
-        columns=columns,
         known=known,
-        regressors=regressors,
+        regressors=work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known,
         prior_pull=work.weight * deviation,
         prior_weight=work.weight,
         readings=int(linear.seen.sum()),
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
         converged=False,
+        left=np.inf,
     )
+
+
+def _sensitivities(
+    work: Work, attached: tuple[Attached, ...], linear: Linear, made_of: dict[str, np.ndarray], late: np.ndarray
+) -> dict[str, Any]:
+    """The attributes of a fit that one evaluation may take from another: noise, filter, whitened sensitivities."""
+    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
+    acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
+    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
+    work.by_slot = _columns(work, attached, linear, made_of, late)
+    columns = kalman.whiten(*work.by_slot)
+    flat = columns.reshape(linear.residual.size, len(work.slots))
+    return {
+        "held": held,
+        "reference": reference,
+        "acting": acting,
+        "filter": kalman,
+        "columns": columns,
+        "covariance": scaled_inverse(flat.T @ flat + np.diag(work.weight)),
+    }
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:

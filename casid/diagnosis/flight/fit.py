@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
@@ -16,14 +17,14 @@ from casid.diagnosis.flight.evaluation import (
     Work,
     evaluate,
     gauss_newton_step,
-    remembered,
+    lateness,
     smoothed,
 )
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
 from casid.errors import InputError
 from casid.filtering.innovations import NoiseModel
-from casid.filtering.kalman import kalman_filter, residual_about
+from casid.filtering.kalman import residual_about
 
 
 def fit(
@@ -48,7 +49,8 @@ def fit(
 
     The fit has converged when the last step changed the sum of squares (`_squares`) by less than `tolerance` and the
     predicted change of the next step is smaller too. The unit of the tolerance is the mean square residual, if that
-    exceeds the noise.
+    exceeds the noise. A step of a small part of a standard deviation is the last one if this holds with the
+    sensitivities of the point before it. A fit that starts where it has converged already ends there.
 
     Parameters
     ----------
@@ -81,12 +83,14 @@ def fit(
     InputError
         If the model diverges along the records at the first point.
     """
+    attached = tuple(attached)
+    if start is not None and not anew and start.left < tolerance and _is_of(start, flight, attached, noise, free):
+        return start
     work, numerics = Work(flight, attached, noise, free), flight.criteria.numerics.fit
     if start is not None and start.flight.records is flight.records and not anew:
         work.reference = start.reference
         if start.filter_held and start.noise == noise:
             work.filter = start.filter
-    attached = tuple(attached)
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
     best: _Point | None = None
@@ -105,15 +109,24 @@ def fit(
             work.filter = now.fit.filter
         gained = np.inf if best is None else abs(best.squares - now.squares)
         best, shrink = now, 1.0
-        if max(gained, now.promise) < tolerance * now.misfit:
-            return remembered(replace(now.fit, converged=True))
+        if now.left(gained) < tolerance:
+            return now.converged(gained)
         if iteration >= 3 and now.fit.deviance - 2.0 * gained > give_up:
             break
         step = gauss_newton_step(work, now.fit)
         values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
+        last = _last(work, now, values, motion) if now.promise < numerics.last_step else None
+        if last is not None and last.left(gained := abs(now.squares - last.squares)) < tolerance:
+            return last.converged(gained)
     if best is None:
         raise RuntimeError("a fit without iterations")
-    return remembered(best.fit)
+    return best.fit
+
+
+def _is_of(found: FlightFit, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> bool:
+    """Whether a fit is one of this hypothesis, with these values of its effects."""
+    same = len(found.attached) == len(attached) and all(map(operator.is_, found.attached, attached))
+    return same and found.flight is flight and found.noise == noise and found.free == free
 
 
 def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
@@ -155,15 +168,27 @@ def relaxed(fitted: FlightFit) -> FlightFit:
     return fitted
 
 
-def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
+def _flown(
+    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, slopes: FlightFit | None = None
+) -> _Point:
     """The hypothesis evaluated at a point; raises InputError if the model diverges."""
     try:
-        return _Point.of(work, evaluate(work, _with_values(attached, work.slots, values), values, motion))
+        return _Point.of(evaluate(work, _with_values(attached, work.slots, values), values, motion, slopes))
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"'{work.flight.title}' diverges along the records, so that nothing can be compared; check the "
             "units and signs of its derivatives, of its mass properties and of the records' channels"
         ) from error
+
+
+def _last(work: Work, before: _Point, values: np.ndarray, motion: Motion) -> _Point | None:
+    """The point after a step that is predicted to change little, with the sensitivities of the point before.
+
+    The result is None if a reading would be compared at another sample.
+    """
+    attached = _with_values(before.fit.attached, work.slots, values)
+    late, was = (lateness(one, work.flight, work.model) for one in (attached, before.fit.attached))
+    return _flown(work, attached, values, motion, before.fit) if np.array_equal(late, was) else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,8 +204,8 @@ class _Point:
     promise: float
 
     @classmethod
-    def of(cls, work: Work, fit: FlightFit) -> _Point:
-        return cls(fit, _squares(work, fit), float(fit.gradient @ fit.covariance @ fit.gradient))
+    def of(cls, fit: FlightFit) -> _Point:
+        return cls(fit, _squares(fit), float(fit.gradient @ fit.covariance @ fit.gradient))
 
     def lighter(self) -> _Point:
         """The point without the arrays of its fit: those of one point are in memory at a time."""
@@ -190,6 +215,14 @@ class _Point:
     def misfit(self) -> float:
         """Mean square residual, at least 1."""
         return max(1.0, self.squares / self.fit.readings)
+
+    def left(self, gained: float) -> float:
+        """What may still change after a step that `gained`, over the mean square residual."""
+        return max(gained, self.promise) / self.misfit
+
+    def converged(self, gained: float) -> FlightFit:
+        """The fit that ends here, after a step that `gained`."""
+        return replace(self.fit, converged=True, left=self.left(gained))
 
     def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
         """Whether the point `now` is nearer to the maximum than this one, or equally near within `tolerance`.
@@ -207,23 +240,17 @@ class _Point:
         return full and nearer and not now.fit.noise.coloured
 
 
-def _squares(work: Work, now: FlightFit) -> float:
+def _squares(now: FlightFit) -> float:
     """The quantity that Gauss-Newton steps decrease.
 
-    It is the sum of squares with the prior, with input noise that acts as the effectiveness of this fit makes it act,
-    and without the log determinant of the covariance. Noise in a regressor biases an estimate towards zero; the most
-    likely noise, which the regressors contain, compensates for this. The gradient with such regressors is that of this
-    sum, in which noise has its likelihood as a cost (orthogonal distance). It is not that of the deviance, by which
-    models are compared. Fits that used the deviance stopped at any point between the two minima.
+    It is the sum of squares with the prior and without the log determinant of the covariance. Noise in a regressor
+    biases an estimate towards zero; the most likely noise, which the regressors contain, compensates for this. The
+    gradient with such regressors is that of this sum, in which noise has its likelihood as a cost (orthogonal
+    distance). It is not that of the deviance, by which models are compared. Fits that used the deviance stopped at any
+    point between the two minima.
     """
-    white = now.white
-    if now.held != now.noise:
-        acting = acting_noise(now.noise, now.attached, work.dt)
-        kalman = now.filter.along(now.linear, acting) if now.filter_held else kalman_filter(now.linear, acting)
-        residual = residual_about(now.linear, acting, now.motion.coloured, now.errors, kalman.through)
-        white = kalman.whiten(*residual)[..., 0]
-    measured, compared = (seen.sum(axis=(0, 1)) for seen in (np.isfinite(now.batch.Z), now.linear.seen))
-    by_channel = np.sum(white**2, axis=(0, 1)) * measured / np.maximum(compared, 1)  # a late reading loses its last
+    measured, compared = (seen.sum(axis=(0, 1)) for seen in (np.isfinite(now.batch.Z), now.seen))
+    by_channel = np.sum(now.white**2, axis=(0, 1)) * measured / np.maximum(compared, 1)  # a late reading loses its last
     return float(by_channel.sum()) + now.deviance - now.data_deviance
 
 

@@ -66,7 +66,7 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
 
     A result that overflows is infinite.
     """
-    begin = fit.linear.X[0] if start is None else start
+    begin = fit.motion.X[0] if start is None else start
     model, batch = fit.model, fit.batch
     N, R = batch.live.shape
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
@@ -89,7 +89,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
     table, lags = {}, fit.criteria.numerics.fit.whiteness_lags
     for i, name in enumerate(fit.model.outputs):
         error = simulated.residual[..., i]
-        if not fit.linear.seen[..., i].any() or np.isnan(error).all():
+        if not fit.seen[..., i].any() or np.isnan(error).all():
             continue
         # Use the measured samples. A late reading is compared at other samples.
         measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
@@ -97,7 +97,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
         table[name] = ChannelStatistics(
             rms=flown.rms,
             noise=fit.noise.measurement[name],
-            whiteness_p=whiteness(fit.white[..., i], fit.linear.seen[..., i], lags),
+            whiteness_p=whiteness(fit.white[..., i], fit.seen[..., i], lags),
             theil=flown.theil,
             R2=flown.R2,
         )
@@ -124,7 +124,7 @@ def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarra
     ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
     for i, name in enumerate(fit.model.outputs):
         total = np.zeros(len(edges_hz) - 1)
-        measured = [r for r in range(len(fit.batch.names)) if fit.linear.seen[:, r, i].any()]
+        measured = [r for r in range(len(fit.batch.names)) if fit.seen[:, r, i].any()]
         for r in measured:
             record = fit.flight.records[r]
             error = np.nan_to_num(simulated.residual[: len(record), r, i])
@@ -258,7 +258,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     instrument may have are not taken for noise.
     """
     white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
-    found = white_and_slow(fitted.batch.t, white, fitted.linear.seen)
+    found = white_and_slow(fitted.batch.t, white, fitted.seen)
     flown, slow = sum(record.duration for record in fitted.flight.records), {}
     offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
         [sigma[name] for name in fitted.model.outputs]
@@ -277,7 +277,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
 
 def _put_in(fitted: FlightFit) -> np.ndarray:
     """(R, ny) Offsets of readings due to attached effects: their constant contributions."""
-    batch, output = fitted.batch, fitted.linear.output
+    batch, output = fitted.batch, fitted.output
     found, rounding = np.zeros(output.shape[1:]), fitted.criteria.structure.rounding
     for one in fitted.attached:
         if one.effect.output is not None:
@@ -288,7 +288,7 @@ def _put_in(fitted: FlightFit) -> np.ndarray:
 
 def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Output -> (1-sigma, correlation time [s]) of its innovations, in units of its noise, for measured outputs."""
-    white, seen, t = _innovations(fitted), fitted.linear.seen, fitted.batch.t
+    white, seen, t = _innovations(fitted), fitted.seen, fitted.batch.t
     found = {}
     for name in outputs:
         i = fitted.model.outputs.index(name)
@@ -362,7 +362,7 @@ def outliers(fitted: FlightFit) -> np.ndarray:
     Samples at which a surface moves are excluded for outputs that the surface affects immediately: a surface that is
     late by a sample causes such an innovation too.
     """
-    white, seen, at_once = fitted.white, fitted.linear.seen, _at_once(fitted)
+    white, seen, at_once = fitted.white, fitted.seen, _at_once(fitted)
     found = np.zeros(seen.shape, dtype=bool)
     for r in range(seen.shape[1]):
         for i in range(seen.shape[2]):

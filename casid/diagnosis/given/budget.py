@@ -269,7 +269,7 @@ def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
     beginning = flight.criteria.given.beginning
     return np.stack(
         [
-            measured_start(begun.model, record, begun.linear.X[0, r], begun.parameters[r], beginning)
+            measured_start(begun.model, record, begun.motion.X[0, r], begun.parameters[r], beginning)
             for r, record in enumerate(short.records)
         ]
     )

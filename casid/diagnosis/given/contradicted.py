@@ -145,7 +145,7 @@ def coloured_deviation(fit: FlightFit) -> np.ndarray:
 
 def _pieces(fit: FlightFit, known: np.ndarray) -> Iterator[WhitePiece]:
     """Whitened sensitivities and innovations, one record after the other."""
-    seen, columns = fit.filter.linear.seen, np.arange(len(known))
+    seen, columns = fit.seen, np.arange(len(known))
     for record in range(fit.white.shape[1]):
         for channel in range(fit.white.shape[2]):
             here = seen[:, record, channel]

@@ -228,12 +228,35 @@ def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
         fit(flight, [], flight.noise())
 
 
-def test_an_earlier_fit_gives_up_its_arrays_and_computes_the_same_ones_again() -> None:
-    """Truth: its arrays before later fits were made."""
+def test_a_fit_computes_what_it_gave_up_again() -> None:
+    """Truth: its sensitivities before."""
     flight = prepare(do328(), flights(seed=4, duration_s=8.0))
-    first = fit(flight, (), flight.noise(), iterations=3)
-    white, columns = first.white, first.columns
-    later = [fit(flight, (), flight.noise(), first, iterations=1) for _ in range(6)]
-    assert "columns" not in vars(first) and "columns" in vars(later[-1])
-    assert first.columns == pytest.approx(columns, rel=1e-9, abs=1e-9)
-    assert first.white == pytest.approx(white, rel=1e-9, abs=1e-9)
+    found = fit(flight, (), flight.noise())
+    white, columns = found.white, found.columns
+    found.forget()
+    assert "columns" not in vars(found) and found.white is white
+    scale = np.sqrt(np.mean(columns**2, axis=(0, 1, 2)))
+    assert np.max(np.abs(found.columns - columns) / scale) < 1e-3
+
+
+def test_a_fit_ends_where_all_sensitivities_are_those_of_its_end() -> None:
+    """The last step takes the sensitivities of the point before it. Truth: a fit that goes on with new ones until
+    nothing changes."""
+    flight = prepare(rough_file(), flights(seed=4, duration_s=8.0))
+    found = fit(flight, (), flight.noise())
+    exact = fit(flight, (), flight.noise(), found, tolerance=1e-6, iterations=20)
+    assert found.converged and exact.left < 1e-6
+    assert np.max(np.abs(found.values - exact.values) / np.sqrt(np.diag(exact.covariance))) < 0.05
+    assert found.deviance == pytest.approx(exact.deviance, abs=0.5)
+
+
+def test_a_fit_that_has_converged_is_not_fitted_again() -> None:
+    """From its own end to the same tolerance, nothing is left to do; to a smaller one, or with another noise, there
+    is."""
+    flight = prepare(rough_file(), flights(seed=4, duration_s=8.0))
+    noise = flight.noise()
+    found = fit(flight, (), noise)
+    other = replace(noise, measurement={name: 2.0 * sigma for name, sigma in noise.measurement.items()})
+    assert fit(flight, (), noise, found) is found
+    assert fit(flight, (), noise, found, tolerance=0.5 * found.left) is not found
+    assert fit(flight, (), other, found) is not found
