@@ -86,7 +86,7 @@ def test_an_aircraft_without_records_is_an_error_and_not_the_demonstration(tmp_p
     """As a process: the status is what a shell sees."""
     done = casid("diagnose", "--aircraft", DEMO / "aircraft.toml", "--out", tmp_path / "out")
     assert done.returncode == 2 and done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert "needs records" in done.stderr and not (tmp_path / "out").exists()
+    assert done.stdout == "" and "needs records" in done.stderr and not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -254,12 +254,6 @@ def test_bad_arguments(run: Callable, flight: Path, arguments: tuple[str, ...], 
     assert status == 2 and error.count("\n") == 1 and words in error, error
 
 
-def test_bad_input_in_a_process_of_its_own(run_script: Callable, tmp_path: Path) -> None:
-    done = run_script("diagnose", tmp_path / "none.csv", "--aircraft", tmp_path / "none.toml")
-    assert done.returncode == 2 and done.stdout == "" and done.stderr.count("\n") == 1
-    assert done.stderr.startswith("error: ")
-
-
 def test_records_written_for_these_tests_are_read_back(flight: Path) -> None:
     for record in records():
         again = read_record(flight / f"{record.name}.csv")

@@ -195,9 +195,10 @@ def test_bad_options_are_one_line(folder, run_in_process, tmp_path, options, mes
     assert not (tmp_path / "x").exists()
 
 
-def test_bad_input_ends_with_status_2(folder, run_script, script_here, tmp_path):
-    done = run_script("estimate", folder / "m9.csv", "--aircraft", folder / "guess.toml", "--out", tmp_path)
-    assert done.returncode == 2 and len(done.stderr.strip().splitlines()) == 1 and "m9.csv" in done.stderr
+def test_bad_input_ends_with_status_2(folder, script_here, tmp_path):
+    where = ("--aircraft", folder / "guess.toml", "--out", tmp_path)
+    status, _, error = script_here("estimate", folder / "m9.csv", *where)
+    assert status == 2 and len(error.strip().splitlines()) == 1 and "m9.csv" in error
     status, _, error = script_here("simulate", folder / "m1.csv", "--aircraft", folder / "m1.csv", "--out", tmp_path)
     assert status == 2 and len(error.strip().splitlines()) == 1
 
