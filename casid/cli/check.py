@@ -15,7 +15,6 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_each
-from casid.report.data_pages import write_check
 from casid.report.folder import whole_folder
 
 
@@ -60,6 +59,8 @@ def check(
     )
     text = json.dumps(found.to_dict(), indent=1)
     if out is not None:
+        from casid.report.data_pages import write_check  # here, as figures are a third of the time of a check
+
         with whole_folder(out) as folder:
             write_check(found, folder)
             (folder / "check.json").write_text(text + "\n", encoding="utf-8")
