@@ -1,16 +1,16 @@
 """How much faster is an estimation than with the tools that people use, at the same optimum?
 
-Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, acados, opty, pyomo.dae against
-             ours
-Set-up       stable Do 328, 1001 samples, 16 moment derivatives from 0.7 x truth, known noise, initial state under a
-             prior (problems/peers/common.py). Theirs and ours in turn in one process, medians of processor time (all
-             run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on compiled code; theirs has no
-             bounds. acados generates and compiles its solver before, as ours is. A peer that is not installed is said
-             and left out (CONTRIBUTING.md says what it takes).
+Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, acados, opty, pyomo.dae, rockit
+             against ours
+Set-up       stable Do 328, 1001 samples or the first SAMPLES of them, 16 moment derivatives from 0.7 x truth, known
+             noise, initial state under a prior (problems/peers/common.py). Theirs and ours in turn in one process,
+             medians of processor time (all run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on
+             compiled code; theirs has no bounds. acados generates and compiles its solver before, as ours is. A peer
+             that is not installed is said and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
-    python benchmarks/bench_peers.py [--peers NAME ...] [--repeats 3] [--json FILE]
+    python benchmarks/bench_peers.py [--peers NAME ...] [--samples SAMPLES] [--repeats 3] [--json FILE]
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from problems.peers.casadi import casadi_ipopt_gn
 from problems.peers.common import TRUTH, our_problem, task
 from problems.peers.opty import opty
 from problems.peers.pyomo import pyomo
+from problems.peers.rockit import rockit
 from problems.peers.scipy import scipy_ivp, scipy_rk4
 
 PEERS = {
@@ -36,6 +37,7 @@ PEERS = {
     "acados": acados,
     "opty": opty,
     "pyomo": pyomo,
+    "rockit": rockit,
 }
 COMPILED = ("acados",)  # once per process, before its time counts
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
@@ -46,11 +48,13 @@ SAME = {
     "acados": 1e-3,
     "opty": 0.2,
     "pyomo": 0.05,
+    "rockit": 1e-3,
 }
 NEEDS = {
     "acados": "acados with acados_template, with ACADOS_SOURCE_DIR and LD_LIBRARY_PATH as its documentation says",
     "opty": "pip install 'casid[bench]', which builds cyipopt against libipopt",
     "pyomo": "pip install 'casid[bench]', and an executable 'ipopt' on the path",
+    "rockit": "pip install rockit-meco",
 }
 OURS_PER_TURN, WARM = 5, 12
 
@@ -58,30 +62,31 @@ OURS_PER_TURN, WARM = 5, 12
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("--peers", nargs="+", default=list(PEERS), metavar="NAME", help=", ".join(PEERS))
+    options.add_argument("--samples", type=int, default=1001, help="a multiple of 25, and one")
     options.add_argument("--repeats", type=int, default=3, help="turns; the median counts")
     given = options.parse_args()
     for name in given.peers:
         if name not in PEERS:
             raise unknown("peer", name, PEERS, "--peers")
-    problem = our_problem()
+    problem = our_problem(given.samples)
     for _ in range(WARM):
         fit = solve(problem)
     rows = []
     for name in given.peers:
-        row = _compare(name, given.repeats, fit)
+        row = _compare(name, given.samples, given.repeats, fit)
         if row is not None:
             rows.append(row)
     publish(rows, given.json)
 
 
-def _compare(name: str, repeats: int, fit: Fit) -> dict[str, str | float] | None:
+def _compare(name: str, samples: int, repeats: int, fit: Fit) -> dict[str, str | float] | None:
     """One row; None when the peer's package is missing."""
-    theirs, ours, data = [], [], task()
+    theirs, ours, data = [], [], task(samples)
     try:
         if name in COMPILED:
             PEERS[name](data)
         for _ in range(repeats):
-            ours += processor_seconds_of(lambda: solve(our_problem()).covariance, OURS_PER_TURN)
+            ours += processor_seconds_of(lambda: solve(our_problem(samples)).covariance, OURS_PER_TURN)
             begin = processor_seconds()
             parameters, cost = PEERS[name](data)
             theirs.append(processor_seconds() - begin)

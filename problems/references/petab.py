@@ -30,6 +30,8 @@ PUBLISHED = {
 # hour, does not end with it
 TOLERANCES = dict.fromkeys(PUBLISHED, 1e-10) | {"Fujita_SciSignal2010": 1e-8}
 _LOST = 1e10  # of a motion that cannot be integrated
+_COARSE = 1e-8  # of LSODA, for scipy's iteration
+_DIFFERENCE = math.sqrt(_COARSE)  # of a parameter, where half the digits of such a motion are lost
 
 
 class Likelihood:
@@ -168,7 +170,7 @@ def minimum_by_scipy(problem: Problem, start: Mapping[str, float], seconds: floa
     its bounds, and where the noise is estimated too L-BFGS-B of the likelihood; differences for derivatives."""
     names, begin = problem.parameters, time.perf_counter()
     by_log = np.array([n in problem.logarithmic for n in names])
-    coarse, fine = Likelihood(problem, 1e-8), Likelihood(problem)
+    coarse, fine = Likelihood(problem, _COARSE), Likelihood(problem)
     low, high = _bounds(problem, by_log)
     best = [math.inf, dict(start)]
 
@@ -198,10 +200,19 @@ def minimum_by_scipy(problem: Problem, start: Mapping[str, float], seconds: floa
     try:
         with np.errstate(all="ignore"):
             if estimated:
-                options = {"maxiter": 5000, "maxfun": 100000, "ftol": 1e-13}
+                options = {"maxiter": 5000, "maxfun": 100000, "ftol": 1e-13, "finite_diff_rel_step": _DIFFERENCE}
                 minimize(cost, x0, method="L-BFGS-B", bounds=list(zip(low, high, strict=True)), options=options)
             else:
-                least_squares(residuals, x0, bounds=(low, high), x_scale="jac", xtol=1e-12, ftol=1e-12, gtol=1e-12)
+                least_squares(
+                    residuals,
+                    x0,
+                    bounds=(low, high),
+                    x_scale="jac",
+                    diff_step=_DIFFERENCE,
+                    xtol=1e-12,
+                    ftol=1e-12,
+                    gtol=1e-12,
+                )
     except _TimeUpError:
         pass
     took = time.perf_counter() - begin
