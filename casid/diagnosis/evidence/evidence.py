@@ -7,10 +7,12 @@ is still found.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations_with_replacement
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import block_diag, get_blas_funcs, solve_triangular
@@ -244,43 +246,45 @@ class Evidence:
             self.__dict__.pop(name, None)
         self.fit.forget()
 
-    def columns(self, first: int, last: int) -> np.ndarray:
-        """(R, N, ny, columns) Some of the whitened sensitivities to the fitted parameters and then to the small terms;
-        the column after these is the innovations.
+    def columns(self, together: int) -> Iterator[tuple[int, np.ndarray]]:
+        """(number of the first, (R, N, ny, columns)) Whitened innovations and sensitivities to the fitted parameters,
+        then to the small terms, so many at a time.
         """
-        fit, (slots, k) = self.fit, (len(self.fit.slots), len(self.newton))
-        some = range(max(first, slots), min(last, k))
-        parts = [fit.columns[..., first : min(last, slots)]] if first < slots else []
-        if some:
-            at, series = _stations(fit, self.terms), self.series[..., some.start - slots : some.stop - slots]
-            parts.append(fit.filter.whiten_histories(at[some.start - slots : some.stop - slots], series))
-        if last > k:
-            parts.append(fit.white[..., None])
-        return np.concatenate([part.swapaxes(0, 1) for part in parts], axis=3)
+        fit, stations = self.fit, _stations(self.fit, self.terms)
+        yield 0, np.concatenate([fit.white[..., None], fit.columns], axis=3).swapaxes(0, 1)
+        for first in range(0, len(stations), together):
+            some = slice(first, first + together)
+            white = fit.filter.whiten_histories(stations[some], self.series[..., some])
+            yield 1 + len(fit.slots) + first, white.swapaxes(0, 1)
 
     def products(self, white: np.ndarray) -> np.ndarray:
         """(R, k, n) Products of whitened columns (N, R, ny, n) with the sensitivities to parameters and small terms."""
-        fit, (N, R, ny, n) = self.fit, white.shape
         rows = white.swapaxes(0, 1)
-        own = fit.columns.swapaxes(0, 1).reshape(R, N * ny, len(fit.slots))
-        found = [own.swapaxes(1, 2) @ rows.reshape(R, N * ny, n)]
+        found = [self._of_slots.swapaxes(1, 2) @ rows.reshape(*self._of_slots.shape[:2], -1)]
         if self.terms:
-            stations = _stations(fit, self.terms)
-            acting = sorted(set(stations))
-            entering, _ = fit.filter.entrances(acting, rows.copy(), read=False)
+            stations = np.array(_stations(self.fit, self.terms))
+            acting = np.unique(stations)
+            entering, _ = self.fit.filter.entrances(acting.tolist(), rows.copy(), read=False)
             for station, part in zip(acting, entering, strict=True):
-                terms = self.series[..., np.array(stations) == station].swapaxes(0, 1)
-                found.append(terms.swapaxes(1, 2) @ part)
+                found.append(self.series[..., stations == station].transpose(1, 2, 0) @ part)
         return np.concatenate(found, axis=1)
 
     def along(self, direction: np.ndarray) -> np.ndarray:
-        """(N, R, ny) Sum of the whitened sensitivities (k,) times a direction."""
-        fit, k = self.fit, len(self.fit.slots)
-        found = fit.columns @ direction[:k]
+        """(N, R, ny) Sum of the whitened sensitivities times a direction (k,)."""
+        (N, R, ny), k = self.fit.white.shape, len(self.fit.slots)
+        found = (self._of_slots @ direction[:k]).reshape(R, N, ny).swapaxes(0, 1)
         if self.terms:
-            terms = self.series * direction[k:]
-            found += fit.filter.whiten_histories(_stations(fit, self.terms), terms, [0])[..., 0]
+            stations = np.array(_stations(self.fit, self.terms))
+            acting = np.unique(stations)
+            entering = self.series @ np.where(stations[:, None] == acting, direction[k:, None], 0.0)
+            found = found + self.fit.filter.whiten_histories(acting.tolist(), entering, [0])[..., 0]
         return found
+
+    @property
+    def _of_slots(self) -> np.ndarray:
+        """(R, N ny, slots) Whitened sensitivities to the fitted parameters."""
+        N, R, ny = self.fit.white.shape
+        return self.fit.columns.swapaxes(0, 1).reshape(R, N * ny, len(self.fit.slots))
 
     @property
     def small_information(self) -> np.ndarray:
@@ -293,24 +297,32 @@ class Evidence:
         return self.fit.deviance + self.sums.posterior(least)[2]
 
 
+# Fit -> with or without discrepancy -> all of its evidence but the fit, which several stages ask for.
+_WEIGHED: WeakKeyDictionary[FlightFit, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
+
+
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
     """The evidence of a fit; without `discrepancy` the model structure is taken as exact."""
-    small = small_terms(fit) if discrepancy else no_terms(fit)
+    known = _WEIGHED.setdefault(fit, {})
+    if discrepancy not in known:
+        known[discrepancy] = _weighed(fit, small_terms(fit) if discrepancy else no_terms(fit))
+    return Evidence(fit=fit, **known[discrepancy])
+
+
+def _weighed(fit: FlightFit, small: SmallTerms) -> dict[str, Any]:
+    """The parts of `Evidence` beside the fit."""
     sums = _sums(fit, small)
     scales = sums.most_likely()
     covariance, newton, deviance = sums.posterior(scales)
-    found = Evidence(
-        fit=fit,
-        covariance=covariance,
-        newton=newton,
-        deviance=fit.deviance + deviance,
-        terms=small.names,
-        factors=small.factors,
-        scales=scales,
-        sums=sums,
-    )
-    found.__dict__["series"] = small.series
-    return found
+    return {
+        "covariance": covariance,
+        "newton": newton,
+        "deviance": fit.deviance + deviance,
+        "terms": small.names,
+        "factors": small.factors,
+        "scales": scales,
+        "sums": sums,
+    }
 
 
 def _stations(fit: FlightFit, terms: Sequence[tuple[str, str]]) -> list[int]:

@@ -80,16 +80,15 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
     index = [fit.model.disturbances.index(name) for name in entering]
     channels = {name: fit.model.outputs.index(Station.at(name).name) for name in series if name not in entering}
     both = {name: np.empty((fit.white.shape[1], k + 1, of.shape[2])) for name, of in series.items()}
-    together = fit.criteria.numerics.screening.columns
-    for first in range(0, k + 1, together):
-        some = slice(first, min(first + together, k + 1))
-        columns = evidence.columns(some.start, some.stop)
+    turned = {name: np.ascontiguousarray(of.swapaxes(0, 1)) for name, of in series.items()}
+    for first, columns in evidence.columns(fit.criteria.numerics.screening.columns):
+        some = slice(first, first + columns.shape[3])
         by_disturbance, by_output = fit.filter.entrances(index, columns, read=bool(channels))
         parts = dict(zip(entering, by_disturbance, strict=True))
         parts |= {name: by_output[i] * fit.linear.seen[:, :, i].T[..., None] for name, i in channels.items()}
         for name, part in parts.items():
-            both[name][:, some] = part.swapaxes(1, 2) @ series[name].swapaxes(0, 1)
-    return {name: (of[:, :-1], of[:, -1]) for name, of in both.items()}
+            both[name][:, some] = part.swapaxes(1, 2) @ turned[name]
+    return {name: (of[:, 1:], of[:, 0]) for name, of in both.items()}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -177,7 +176,7 @@ def _of_histories(evidence: Evidence, rows: Sequence[_Row], histories: Sequence[
         for port in one:
             at.setdefault(port, []).append(j)
     cross, match = np.zeros((len(square), len(evidence.newton), len(rows))), np.zeros(square.shape)
-    series = {port: np.stack([histories[j][port] for j in some], axis=2) for port, some in at.items()}
+    series = {port: np.stack([histories[j][port].T for j in some], axis=2).swapaxes(0, 1) for port, some in at.items()}
     for port, (by_column, by_innovation) in products_at(evidence, series).items():
         cross[:, :, at[port]] += by_column
         match[:, at[port]] += by_innovation

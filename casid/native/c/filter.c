@@ -23,7 +23,7 @@ typedef double V __attribute__((vector_size(64)));
 static inline __attribute__((always_inline)) void block(int height, int two, long most, long down, long along, long wide,
                                                         const double *a, const V *b, V *c, int minus)
 {
-    V s[4], t[4];
+    V s[6], t[6];
     for (int i = 0; i < height; i++) {
         s[i] = c[i * wide];
         if (two) t[i] = c[i * wide + 1];
@@ -74,29 +74,22 @@ static inline __attribute__((always_inline)) void copy(double *to, const double 
     for (; i < width; i++) to[i] = from[i];
 }
 
-/* rows of two vectors: c (rows) += sign a' (a (inner, rows)) b (inner), of a lower triangle a only what is not zero when
-   `triangle` is set */
-static inline void product_turned(long rows, long inner, const double *a, const V *b, V *c, double sign, int triangle)
+/* rows of two vectors: c (rows) += a' (a (inner, rows)) b (inner), or -=; of a lower triangle a only what is not zero */
+static inline __attribute__((always_inline)) void product_turned(long rows, long inner, const double *a, const V *b,
+                                                                 V *c, int minus, int triangle)
 {
     long i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        V s[4], t[4];
-        for (int l = 0; l < 4; l++) { s[l] = c[2 * (i + l)]; t[l] = c[2 * (i + l) + 1]; }
-        for (long j = triangle ? i : 0; j < inner; j++) {
-            V x = b[2 * j], y = b[2 * j + 1];
-            const double *row = a + j * rows + i;
-            for (int l = 0; l < 4; l++) {
-                double f = sign * row[l];
-                s[l] += f * x;
-                t[l] += f * y;
-            }
-        }
-        for (int l = 0; l < 4; l++) { c[2 * (i + l)] = s[l]; c[2 * (i + l) + 1] = t[l]; }
+    for (; i + 6 <= rows; i += 6) {
+        long j = triangle ? i : 0;
+        block(6, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
     }
-    for (; i < rows; i++) for (long j = triangle ? i : 0; j < inner; j++) {
-        double f = sign * a[j * rows + i];
-        c[2 * i] += f * b[2 * j];
-        c[2 * i + 1] += f * b[2 * j + 1];
+    for (; i + 3 <= rows; i += 3) {
+        long j = triangle ? i : 0;
+        block(3, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
+    }
+    for (; i < rows; i++) {
+        long j = triangle ? i : 0;
+        block(1, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
     }
 }
 
@@ -278,7 +271,7 @@ typedef union { V v[2]; double d[TILE]; } tile;
 
 static void load(long rows, long stride, long width, const double *from, tile *to)
 {
-    for (long i = 0; i < rows; i++) memcpy(to[i].d, from + i * stride, width * sizeof(double));
+    for (long i = 0; i < rows; i++) copy(to[i].d, from + i * stride, width);
 }
 
 /* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
@@ -360,20 +353,19 @@ void entrances(long from, long to, long N, long R, long n, long nx, long ny, lon
             load(ny, nc, width, white + (r * N + k) * ny * nc + first, w);
             memset(u, 0, ny * sizeof(tile));
             memset(next, 0, n * sizeof(tile));
-            product_turned(ny, ny, root + at * ny * ny, w->v, u->v, 1.0, 1);
+            product_turned(ny, ny, root + at * ny * ny, w->v, u->v, 0, 1);
             if (k < N - 1) {
-                product_turned(ny, n, gain + at * n * ny, costate->v, u->v, -1.0, 0);
-                product_turned(n, n, A + at * n * n, costate->v, next->v, 1.0, 0);
+                product_turned(ny, n, gain + at * n * ny, costate->v, u->v, 1, 0);
+                product_turned(n, n, A + at * n * n, costate->v, next->v, 0, 0);
             }
-            product_turned(n, ny, C + at * ny * n, u->v, next->v, 1.0, 0);
-            if (read) for (long i = 0; i < ny; i++)
-                memcpy(read + ((i * R + r) * N + k) * nc + first, u[i].d, width * sizeof(double));
+            product_turned(n, ny, C + at * ny * n, u->v, next->v, 0, 0);
+            if (read) for (long i = 0; i < ny; i++) copy(read + ((i * R + r) * N + k) * nc + first, u[i].d, width);
             for (long s = 0; s < ns; s++) {
                 memset(&sum, 0, sizeof sum);
                 gathered(ny, nw, d + station[s], u, &sum);
                 if (k < N - 1) gathered(nx, nw, b0 + station[s], costate, &sum);
                 if (k > 0) gathered(nx, nw, b1 + station[s], next, &sum);
-                memcpy(entering + ((s * R + r) * N + k) * nc + first, sum.d, width * sizeof(double));
+                copy(entering + ((s * R + r) * N + k) * nc + first, sum.d, width);
             }
             memcpy(costate, next, n * sizeof(tile));
         }
