@@ -68,12 +68,17 @@ def rate_limit(t: np.ndarray, y: np.ndarray, rate: float) -> np.ndarray:
     """y followed with at most `rate` [unit of y per s]. Akima's curve between samples, because what is limited keeps to
     its end the time by which straight lines begin a movement early."""
     fine = np.interp(np.arange((len(t) - 1) * _FINER + 1) / _FINER, np.arange(len(t)), t)
-    followed = interpolate.Akima1DInterpolator(t, y)(fine).tolist()
-    at = followed[0]
-    for k, step in enumerate((np.diff(fine) * abs(rate)).tolist(), start=1):
-        at += min(max(followed[k] - at, -step), step)
-        followed[k] = at
-    return np.array(followed[::_FINER])
+    wanted, most = interpolate.Akima1DInterpolator(t, y)(fine), np.diff(fine) * abs(rate)
+    followed, wished, steps, k = wanted.copy(), wanted.tolist(), most.tolist(), 0
+    for begins in np.flatnonzero(np.abs(np.diff(wanted)) > most).tolist():  # elsewhere it keeps up
+        if begins < k:
+            continue  # it is still behind
+        at, k = wished[begins], begins + 1
+        while k < len(wished) and abs(wished[k] - at) > steps[k - 1]:
+            at += steps[k - 1] if wished[k] > at else -steps[k - 1]
+            followed[k] = at
+            k += 1
+    return followed[::_FINER]
 
 
 def dead_zone(y: np.ndarray, width: float, centre: float) -> np.ndarray:
@@ -143,10 +148,17 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> t
         )
     parts = max(1, int(np.ceil(frequency_hz * dt / _STRAIGHT)))
     if parts > 1:
-        y = interpolate.CubicSpline(np.arange(len(y)), y)(np.arange((len(y) - 1) * parts + 1) / parts)
+        y = _cubic(np.asarray(y, dtype=float).tobytes())(np.arange((len(y) - 1) * parts + 1) / parts)
     numerators, denominator = _mode_filter(w0, damping, dt / parts)
     rate, derivative = (np.asarray(signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
     return rate, derivative
+
+
+@lru_cache(maxsize=16)  # many modes are driven by the same channel of a few records
+def _cubic(samples: bytes) -> interpolate.CubicSpline:
+    """The cubic spline through samples, over their numbers."""
+    y = np.frombuffer(samples)
+    return interpolate.CubicSpline(np.arange(len(y)), y)
 
 
 @lru_cache(maxsize=256)  # every channel that a surface may shake asks for the same frequencies

@@ -135,7 +135,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     for row in rows:
         by_place[_acts_on(row[0])].append(row)
     known = [*by_place["disturbances"], *by_place["readings"]]
-    found = _of_histories(evidence, known, [_unit_history(base, *row) for row in known])
+    found = _of_histories(evidence, known)
     symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
     equations, together = by_place["equations"], _together(base)
     for some in (equations[at : at + together] for at in range(0, len(equations), together)):
@@ -163,20 +163,34 @@ def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]
     return "equations" if effect.symbolic else "readings"
 
 
-def _of_histories(evidence: Evidence, rows: Sequence[_Row], histories: Sequence[_History]) -> list[Fingerprint]:
-    """The fingerprints of rows that are time histories by port, those at disturbances first."""
+def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
+    """The fingerprints of rows that are time histories by port."""
     base = evidence.fit
-    parts = [slice(at, at + _together(base)) for at in range(0, len(rows), _together(base))]
+    parts = [rows[at : at + _together(base)] for at in range(0, len(rows), _together(base))]
     if len(rows) <= len(evidence.newton):  # one pass for each is less than one for each parameter and small term
-        made = side_by_side(lambda s: _fingerprints(evidence, rows[s], _whitened(base, histories[s])), parts)
-        return [print_ for some in made for print_ in some]
-    square = np.concatenate(side_by_side(lambda some: _squares(base, histories[some]), parts), axis=1)
-    at: dict[str, list[int]] = {}
-    for j, one in enumerate(histories):
-        for port in one:
-            at.setdefault(port, []).append(j)
+
+        def whole(some: Sequence[_Row]) -> list[Fingerprint]:
+            return _fingerprints(evidence, some, _whitened(base, [_unit_history(base, *row) for row in some]))
+
+        return [print_ for found in side_by_side(whole, parts) for print_ in found]
+
+    def squared(some: Sequence[_Row]) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray]]]:
+        """Squares, and by port which rows enter there with which series (R, N, n)."""
+        histories = [_unit_history(base, *row) for row in some]
+        at = {port: [j for j, h in enumerate(histories) if port in h] for one in histories for port in one}
+        turned = {port: np.stack([histories[j][port].T for j in js], axis=2) for port, js in at.items()}
+        return _squares(base, histories), {port: (np.array(at[port]), turned[port]) for port in at}
+
+    squares, entering = zip(*side_by_side(squared, parts), strict=True)
+    square = np.concatenate(squares, axis=1)
+    begins = np.cumsum([0, *(of.shape[1] for of in squares)])
+    ports = dict.fromkeys(port for one in entering for port in one)
+    at = {
+        p: np.concatenate([b + one[p][0] for b, one in zip(begins, entering, strict=False) if p in one]) for p in ports
+    }
+    # a port at a time, since the series are large
+    series = {p: np.concatenate([one.pop(p)[1] for one in entering if p in one], axis=2).swapaxes(0, 1) for p in ports}
     cross, match = np.zeros((len(square), len(evidence.newton), len(rows))), np.zeros(square.shape)
-    series = {port: np.stack([histories[j][port].T for j in some], axis=2).swapaxes(0, 1) for port, some in at.items()}
     for port, (by_column, by_innovation) in products_at(evidence, series).items():
         cross[:, :, at[port]] += by_column
         match[:, at[port]] += by_innovation
