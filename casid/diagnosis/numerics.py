@@ -92,14 +92,11 @@ class ScreeningNumerics:
     """Screening of all causes."""
 
     samples: int = number(64, "samples whose whitened small terms are in memory together: they stay in the cache")
-    columns: int = number(32, "columns in one pass back through the filter, whole tiles of the compiled one")
+    columns: int = number(32, "responses or columns in memory together, whole tiles of the compiled filter")
     starts: int = number(4, "number of records from which sets of records are grown")
     onset_step: float = number(1.0, "time between the onsets that are tried", unit="s")
     fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
     longest_start: float = number(1.5, "largest initial size of the fit of a nonlinear effect, over the tried size")
-    responses: float = number(1.8e6, "numbers of whitened responses in memory together")
-    fewest_responses: int = number(24, "smallest number of responses in memory together")
-    most_responses: int = number(96, "largest number of responses in memory together")
 
 
 @dataclass(frozen=True, kw_only=True)

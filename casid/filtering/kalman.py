@@ -85,7 +85,10 @@ class Filter:
         return self.colouring.taken_off(self._columns(Y, F, first)[0]).swapaxes(0, 1)
 
     def whiten_histories(
-        self, stations: Sequence[int], series: np.ndarray, first: Sequence[int] | np.ndarray | None = None
+        self,
+        stations: Sequence[int] | np.ndarray,
+        series: np.ndarray,
+        first: Sequence[int] | np.ndarray | None = None,
     ) -> np.ndarray:
         """`whiten` of time histories (N, R, nh) that enter at disturbance `stations` (nh indices): of each, or of sums,
         from history number `first` (nc,) of each sum to that of the next."""
@@ -104,7 +107,7 @@ class Filter:
         return self.colouring.taken_off(white).swapaxes(0, 1)
 
     def histories_in_parts(
-        self, stations: Sequence[int], series: np.ndarray, together: int
+        self, stations: Sequence[int] | np.ndarray, series: np.ndarray, together: int
     ) -> Iterator[tuple[int, np.ndarray]]:
         """(number of the first sample, (R, samples, ny, nh)) `whiten_histories` of each, `together` samples at a time:
         what is summed over samples needs no memory for all. In one part where colour joins a reading to the one before.
@@ -121,7 +124,7 @@ class Filter:
         return np.einsum("krij,krij->rj", *[self.whiten_histories(stations, series, first)] * 2)
 
     def entrances(
-        self, stations: Sequence[int], columns: np.ndarray, read: bool = True
+        self, stations: Sequence[int] | np.ndarray, columns: np.ndarray, read: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """What columns of innovations (R, N, ny, nc), which are overwritten, have in common with the response to a unit
         at each sample: of each disturbance of `stations` (ns, R, N, nc), and of each output as `read` (ny, R, N, nc).

@@ -15,7 +15,7 @@ def transposed(
     C: np.ndarray,
     gain: np.ndarray,
     inverse_root: np.ndarray,
-    stations: Sequence[int],
+    stations: Sequence[int] | np.ndarray,
     white: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
     """`kalman.Filter.entrances` of columns (R, N, ny, nc) without colour."""

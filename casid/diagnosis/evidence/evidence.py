@@ -250,7 +250,7 @@ class Evidence:
         """(number of the first, (R, N, ny, columns)) Whitened innovations and sensitivities to the fitted parameters,
         then to the small terms, so many at a time.
         """
-        fit, stations = self.fit, _stations(self.fit, self.terms)
+        fit, stations = self.fit, self._stations
         yield 0, np.concatenate([fit.white[..., None], fit.columns], axis=3).swapaxes(0, 1)
         for first in range(0, len(stations), together):
             some = slice(first, first + together)
@@ -262,11 +262,10 @@ class Evidence:
         rows = white.swapaxes(0, 1)
         found = [self._of_slots.swapaxes(1, 2) @ rows.reshape(*self._of_slots.shape[:2], -1)]
         if self.terms:
-            stations = np.array(_stations(self.fit, self.terms))
-            acting = np.unique(stations)
-            entering, _ = self.fit.filter.entrances(acting.tolist(), rows.copy(), read=False)
+            acting = np.unique(self._stations)
+            entering, _ = self.fit.filter.entrances(acting, rows.copy(), read=False)
             for station, part in zip(acting, entering, strict=True):
-                found.append(self.series[..., stations == station].transpose(1, 2, 0) @ part)
+                found.append(self.series[..., self._stations == station].transpose(1, 2, 0) @ part)
         return np.concatenate(found, axis=1)
 
     def along(self, direction: np.ndarray) -> np.ndarray:
@@ -274,11 +273,15 @@ class Evidence:
         (N, R, ny), k = self.fit.white.shape, len(self.fit.slots)
         found = (self._of_slots @ direction[:k]).reshape(R, N, ny).swapaxes(0, 1)
         if self.terms:
-            stations = np.array(_stations(self.fit, self.terms))
-            acting = np.unique(stations)
-            entering = self.series @ np.where(stations[:, None] == acting, direction[k:, None], 0.0)
-            found = found + self.fit.filter.whiten_histories(acting.tolist(), entering, [0])[..., 0]
+            acting = np.unique(self._stations)
+            entering = self.series @ np.where(self._stations[:, None] == acting, direction[k:, None], 0.0)
+            found = found + self.fit.filter.whiten_histories(acting, entering, [0])[..., 0]
         return found
+
+    @property
+    def _stations(self) -> np.ndarray:
+        """(terms,) Index of the disturbance where each small term enters."""
+        return _stations(self.fit, self.terms)
 
     @property
     def _of_slots(self) -> np.ndarray:
@@ -325,9 +328,10 @@ def _weighed(fit: FlightFit, small: SmallTerms) -> dict[str, Any]:
     }
 
 
-def _stations(fit: FlightFit, terms: Sequence[tuple[str, str]]) -> list[int]:
-    """Index of the disturbance where each small term enters."""
-    return [fit.model.disturbances.index(station.coefficient(coefficient)) for coefficient, _ in terms]
+def _stations(fit: FlightFit, terms: Sequence[tuple[str, str]]) -> np.ndarray:
+    """(terms,) Index of the disturbance where each small term enters."""
+    names = [station.coefficient(coefficient) for coefficient, _ in terms]
+    return np.array([fit.model.disturbances.index(name) for name in names], dtype=int)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -413,12 +417,14 @@ def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
 def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> float:
     """Corrected standard deviation of a fitted parameter.
 
-    It is the root of a sum of squares. The parts are the `spread`, or the effect of leaving out whole `records` if that
-    is more; the change that the model discrepancy would make; the effect of sampling and input noise (`left_open`); and
-    a fraction of the value, because no value is known better.
+    It is the root of a sum of squares. The parts are the standard deviation with model discrepancy, or the `scatter`
+    between stretches of record, or the effect of leaving out whole `records`, whichever is most; the change that the
+    model discrepancy would make; the effect of sampling and input noise (`left_open`); and a fraction of the value,
+    because no value is known better.
     """
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    apart = max(spread(evidence, name), jackknife(evidence, name, records))
+    std = float(np.sqrt(evidence.covariance[index, index]))
+    apart = max(std, scatter(evidence, index), jackknife(evidence, name, records))
     parts = apart, evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
     return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
 
@@ -484,14 +490,6 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
             "size, in corrected standard deviations", ratio, evidence.criteria.structure.certain, "structure.certain"
         ),
     )
-
-
-def spread(evidence: Evidence, name: str) -> float:
-    """Standard deviation of a parameter with model discrepancy, or its `scatter` between stretches of record if that is
-    more.
-    """
-    index = [slot.name for slot in evidence.fit.slots].index(name)
-    return max(float(np.sqrt(evidence.covariance[index, index])), scatter(evidence, index))
 
 
 def scatter(evidence: Evidence, index: int) -> float:

@@ -137,7 +137,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     known = [*by_place["disturbances"], *by_place["readings"]]
     found = _of_histories(evidence, known)
     symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
-    equations, together = by_place["equations"], _together(base)
+    equations, together = by_place["equations"], base.criteria.numerics.screening.columns
     for some in (equations[at : at + together] for at in range(0, len(equations), together)):
         found += _fingerprints(evidence, some, _white_of_equations(base, some, symbolic))
     return found
@@ -165,8 +165,8 @@ def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]
 
 def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
     """The fingerprints of rows that are time histories by port."""
-    base = evidence.fit
-    parts = [rows[at : at + _together(base)] for at in range(0, len(rows), _together(base))]
+    base, together = evidence.fit, evidence.criteria.numerics.screening.columns
+    parts = [rows[at : at + together] for at in range(0, len(rows), together)]
     if len(rows) <= len(evidence.newton):  # one pass for each is less than one for each parameter and small term
 
         def whole(some: Sequence[_Row]) -> list[Fingerprint]:
@@ -313,15 +313,9 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
     """The fingerprints of time histories (N, R, nw) as those of an effect."""
     base, found = evidence.fit, []
     following = (_by_port(base.model.disturbances, one) for one in histories)
-    while some := list(islice(following, _together(base))):
+    while some := list(islice(following, base.criteria.numerics.screening.columns)):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(base, some))
     return found
-
-
-def _together(base: FlightFit) -> int:
-    """Number of responses that are in memory at a time."""
-    numerics = base.criteria.numerics.screening
-    return int(np.clip(numerics.responses / base.white.size, numerics.fewest_responses, numerics.most_responses))
 
 
 def _white_of_equations(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
