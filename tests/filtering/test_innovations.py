@@ -332,3 +332,16 @@ def test_the_transposed_filter_gives_the_products_of_whitened_histories(plain: b
         expected = np.einsum("krih,kric->rch", white, columns)
         found = by.swapaxes(1, 2) @ series.swapaxes(0, 1)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("noise", [GUSTY, replace(GUSTY, colour={"q": (1.3, 0.4)})])
+def test_histories_whitened_in_parts_are_those_whitened_at_once(noise: NoiseModel) -> None:
+    """Also of columns that begin after the first part, in records of unequal length."""
+    linear, _, _ = filtered(gusty_short_period(), [gusty_flight(1, "m1", 200), gusty_flight(2, "m2", 150)], noise)
+    series = np.random.default_rng(9).standard_normal((200, 2, 21))
+    series[:130, :, 17:] = 0.0
+    kalman = kalman_filter(linear, noise)
+    parts = list(kalman.histories_in_parts([0, 1, *[0] * 19], series, 64))
+    together = np.concatenate([part for _, part in parts], axis=1).swapaxes(0, 1)
+    np.testing.assert_allclose(together, kalman.whiten_histories([0, 1, *[0] * 19], series), rtol=0, atol=1e-13)
+    assert [first for first, _ in parts] == ([0] if noise.colour else [0, 64, 128, 192])

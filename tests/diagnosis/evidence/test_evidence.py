@@ -55,6 +55,22 @@ def test_it_holds_what_differs_between_records() -> None:
     assert jackknife(_evidence(np.random.default_rng(1), 0.5), "b", range(2)) == 0.0  # pyright: ignore
 
 
+def test_products_without_the_sensitivities_are_those_with_them() -> None:
+    """Truth: the whole matrix of whitened sensitivities, multiplied; also that of the normal equations."""
+    flight = prepare(do328(), flights(seed=3, count=2, duration_s=8.0))
+    found = weigh(fit(flight, (), flight.noise(), iterations=2))
+    every = np.concatenate([part for _, part in found.columns(32)], axis=3).swapaxes(0, 1)  # the innovations first
+    assert len(found.terms) > 100 and every.shape == (*found.fit.white.shape, 1 + len(found.newton))
+    own, rng = every[..., 1:], np.random.default_rng(2)
+    for record in range(2):
+        flat = own[:, record].reshape(-1, own.shape[3])
+        np.testing.assert_allclose(found.sums.grams[record], flat.T @ flat, rtol=1e-9, atol=1e-9)
+    expected = np.einsum("krij,krin->rjn", own, white := rng.standard_normal((*found.fit.white.shape, 3)))
+    np.testing.assert_allclose(found.products(white), expected, rtol=0, atol=1e-10 * np.abs(expected).max())
+    along = own @ (direction := rng.standard_normal(own.shape[3]))
+    np.testing.assert_allclose(found.along(direction), along, rtol=0, atol=1e-10 * np.abs(along).max())
+
+
 def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     """Truth: a straight line between samples takes 1 - sinc^2(f dt) from what oscillates at f; a gust has none."""
     mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0, "damping": 0.03})
