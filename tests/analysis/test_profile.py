@@ -14,11 +14,13 @@ from scipy.stats import chi2, t
 from casid.analysis import bootstrap, collected, drawn_problem, input_noise_errors, profile, replica, with_noisy_inputs
 from casid.analysis.input_noise import _Caused, _gains, _groups
 from casid.analysis.relinearise import AtFit, relinearise
+from casid.analysis.together import Together
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     EquationError,
     Fit,
     GaussNewton,
+    InitialState,
     MultipleShooting,
     Problem,
     RangeWeights,
@@ -174,6 +176,44 @@ def test_bootstrap_scatter_is_the_covariance_under_white_noise():
     ends = drawn.interval("Mq")
     assert ends[0] < fit["Mq"].value < ends[1]
     assert drawn.std("Mq") == pytest.approx(drawn.estimates[:, list(TRUTH).index("Mq")].std(ddof=1))
+
+
+def gap(record: Record) -> Record:
+    return record.with_channels(q=np.where(np.arange(len(record)) % 7 == 3, np.nan, record["q"]))
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"noise": NOISE},
+        {},
+        {"per_record": ["Zde"]},
+        {"initial_state": InitialState(value={"alpha": 0.01, "q": -0.02}, std={"alpha": 0.0, "q": 0.01})},
+    ],
+)
+def test_runs_that_are_solved_together_are_those_of_solve(asked):
+    """The truth is each run by itself: two records of different length with missing samples, noise that is given or
+    estimated, a parameter of each record, initial states that are known."""
+    records = [gap(noisy_flight(seed, name=f"m{seed}")) for seed in (3, 4)]
+    records[1] = records[1].between(0.0, 6.0)
+    fit = solve(Problem(short_period(), records, free=["*"], **asked))
+    assert fit.converged and Together.takes(fit, MultipleShooting())
+    together = bootstrap(fit, 4, seed=5)
+    alone = collected(fit, [replica(fit, (5, run)) for run in range(4)])
+    std = np.sqrt(np.diag(fit.covariance))
+    np.testing.assert_allclose(together.estimates / std, alone.estimates / std, atol=1e-4)
+
+
+@pytest.mark.parametrize("prior", [False, True])
+def test_logarithms_that_are_solved_together_are_those_of_solve(prior):
+    """The truth is each run by itself."""
+    line = line_model(prior_std={"a": 0.5})
+    model = replace(line, nominal={"a": 1.5, "b": 0.0})
+    fit = solve(Problem(model, [line_record()], free=["*"], log=["a"], prior=prior))
+    assert fit.converged and Together.takes(fit, MultipleShooting())
+    together = bootstrap(fit, 4, seed=5)
+    alone = collected(fit, [replica(fit, (5, run)) for run in range(4)])
+    np.testing.assert_allclose(together.estimates, alone.estimates, atol=1e-4 * fit["a"].std)
 
 
 def test_bootstrap_with_noisy_inputs_scatters_as_the_adjoint_says():
