@@ -294,7 +294,7 @@ class _Judged:
 
     def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
         """By name."""
-        enough = criteria.verdict.detectable
+        enough = criteria.significance.detectable
         found, table = {}, self.confusion
         for i, name in enumerate(self.names):
             rivals = {self.names[j]: float(table[i, j]) for j in np.argsort(-table[i], kind="stable")}

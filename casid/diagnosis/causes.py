@@ -262,7 +262,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     usual = one.nuisance or is_induced_drag(effect, value, fit)
     gates = (
         at_most("expected of any aircraft", float(usual), 0.0),
-        at_least("gain", statistic, required, "turbulence.left"),
+        at_least("gain", statistic, required, "naming.approximate"),
         *matters(share, statistic, clear_gain(evidence.fit), criteria),
         *sure(evidence, name),
         at_least("gain on held-out records", 0.0 if held is None else held, 0.0),
@@ -330,7 +330,7 @@ def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | N
 def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
     """Terms that are significant in the model discrepancy but too small to matter."""
     fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
-    sigmas, matter = evidence.criteria.verdict.small_term, evidence.criteria.size.share
+    sigmas, matter = evidence.criteria.significance.detectable, evidence.criteria.size.share
     found = []
     for i, (coefficient, term) in enumerate(evidence.terms):
         mean, std = float(evidence.newton[k + i]), float(np.sqrt(evidence.covariance[k + i, k + i]))
@@ -381,7 +381,7 @@ def still_missing(
     Its size must exceed a `share` of the variation at its port; by default the share from which a cause matters.
     """
     by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
-    rough = sum((by.left_by_an_event if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
+    rough = sum((by.approximate if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]

@@ -14,7 +14,7 @@ from typing import Any
 
 from casid.criterion import Criterion, Value, listed, number, overridden
 from casid.data_check.criteria import DataCriteria
-from casid.diagnosis.flight.criteria import DerivativeSizes, InputTimingCriteria, NoiseCriteria
+from casid.diagnosis.flight.criteria import InputTimingCriteria, NoiseCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.library import SystemCriteria
 from casid.errors import InputError
@@ -23,39 +23,40 @@ _GAIN = "2 ln L"
 
 
 @dataclass(frozen=True, kw_only=True)
-class TypicalDerivatives:
-    """Smallest size of a derivative that differs notably from zero, per unit of its regressor, by coefficient."""
+class SignificanceCriteria:
+    """Likelihood-ratio statistics that noise alone does not reach."""
 
-    CL: float = number(0.3, "size of a derivative of the lift coefficient")
-    CD: float = number(0.05, "size of a derivative of the drag coefficient")
-    CX: float = number(0.05, "size of a derivative of the longitudinal force coefficient")
-    CZ: float = number(0.3, "size of a derivative of the normal force coefficient")
-    CY: float = number(0.1, "size of a derivative of the side force coefficient")
-    Cl: float = number(0.02, "size of a derivative of the rolling moment coefficient")
-    Cm: float = number(0.1, "size of a derivative of the pitching moment coefficient")
-    Cn: float = number(0.02, "size of a derivative of the yawing moment coefficient")
+    chance: float = number(9.0, "statistic of one number that is significant", "derived: 3 sigmas, 0.3 %", unit=_GAIN)
+    search: float = number(
+        31.4,
+        "statistic of the best of many candidates that is significant",
+        "derived: 5.6 sigmas, power 90 %, false alarm 1e-4 over a hundred candidates",
+        unit=_GAIN,
+    )
 
-    def of(self, coefficient: str) -> float:
-        """The size for the name of a coefficient."""
-        return float(getattr(self, coefficient))
+    @property
+    def sigmas(self) -> float:
+        """Distance from zero, in 1-sigmas, of one number that is significant."""
+        return self.chance**0.5
+
+    @property
+    def detectable(self) -> float:
+        """Smallest detectable size, in 1-sigmas."""
+        return self.search**0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class PriorCriteria:
-    """Prior uncertainty of derivatives. A derivative that the file has at zero is expected to have its `usual` size, if
-    it has one.
-    """
+    """Prior uncertainty of derivatives."""
 
     spread: float = number(3.0, "prior 1-sigma of a derivative without a stated uncertainty, over its size")
-    stated: float = number(
+    unstated: float = number(
         0.1,
-        "smallest stated 1-sigma that is used, over `typical`",
-        "derived: a relative uncertainty means nothing near zero",
+        "relative uncertainty of a number whose uncertainty the file does not state, and the smallest 1-sigma of a "
+        "derivative over its notable size",
     )
-    regressor: float = number(0.1, "variation of a regressor that `typical` refers to", unit="rad")
+    regressor: float = number(0.1, "variation of a regressor that the notable size refers to", unit="rad")
     resting: float = number(1e-3, "variation of a regressor below which it is noise", unit="rad")
-    typical: TypicalDerivatives = TypicalDerivatives()
-    usual: DerivativeSizes = DerivativeSizes()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,21 +73,10 @@ class KinematicCriteria:
     peak: float = number(
         2.0, "1-sigma of a free angular acceleration over its r.m.s.; manoeuvres take only a part of a record"
     )
-    seen: float = number(50.0, "predicted statistic above which the kinematic check can judge a cause", unit=_GAIN)
-    refuted: float = number(0.3, "part of the predicted statistic below which the kinematic check rejects a cause")
-    confirmed: float = number(0.7, "part of the predicted statistic above which the kinematic check confirms a cause")
-    larger: float = number(1.5, "part of the predicted statistic above which the kinematics find another, larger size")
-    contradiction: float = number(
-        30.0, "chi-square between the sizes in kinematics and full model above which they disagree"
-    )
-    faintly_seen: float = number(
-        9.0,
-        "predicted statistic above which a cause is visible in the kinematics at all",
-        "derived: 3 sigmas",
-        unit=_GAIN,
-    )
-    opposed: float = number(
-        8.0, "chi-square above which the kinematic check rejects a cause that is only faintly visible"
+    refuted: float = number(
+        0.3,
+        "part of the predicted statistic below which the kinematic check rejects a cause, and short of which it "
+        "confirms one",
     )
     smallest_part: float = number(0.5, "smallest part of a predicted size that is compared with the kinematics")
 
@@ -95,8 +85,6 @@ class KinematicCriteria:
 class TurbulenceCriteria:
     """Whether the air is turbulent, and how much the approximate model of turbulence leaves unexplained."""
 
-    gain: float = number(150.0, "statistic of turbulence, and of all its axes beyond the best one", unit=_GAIN)
-    smallest: float = number(0.15, "r.m.s. velocity above which the air is turbulent", unit="m/s")
     other_axes: float = number(
         0.1,
         "part of the statistic that a single axis must leave unexplained",
@@ -105,10 +93,6 @@ class TurbulenceCriteria:
     slow: float = number(
         0.8, "part of the statistic that slow latent inputs of the air must reach; coloured noise cannot"
     )
-    left: float = number(0.02, "part of the statistic that the approximate spectrum leaves to other causes")
-    rival: float = number(
-        0.3, "part of the statistic for a fault in place of turbulence, or of turbulence beside faults"
-    )
     one_reading: float = number(
         1.5, "drift of one reading, over the statistic of turbulence, above which the air is calm"
     )
@@ -116,9 +100,6 @@ class TurbulenceCriteria:
     spectrum: float = number(
         0.1, "relative error of the velocity", "derived: a first-order process only approximates a Dryden spectrum"
     )
-    roll_damping: float = number(0.4, "-Cl_p if the aircraft file has none")
-    pitch_damping: float = number(10.0, "-Cm_q if the aircraft file has none")
-    yaw_damping: float = number(0.15, "-Cn_r if the aircraft file has none")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,16 +122,8 @@ class StructureCriteria:
         "derived: rounding, for a surface with an offset",
     )
     ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
-    demanded: float = number(
-        50.0, "statistic of an expected term or small offset that is added before the search", unit=_GAIN
-    )
     oswald: float = number(0.5, "lowest Oswald factor of a wing", "chosen: below the usual 0.7 to 0.85")
     confidence: float = number(1.96, "half width of a confidence interval, in 1-sigmas", "derived: 95 %, Gaussian")
-    certain: float = number(
-        2.58,
-        "distance from zero of a value that may be named, in 1-sigmas",
-        "derived: one wrong name in a hundred, Gaussian",
-    )
     known: float = number(
         0.005, "smallest relative 1-sigma of a value", "chosen: sampling and the simulator leave that uncertain"
     )
@@ -167,11 +140,8 @@ class ScreeningCriteria:
     equivalent: float = number(10.0, "distance of the statistics within which causes are equivalent", unit=_GAIN)
     equivalent_part: float = number(0.005, "the same distance over the statistic, if that is more")
     surviving: float = number(0.02, "share of a fingerprint below which it counts as a combination of derivatives")
-    smallest_size: float = number(
-        0.3, "predicted over tried size of a nonlinear effect below which the prediction is not valid"
-    )
-    largest_size: float = number(
-        3.0, "predicted over tried size of a nonlinear effect above which the prediction is not valid"
+    nonlinear: float = number(
+        3.0, "ratio of predicted and tried size of a nonlinear effect above which the prediction is not valid"
     )
     by_chance: float = number(
         1e-6, "probability of the highest peak of white innovations below which it is an oscillation"
@@ -188,12 +158,6 @@ class ScreeningCriteria:
 class EventCriteria:
     """Causes that begin at a time."""
 
-    interval: float = number(
-        10.83,
-        "drop of the profile likelihood at the ends of an onset's interval",
-        "derived: chi-square 99.9 %, for flat profiles",
-        unit=_GAIN,
-    )
     apart: float = number(2.0, "distance of two onsets above which they are two events", unit="s")
     at_start: float = number(
         0.1, "time after the first possible onset within which it is a permanent effect, not an event", unit="s"
@@ -206,7 +170,6 @@ class EventCriteria:
     )
     always: float = number(0.5, "part of the mean square due to the mean above which an effect always acts")
     member: float = number(0.05, "significance of a coefficient that changes with others, over the largest")
-    member_sigmas: float = number(4.0, "significance of a coefficient that changes with others, in 1-sigmas")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -216,7 +179,11 @@ class SizeCriteria:
     share: float = number(
         0.05, "part of a coefficient's variation that matters", "measured: linear structure commonly leaves 2 to 4 %"
     )
-    switching: float = number(0.1, "the same for a configuration change; a bend in a curve resembles a small one")
+    ambiguous: float = number(
+        0.1,
+        "the same for a configuration change, and for what held-out records leave unexplained",
+        "chosen: twice as much; a bend in a curve resembles a small change, and the structure was not fitted there",
+    )
     consequence: float = number(
         0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
     )
@@ -241,6 +208,11 @@ class SizeCriteria:
     wind_along: float = number(20.0, "velocity of the air along x, of which the part `share` matters", unit="m/s")
     wind_across: float = number(3.0, "velocity of the air along y or z, of which the part `share` matters", unit="m/s")
 
+    @property
+    def turbulent(self) -> float:
+        """r.m.s. velocity [m/s] above which the air is turbulent."""
+        return self.share * self.wind_across
+
 
 @dataclass(frozen=True, kw_only=True)
 class NamingCriteria:
@@ -256,31 +228,20 @@ class NamingCriteria:
         "derived: 20 sigmas where it just matters",
         unit=_GAIN,
     )
-    clear_of_misfit: float = number(
-        31.4,
-        "the same if the noise was estimated with the model, which includes structural errors",
-        "derived: 5.6 sigmas, of which `clear` makes 20 to allow for misfit",
-        unit=_GAIN,
-    )
-    tried_size: float = number(0.3, "predicted size of a cause that is fitted, over the smallest that matters")
-    tried_gain: float = number(0.3, "predicted statistic of a cause that is fitted, over that for a name")
-    tried_clear: float = number(0.2, "predicted clearness of a cause that is fitted, over `clear`")
-    nothing_left: float = number(30.0, "statistic of every latent input below which nothing is missing", unit=_GAIN)
-    needed: float = number(
-        25.0, "statistic by its 1-sigma, over that for a name, above which a cause is certainly needed"
+    tried: float = number(
+        0.3, "predicted statistic, size and clearness of a cause that is fitted, over what a name requires"
     )
     left_by_a_cause: float = number(
         0.002, "part of a cause's statistic that its approximate shape leaves to latent inputs"
     )
-    left_by_an_event: float = number(0.02, "the same for an event; also left to another event")
+    approximate: float = number(
+        0.02, "the same for an event or turbulence, whose shape is approximate, and the least that it leaves elsewhere"
+    )
     left_to_others: float = number(0.001, "part of a cause's statistic that it leaves to other causes")
     left_behind: float = number(
         0.2, "statistic of the best unrelated trial, over the named one, above which it is tried again"
     )
     rival: float = number(0.7, "part of a cause's statistic above which another cause is an alternative")
-    rival_angle: float = number(
-        0.8, "sine of the angle between fingerprints below which another cause is an alternative"
-    )
     give_up: float = number(0.2, "distance to the best trial, over its statistic, at which a trial is abandoned")
     alike: float = number(0.6, "sine of the angle between fingerprints below which they are similar")
     alike_sigmas: float = number(
@@ -301,11 +262,6 @@ class DoubtCriteria:
         "measured: causes leave hardly any, imitations a fifth",
     )
     left_by_terms: float = number(0.1, "the same for a term or a configuration change, which can imitate other effects")
-    helped: float = number(
-        0.35, "reduction of a latent input's statistic, over the cause's, above which its port is judged"
-    )
-    worse: float = number(1.3, "factor of a latent input's statistic above which a cause makes its port worse")
-    worse_part: float = number(0.02, "part of the cause's statistic by which that limit is raised")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,27 +269,20 @@ class HeldOutCriteria:
     """Held-out records."""
 
     fitted_part: float = number(2 / 3, "part of a single record that is fitted")
-    missing_share: float = number(
-        0.1,
-        "part of a variation that may be missing there",
-        "chosen: twice what matters; the structure was not fitted there",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictCriteria:
     """What the verdict reports."""
 
-    missing: float = number(150.0, "statistic of a latent input above which something is missing", unit=_GAIN)
-    detectable: float = number(
-        5.6,
-        "smallest detectable size, in 1-sigmas",
-        "derived: power 90 %, false alarm 1e-4 over a hundred candidates",
+    missing: float = number(
+        150.0,
+        "statistic of a latent input, of turbulence or of another timing of the inputs above which it is there",
+        unit=_GAIN,
     )
     minor_part: float = number(
         0.75, "statistic of a minor cause, over what is missing, above which it may be what is missing"
     )
-    small_term: float = number(6.0, "significance of a small term that is listed, in 1-sigmas")
     stated: int = number(3, "findings of a kind that the sentence lists one by one; the report lists all")
 
 
@@ -349,10 +298,6 @@ class GivenCriteria:
     beginning: float = number(
         1.0, "length at the beginning of a record used for the initial value of a measured state", unit="s"
     )
-    sigmas: float = number(
-        3.0, "corrected 1-sigmas above which flight contradicts a number of the file", "derived: 3 sigmas"
-    )
-    unstated: float = number(0.1, "relative uncertainty of a number whose uncertainty the file does not state")
     from_records: float = number(
         0.5, "part of the information on a number that must come from the records", "derived: more than the file's own"
     )
@@ -361,11 +306,10 @@ class GivenCriteria:
         "motion of an axis, over that of the other, below which it is out of scope",
         "measured: records of one axis show 0.03 to 0.21, of all axes 0.3 and more",
     )
-    worse: float = number(1.05, "ratio of the errors on held-out records above which a channel is reported as worse")
     fails: float = number(
         10.0, "error on held-out records, over that as given or over the noise, at which the extended model fails"
     )
-    above_noise: float = number(1.1, "error over noise above which it is reported")
+    worse: float = number(1.1, "error over that as given, or over noise, above which it is reported")
     refined: float = number(
         1.5, "ratio of the errors above which re-estimation within the stated uncertainty is reported"
     )
@@ -406,6 +350,7 @@ class Criteria:
     80.0
     """
 
+    significance: SignificanceCriteria = SignificanceCriteria()
     data: DataCriteria = DataCriteria()
     noise: NoiseCriteria = NoiseCriteria()
     given: GivenCriteria = GivenCriteria()

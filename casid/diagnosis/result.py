@@ -201,9 +201,7 @@ class Diagnosis:
         """Curves of unexplained latent inputs at coefficients, if the held-out records support them; they are not
         causes.
         """
-        return shapes_of(
-            self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.above_noise
-        )
+        return shapes_of(self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.worse)
 
     @property
     def is_extended(self) -> bool:

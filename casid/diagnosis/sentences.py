@@ -122,14 +122,14 @@ def refined(budget: Budget, least: float) -> str:
     )
 
 
-def losses(budget: Budget, worse: float, above_noise: float) -> str:
+def losses(budget: Budget, worse: float) -> str:
     """The sentence of channels in which the best model is worse than the file as given on held-out records, worst
     first.
     """
     lost = {
         name: steps.structure / steps.as_given
         for name, steps in budget.channels.items()
-        if steps.structure > worse * steps.as_given and steps.structure > above_noise
+        if steps.structure > worse * steps.as_given and steps.structure > worse
     }
     if not lost:
         return ""

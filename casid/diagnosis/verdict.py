@@ -149,7 +149,7 @@ def _missing_on_held(
 
     def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
         held = with_events(held, model)
-        share = kept.evidence.criteria.held_out.missing_share
+        share = kept.evidence.criteria.size.ambiguous
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
         found = still_missing(evidence, missing_inputs(evidence), causes, required, share)
         return _not_by_noise(evidence.fit, found, causes, required, share)
@@ -271,7 +271,7 @@ def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: S
         account_sentence(found.budget, account, most),
         sentences.several(mended, most),
         headline,
-        sentences.losses(found.budget, criteria.worse, criteria.above_noise),
+        sentences.losses(found.budget, criteria.worse),
         sentences.left_open(open_, most),
     ]
     return replace(
@@ -295,7 +295,7 @@ def _factors(found: Diagnosis, scope: Scope) -> tuple[Factor, ...]:
 
 def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequence[Factor]) -> dict[str, list[str]]:
     """Step of the account -> what contributes to it, the largest first."""
-    by, given = found.criteria.given, found.aircraft.derivatives
+    least, given = found.criteria.significance.sigmas, found.aircraft.derivatives
     single = {name for one in factors for name in one.derivatives}
     moved = {
         name: (one.value, one.std)
@@ -303,7 +303,10 @@ def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequenc
         if one.determined and given.get(name) and name not in single and not name.endswith("_0")
     }
     sigmas = {name: abs(value - given[name]) / std for name, (value, std) in moved.items() if std > 0.0}
-    order = sorted((name for name, size in sigmas.items() if size > by.sigmas), key=lambda name: -sigmas[name])
+    order = sorted(
+        (name for name, size in sigmas.items() if size > least),
+        key=lambda name: -sigmas[name],
+    )
     return {
         "data": [f"{one.target}: {one.kind.removeprefix('data_')}" for one in mended],
         "values": [

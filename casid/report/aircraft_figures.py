@@ -89,7 +89,7 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
     with settings():
         figure = blank(_ROW * len(order) + 1.3)
         ax = figure.subplots()
-        stated = 100.0 * (diagnosis.aircraft.relative_uncertainty or diagnosis.criteria.given.unstated)
+        stated = 100.0 * (diagnosis.aircraft.relative_uncertainty or diagnosis.criteria.prior.unstated)
         ax.axvspan(-stated, stated, color=NOISE, lw=0)
         ax.axvline(0.0, color=MEASURED, lw=1.0)
         for y, one in enumerate(order):

@@ -182,7 +182,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
             best[key] = (z, f"{fault} {quantity(candidate.value, effect.unit)}".strip())
     if not best:
         return None
-    limit = math.sqrt(diagnosis.criteria.kinematics.seen)
+    limit = math.sqrt(diagnosis.criteria.significance.search)
     everyone = sorted(best, key=lambda k: -best[k][0])
     order = everyone[:_MOST_INSTRUMENTS]
     figure = blank(0.29 * len(order) + 1.2)

@@ -214,11 +214,12 @@ def unseen(diagnosis: Diagnosis) -> ReportTable:
         for kind in KINDS
         if kind in seen or kind in blind
     )
+    sigmas = diagnosis.criteria.significance.detectable
     return ReportTable(
         head=("kind", "smallest that would have been found", "not detectable in these records"),
         rows=rows,
-        caption=f"What these records would have shown: sizes of {diagnosis.criteria.verdict.detectable:g}σ, after the "
-        "derivatives took their share. Not detectable: it would have to be larger than anything plausible.",
+        caption=f"What these records would have shown: sizes of {sigmas:.2g}σ, after the derivatives "
+        "took their share. Not detectable: it would have to be larger than anything plausible.",
     )
 
 

@@ -43,7 +43,7 @@ def as_it_shows(
 
 
 def _changes(before: Record, after: Record, channels: Collection[str]) -> bool:
-    least = Criteria().verdict.detectable ** 2
+    least = Criteria().significance.search
     return len(before) != len(after) or sum(_square(before, after, name) for name in channels if name in before) > least
 
 

@@ -1,6 +1,6 @@
 """How large derivatives are: over the aircraft that come with JSBSim, each at the speed of a lift coefficient of 0.4.
 
-This is where the numbers of `casid.diagnosis.flight.criteria` come from.
+This is where the numbers of `casid.model.usual_derivatives` come from.
 
     python -m problems.jsbsim.derivative_sizes
 """

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
-from casid.diagnosis.criteria import Criteria, DoubtCriteria
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
@@ -38,8 +38,8 @@ def clear_gain(base: FlightFit) -> float:
     The value is larger if the noise was estimated with the model. Structural errors are then part of the residuals but
     not of the noise, and a negligible cause can be many standard deviations from zero.
     """
-    by = base.criteria.naming
-    return by.clear_of_misfit if base.flight.noise_by_fit else by.clear
+    by = base.criteria
+    return by.significance.search if base.flight.noise_by_fit else by.naming.clear
 
 
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
@@ -64,7 +64,7 @@ def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criter
     leave = [one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed]
     prices = {
         of_a_name: required_gain(trial.effect, criteria),
-        "turbulence.left": 0.0 if trial.confirmed else required,
+        "naming.approximate": 0.0 if trial.confirmed else required,
         "naming.left_to_others": criteria.naming.left_to_others * max(leave, default=0.0),
     }
     highest = max(prices, key=lambda name: prices[name])
@@ -125,7 +125,7 @@ def matters(
     size = at_least("size, of what matters", share, 1.0, "size.share")
     if unlike_aerodynamics:
         return (size,)
-    name = "naming.clear" if clear == criteria.naming.clear else "naming.clear_of_misfit"
+    name = "naming.clear" if clear == criteria.naming.clear else "significance.search"
     return size, at_least("clearness", share**2 * gain, clear, name)
 
 
@@ -189,8 +189,9 @@ class _Seen:
         return self.evidence.criteria
 
     @property
-    def by(self) -> DoubtCriteria:
-        return self.criteria.doubt
+    def most(self) -> tuple[float, str]:
+        """The part that may be missing beside a cause that can imitate others, with the name of its criterion."""
+        return self.criteria.doubt.left_by_terms, "doubt.left_by_terms"
 
     @cached_property
     def left(self) -> dict[str, float]:
@@ -228,22 +229,22 @@ class _Seen:
         """
         found = {max(self.own, key=lambda s: self.was[s])} if self.own else set()
         helped = max(self.was, key=lambda s: self.was[s] - self.left[s])
-        if self.was[helped] - self.left[helped] > max(
-            self.by.helped * self.last.gain.raw, self.criteria.verdict.missing
-        ):
+        least = max(self.criteria.doubt.left * self.last.gain.raw, self.criteria.verdict.missing)
+        if self.was[helped] - self.left[helped] > least:
             found.add(helped)
         return found
 
 
 def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
-    more = max(seen.criteria.verdict.missing, seen.by.worse_part * seen.last.gain.raw)
-    worse = [m for m in seen.after if m.gain > seen.by.worse * seen.was[m.station] + more]
+    criteria = seen.criteria
+    more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
+    worse = [m for m in seen.after if m.gain > (1.0 + criteria.doubt.left) * seen.was[m.station] + more]
     shares = {m.place.words: missing_share(seen.evidence.fit, m) for m in worse}
     if not shares:
         return []
     most = max(shares, key=lambda place: shares[place])
-    return [at_most(f"share newly missing at {most}", shares[most], seen.criteria.size.share, "doubt.worse")]
+    return [at_most(f"share newly missing at {most}", shares[most], criteria.size.share, "size.share")]
 
 
 def _is_sure(seen: _Seen) -> list[Gate]:
@@ -255,7 +256,7 @@ def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     fit = seen.evidence.fit
     biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
     biased = [reading(a.effect.target) for a in biases]
-    return seen.gone([s for s in biased if s in seen.was], (seen.by.left_by_terms, "doubt.left_by_terms"))
+    return seen.gone([s for s in biased if s in seen.was], seen.most)
 
 
 def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
@@ -280,7 +281,7 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
     effect = seen.effect
     if effect.improbable or not (effect.quasi_steady or effect.members):
         return []
-    return seen.gone(seen.own, (seen.by.left_by_terms, "doubt.left_by_terms"), seen.last.gain.total)
+    return seen.gone(seen.own, seen.most, seen.last.gain.total)
 
 
 def _explains_what_was_missing(seen: _Seen) -> Gate:

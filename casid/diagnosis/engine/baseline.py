@@ -58,7 +58,7 @@ class Baseline:
     @property
     def required(self) -> float:
         """The part of the statistic of turbulence that counts as misfit of its approximate shape, not as evidence."""
-        return self.turbulence.criteria.left * self.turbulence.gain if self.turbulence.named else 0.0
+        return self.criteria.naming.approximate * self.turbulence.gain if self.turbulence.named else 0.0
 
     def without_causes(self, named: Collection[tuple[str, str, str | None]]) -> FlightFit:
         """The model without any cause. A structure term that was `named` as a cause is not part of it."""
@@ -74,7 +74,7 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
     """
     say("refit of the file")
     calm = fit(flight, known, flight.noise(), iterations=20)
-    if is_far(calm, flight.criteria.noise.far_from_data) and not comes_near(flight, known):
+    if is_far(calm, flight.criteria.numerics.fit.far) and not comes_near(flight, known):
         flight = unread(flight)
         calm = fit(flight, known, flight.noise(), iterations=20)
     calm = as_inputs_run(in_colour(without_outliers(calm)))

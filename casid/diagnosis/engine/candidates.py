@@ -76,8 +76,8 @@ def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria
     """The gate on the score statistic beside the misfit of an approximate model of turbulence."""
     if candidate.attached.effect.kinematic:
         return ()
-    part = criteria.naming.tried_gain * required
-    return (at_least("predicted statistic beside turbulence", candidate.net, part, "naming.tried_gain"),)
+    part = criteria.naming.tried * required
+    return (at_least("predicted statistic beside turbulence", candidate.net, part, "naming.tried"),)
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
@@ -130,17 +130,17 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
 def _predicted_statistic(candidate: Candidate, criteria: Criteria) -> Gate:
     """The gate on the score statistic of a cause that is to be fitted."""
     by = criteria.naming
-    return at_least("predicted statistic", candidate.net, by.tried_gain * by.gain, "naming.tried_gain")
+    return at_least("predicted statistic", candidate.net, by.tried * by.gain, "naming.tried")
 
 
 def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
     """The gates on the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
     share, by = meaningful_share(base, candidate.attached), base.criteria.naming
-    gates = (at_least("predicted size", share, by.tried_size, "naming.tried_size"),)
+    gates = (at_least("predicted size", share, by.tried, "naming.tried"),)
     if candidate.attached.effect.of_an_instrument:
         return gates
     clear = share**2 * candidate.statistic / clear_gain(base)
-    return (*gates, at_least("predicted clearness", clear, by.tried_clear, "naming.tried_clear"))
+    return (*gates, at_least("predicted clearness", clear, by.tried, "naming.tried"))
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:

@@ -9,7 +9,7 @@ from functools import partial, reduce
 import numpy as np
 
 from casid.diagnosis.cause import Gate, at_least
-from casid.diagnosis.criteria import EventCriteria
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
@@ -50,7 +50,7 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     for record, t in times.items():
         drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
         onsets[record] = float(t[np.argmax(drops)])
-        inside = np.flatnonzero(drops > drops.max() - evidence.criteria.events.interval)
+        inside = np.flatnonzero(drops > drops.max() - evidence.criteria.significance.chance)
         # The interval ends where the profile is first too low, to within the spacing of its points.
         low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
         ends = (round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3))
@@ -176,7 +176,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     for duration, steps in zip(durations, every, strict=False):
         for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
-            members = _members(np.abs(sizes[0]) / stds[0], criteria.events)
+            members = _members(np.abs(sizes[0]) / stds[0], criteria)
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
             net = float(statistic[0]) - (len(members) + 1) * price - 2.0 * np.log(tries)
             if best is not None and net < best.net:
@@ -200,9 +200,9 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     return [] if best is None else [best]
 
 
-def _members(strength: np.ndarray, criteria: EventCriteria) -> list[int]:
+def _members(strength: np.ndarray, criteria: Criteria) -> list[int]:
     """Indices of the coefficients that take part, by their size in standard deviations."""
-    strong = np.flatnonzero(strength > max(criteria.member_sigmas, criteria.member * strength.max()))
+    strong = np.flatnonzero(strength > max(criteria.significance.sigmas, criteria.events.member * strength.max()))
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
@@ -349,7 +349,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
 
 def weak_members(fit: FlightFit, attached: Attached) -> Sequence[str]:
     """Coefficients of a fitted configuration change that are not significant."""
-    sigmas = fit.criteria.events.member_sigmas
+    sigmas = fit.criteria.significance.sigmas
     names = attached.effect.members
     slots = {c: attached.name + ("" if c == names[0] else f".{c}") for c in names}
     return [c for c, slot in slots.items() if abs(fit[slot]) < sigmas * fit.std(slot)]

@@ -119,7 +119,7 @@ class Scale:
 
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""
-        air, structure = self.criteria.turbulence.gain, self.criteria.structure.demanded
+        air, structure = self.criteria.verdict.missing, self.criteria.naming.gain
         return self.against_nothing(cause.statistic, air if cause.kind == turbulence_effect("").kind else structure)
 
 

@@ -129,7 +129,7 @@ def _grown(state: State, say: Say) -> State:
             accepted = state
         elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
             break
-        if state.missing[0].gain < state.criteria.naming.nothing_left:  # no event either, but where terms may hide one
+        if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
             catalogue = [one for one in catalogue if one.of_an_instrument or (nonlinear and not one.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
@@ -204,7 +204,7 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
     chosen, refused = worth_trying(state.fit, rankings, switches, state.baseline.required)
-    apart, sigmas = state.criteria.events.apart, state.criteria.verdict.detectable
+    apart, sigmas = state.criteria.events.apart, state.criteria.significance.detectable
     more = [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
     return _Screening(
         chosen=[*chosen, *more],
@@ -282,7 +282,7 @@ def _left_behind(state: State) -> list[Candidate]:
     by, taken = state.criteria.naming, {one.effect.key for one in state.fit.attached}
     apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key not in taken]
     return [
-        t.candidate for t in apart if t.gain.total > by.left_behind * best.gain.total and sine(best, t) > by.rival_angle
+        t.candidate for t in apart if t.gain.total > by.left_behind * best.gain.total and sine(best, t) > by.unrelated
     ][:1]
 
 
@@ -315,7 +315,7 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
     index, by = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.naming
-    return evidence.fit[name] ** 2 > by.needed * by.gain * evidence.covariance[index, index]
+    return evidence.fit[name] ** 2 > by.clear * evidence.covariance[index, index]
 
 
 def dropped(state: State) -> State:
@@ -352,7 +352,7 @@ def _near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     best, by = round_.leader, criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
-    near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.rival_angle]
+    near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
     return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
 
 
@@ -420,7 +420,7 @@ def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:
     """The baseline whose noise is estimated with the model; None unless residuals with the causes far exceed the
     measured noise.
     """
-    if not is_far(state.fit, state.criteria.noise.far_from_causes):
+    if not is_far(state.fit, state.criteria.significance.chance):
         return None
     return baseline_of(unread(state.baseline.flight), state.baseline.calm.attached, say)
 

@@ -55,7 +55,7 @@ def meaningful_share(fitted: FlightFit, one: Attached) -> float:
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
         return min(own, _consequence(fitted, one), _lateness(fitted, one) / criteria.late)
-    share = _coefficient_share(fitted, one) / (criteria.switching if effect.members else criteria.share)
+    share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
     return max(share, 1.0) if effect.expected else share
 
 

@@ -65,7 +65,7 @@ def demanded_structure(base: FlightFit) -> list[Attached]:
     everywhere = np.ones((1, len(base.batch.names)))
     for one in fingerprints(judge.evidence, effects):
         statistic, size, _, _ = judge.score([one], everywhere)
-        if statistic > base.criteria.structure.demanded:
+        if statistic > base.criteria.naming.gain:
             found.append(Attached(effect=one.effect, values={"value": size}))
     return found
 
@@ -136,7 +136,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
         others = [i for i in range(len(offered)) if i not in chosen]
         gains = [float(_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]]) for i in others]
         misfit = max(1.0, (squares - max(gains)) / base.readings)
-        if max(gains) - gained < base.criteria.structure.demanded * misfit:
+        if max(gains) - gained < base.criteria.naming.gain * misfit:
             break
         chosen.append(others[int(np.argmax(gains))])
         sizes, gained = _sizes(information, match, chosen), max(gains)

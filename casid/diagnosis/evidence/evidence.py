@@ -487,7 +487,10 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
     ratio = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
     return (
         at_least(
-            "size, in corrected standard deviations", ratio, evidence.criteria.structure.certain, "structure.certain"
+            "size, in corrected standard deviations",
+            ratio,
+            evidence.criteria.significance.sigmas,
+            "significance.chance",
         ),
     )
 

@@ -138,7 +138,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
         some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
         for keep in (np.ones(R), *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
-            if size == 0.0 or (not effect.linear and not criteria.smallest_size < size < criteria.largest_size):
+            if size == 0.0 or (not effect.linear and not 1.0 / criteria.nonlinear < size < criteria.nonlinear):
                 continue
             tried = len(prints) * (1.0 if keep.all() else 2.0**R - 1.0)
             dof = 1 + (effect.linear and len(one.values) > 0)
@@ -311,7 +311,7 @@ def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> fl
     if effect.linear:
         return reached.min()
     nearest = reached[np.argmin(np.abs(np.log(reached / tried)))]
-    return max(nearest, judge.criteria.screening.smallest_size * tried.min())  # below, a screening takes it for another
+    return max(nearest, tried.min() / judge.criteria.screening.nonlinear)  # below, a screening takes it for another
 
 
 def _sigmas(judge: Screen, one: Fingerprint, everywhere: np.ndarray) -> float:

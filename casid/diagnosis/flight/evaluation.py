@@ -364,7 +364,7 @@ def _sensitivities(
     work: Work, attached: tuple[Attached, ...], linear: Linear, made_of: dict[str, np.ndarray], late: np.ndarray
 ) -> dict[str, Any]:
     """The attributes of a fit that one evaluation may take from another: noise, filter, whitened sensitivities."""
-    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.noise.largest_input)
+    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     work.by_slot = _columns(work, attached, linear, made_of, late)
@@ -450,7 +450,7 @@ def gauss_newton_step(work: Work, now: FlightFit) -> tuple[np.ndarray, Motion]:
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
     """Change to the most likely motion, given a residual."""
     moved, noise = now.filter.smooth(Y, F, first)
-    most, nx = now.criteria.noise.largest_input * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
+    most, nx = now.criteria.significance.sigmas * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
     noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
     return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)
 

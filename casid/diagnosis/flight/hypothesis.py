@@ -29,6 +29,7 @@ from casid.model.path import (
 from casid.model.station import control
 from casid.model.system import Model
 from casid.model.terms import Term, derivative_term
+from casid.model.usual_derivatives import NOTABLE_DERIVATIVES, USUAL_DERIVATIVES
 from casid.native.compiler import Compilable
 from casid.records.noise import mean_over, quiet_windows
 from casid.records.record import Record
@@ -179,7 +180,7 @@ def prior(flight: Believed, model: Model, names: Sequence[str | None]) -> tuple[
 def smallest_stated_std(coefficient: str, criteria: PriorCriteria | None = None) -> float:
     """Smallest prior standard deviation of a derivative; a relative uncertainty means nothing near zero."""
     known = criteria or PriorCriteria()
-    return known.stated * known.typical.of(coefficient)
+    return known.unstated * NOTABLE_DERIVATIVES[coefficient]
 
 
 def derivative_std(flight: Stated, model: Model, name: str) -> float:
@@ -194,12 +195,12 @@ def derivative_std(flight: Stated, model: Model, name: str) -> float:
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
     known, size = flight.criteria.prior, abs(model.nominal[name])
     if name in flight.aircraft.knots:
-        return model.prior_std.get(name, known.spread * max(size, known.typical.of(flight.aircraft.knots[name])))
+        return model.prior_std.get(name, known.spread * max(size, NOTABLE_DERIVATIVES[flight.aircraft.knots[name]]))
     coefficient, term = derivative_term(name)
-    smallest = known.typical.of(coefficient)
+    smallest = NOTABLE_DERIVATIVES[coefficient]
     if name in model.prior_std:
         return max(model.prior_std[name], smallest_stated_std(coefficient, known))
-    usual = known.usual.of(name)
+    usual = USUAL_DERIVATIVES.get(name)
     if size == 0.0 and usual is not None:
         return usual * _as_in_the_file(flight.aircraft, term)
     if size > 0.0 or not term.factors:

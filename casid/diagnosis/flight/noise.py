@@ -258,6 +258,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     instrument may have are not taken for noise.
     """
     white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
+    significant = fitted.criteria.significance
     found = white_and_slow(fitted.batch.t, white, fitted.seen)
     flown, slow = sum(record.duration for record in fitted.flight.records), {}
     offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
@@ -267,9 +268,9 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
     for name, one in zip(fitted.model.outputs, found, strict=True):
         largest = sensor_bias(name).smallest_that_matters(fitted.flight.aircraft) or np.inf
         # The number of independent values of a variance is the flown time over the correlation time.
-        most = (criteria.slow - 1.0) * (1.0 + criteria.slow_sigmas * np.sqrt(2.0 * one.tau / flown))
+        most = (criteria.slow - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
-        if one.gain > criteria.slow_gain and one.slow**2 < most:
+        if one.gain > significant.chance and one.slow**2 < most:
             parts.append((one.slow * sigma[name], one.tau))
         slow |= {name: tuple(parts)} if parts else {}
     return slow
@@ -367,7 +368,7 @@ def outliers(fitted: FlightFit) -> np.ndarray:
     for r in range(seen.shape[1]):
         for i in range(seen.shape[2]):
             at = np.flatnonzero(seen[:, r, i])
-            found[at, r, i] = isolated(white[at, r, i], fitted.criteria.noise.outlier)
+            found[at, r, i] = isolated(white[at, r, i], fitted.criteria.significance.detectable)
     return found & ~(at_once & _moving(fitted)[..., None])
 
 
@@ -383,7 +384,7 @@ def _moving(fitted: FlightFit) -> np.ndarray:
     flight, batch, moving = fitted.flight, fitted.batch, np.zeros(fitted.batch.live.shape, dtype=bool)
     for name in (one for one in SURFACES if one in fitted.model.inputs):
         U = batch.U[..., fitted.model.inputs.index(name)]
-        least = flight.criteria.noise.outlier_input * np.sqrt(2.0) * flight.input_sigma.get(control(name), 0.0)
+        least = flight.criteria.significance.sigmas * np.sqrt(2.0) * flight.input_sigma.get(control(name), 0.0)
         moves = np.abs(np.diff(U, axis=0)) > least
         moving[1:] |= moves
         moving[:-1] |= moves
@@ -405,7 +406,7 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
         return fitted
     flight = fitted.flight.with_inputs_held(share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, iterations=20)
-    return other if other.deviance < fitted.deviance - criteria.gain else fitted
+    return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted
 
 
 def held_share(fitted: FlightFit, *, named: bool = False) -> float:
@@ -422,9 +423,9 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
     share = float(np.clip(round(float(np.median(shares[clear])) / criteria.step) * criteria.step, -1.0, 1.0))
-    agree = clear & (np.abs(shares - share) < criteria.agreement)
+    agree = clear & (np.abs(shares - share) < criteria.step)
     alone = needed == 1 and not named
-    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < criteria.gain:
+    if agree.sum() < needed or (alone and share != 1.0) or gains[agree].sum() < fitted.criteria.verdict.missing:
         return fitted.flight.held
     return share
 

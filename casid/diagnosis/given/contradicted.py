@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria, GivenCriteria
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
@@ -229,8 +229,10 @@ def contradicted(
     `slopes` of derivatives by tables and own aerodynamics, on which those of the file are increments.
     """
     by = criteria or Criteria()
-    beyond = [*_derivatives(aircraft, flight, by, slopes), *_effects(aircraft, flight, by.given)]
-    against = [one for one, margin in beyond if abs(one.flight - one.given) > max(margin, by.given.sigmas * one.std)]
+    beyond = [*_derivatives(aircraft, flight, by, slopes), *_effects(aircraft, flight, by)]
+    against = [
+        one for one, margin in beyond if abs(one.flight - one.given) > max(margin, by.significance.sigmas * one.std)
+    ]
     found = [*_impossible(aircraft, flight), *against]
     return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
 
@@ -252,20 +254,20 @@ def _derivatives(
         whole = value + slopes.get(name, 0.0)
         one = flight[name].nearest(value)
         stated = replace(one, value=one.value + slopes.get(name, 0.0))
-        margin = (aircraft.relative_uncertainty or criteria.given.unstated) * abs(whole)
+        margin = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(whole)
         margin = max(margin, smallest_stated_std(coefficient, criteria.prior))
         yield _against(name, term.unit, whole, stated, margin), margin
 
 
 def _effects(
-    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: GivenCriteria
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria
 ) -> Iterator[tuple[Contradiction, float]]:
     """The same for the effects of the file."""
     for value in aircraft.effects:
         effect = effect_of(value)
         stated = _flight_says(effect, flight)
         if stated is not None and stated.determined and possible(effect, value.value):
-            margin = value.std or criteria.unstated * abs(value.value)
+            margin = value.std or criteria.prior.unstated * abs(value.value)
             yield _against(effect.name, effect.unit, value.value, stated, margin), margin
 
 

@@ -174,10 +174,10 @@ def _common(members: Sequence[_Ratio], criteria: Criteria) -> tuple[float, float
     weights = [one.std**-2 for one in members]
     value = math.fsum(w * one.ratio for w, one in zip(weights, members, strict=True)) / math.fsum(weights)
     std = math.fsum(weights) ** -0.5
-    by = criteria.given
-    alike = all(abs(one.ratio - value) <= by.sigmas * one.std for one in members)
-    other = abs(value - 1.0) > max(by.sigmas * std, by.unstated)
-    each = sum(abs(one.ratio - 1.0) > by.sigmas * one.std for one in members)
+    by, sigmas = criteria.prior, criteria.significance.sigmas
+    alike = all(abs(one.ratio - value) <= sigmas * one.std for one in members)
+    other = abs(value - 1.0) > max(sigmas * std, by.unstated)
+    each = sum(abs(one.ratio - 1.0) > sigmas * one.std for one in members)
     return (value, std) if alike and other and value > 0.0 and each >= 2 else None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
-from casid.diagnosis.criteria import KinematicCriteria
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.onsets import at_peak
 from casid.diagnosis.engine.size import plausible
 from casid.diagnosis.engine.structure import SKEWED, demanded_skews
@@ -46,31 +46,33 @@ class KinematicCheck:
 
     predicted: float = 0.0
     achieved: float = 0.0
-    criteria: KinematicCriteria = KinematicCriteria()
+    criteria: Criteria = Criteria()
 
     @property
     def judges(self) -> bool:
         """Whether the cause is clearly visible in the kinematics."""
-        return self.predicted > self.criteria.seen
+        return self.predicted > self.criteria.significance.search
 
     @property
     def gates(self) -> tuple[Gate, ...]:
         """The gates on a cause that is visible: the kinematics find enough of it, or do not contradict its size."""
-        by = self.criteria
+        by, least = self.criteria.significance, self.criteria.kinematics.refuted
         if self.judges:
-            fits = at_most("contradicted size", self._contradiction, by.contradiction, "kinematics.contradiction")
+            fits = at_most("contradicted size", self._contradiction, by.search, "significance.search")
             found = self.achieved / self.predicted
-            return (at_least("found by kinematics", found, by.refuted, "kinematics.refuted", [fits]),)
-        if self.predicted <= by.faintly_seen:
+            return (at_least("found by kinematics", found, least, "kinematics.refuted", [fits]),)
+        if self.predicted <= by.chance:
             return ()
         agree = at_least("kinematic gain", self.achieved, 0.0)
-        return (at_most("opposed by kinematics", self._contradiction, by.opposed, "kinematics.opposed", [agree]),)
+        return (at_most("opposed by kinematics", self._contradiction, by.chance, "significance.chance", [agree]),)
 
     @property
     def must_be_seen(self) -> tuple[Gate, ...]:
         """The gates on a cause that only the kinematics can separate from forces."""
         return (
-            at_least("predicted kinematic gain", self.predicted, self.criteria.faintly_seen, "kinematics.faintly_seen"),
+            at_least(
+                "predicted kinematic gain", self.predicted, self.criteria.significance.chance, "significance.chance"
+            ),
             at_least("kinematic gain", self.achieved, 0.0),
         )
 
@@ -82,8 +84,9 @@ class KinematicCheck:
     @property
     def confirmed(self) -> bool:
         """Whether the kinematics find the cause with about the same size."""
-        larger = self._elsewhere and self.achieved > self.criteria.larger * self.predicted
-        return self.judges and self.achieved > self.criteria.confirmed * self.predicted and not larger
+        least = 1.0 - self.criteria.kinematics.refuted
+        larger = self._elsewhere and least * self.achieved > self.predicted
+        return self.judges and self.achieved > least * self.predicted and not larger
 
     @property
     def smaller(self) -> bool:
@@ -105,7 +108,7 @@ class KinematicCheck:
     @property
     def _elsewhere(self) -> bool:
         """Whether the size according to the kinematics is clearly different."""
-        return self.judges and self._contradiction > self.criteria.contradiction
+        return self.judges and self._contradiction > self.criteria.significance.search
 
     @property
     def _contradiction(self) -> float:
@@ -133,7 +136,7 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
     return KinematicCheck(
         predicted=size**2 * left,
         achieved=2.0 * size * match - size**2 * left,
-        criteria=kinematic.criteria.kinematics,
+        criteria=kinematic.criteria,
     )
 
 
@@ -145,12 +148,12 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     try:
         found = kinematics.again(without, [*without.attached, one])
     except InputError:  # at this size no motion agrees with the readings, and the kinematics cannot judge
-        return KinematicCheck(criteria=without.criteria.kinematics)
-    size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria.kinematics
+        return KinematicCheck(criteria=without.criteria)
+    size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria
     part = found[one.name] / size
     if gain <= 0.0:
         # If the size stays, its 1-sigma is no measure: the deviance may be just as insensitive down to zero.
-        stays = part > criteria.smallest_part
+        stays = part > criteria.kinematics.smallest_part
         predicted = -gain / part**2 if stays else (size / found.std(one.name)) ** 2
         return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     predicted = gain / part**2
@@ -167,10 +170,10 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     if one.effect.timed or not one.effect.linear:
         return None
     whole = kinematic_check(kinematic, one)
-    by = whole.criteria
+    by = whole.criteria.kinematics
     predicted = by.smallest_part**2 * whole.predicted
     achieved = by.smallest_part * (whole.achieved + whole.predicted) - predicted
-    if predicted <= by.seen:
+    if predicted <= whole.criteria.significance.search:
         return None
     return at_least("found by kinematics at half its size", achieved / predicted, by.refuted, "kinematics.refuted")
 
@@ -254,7 +257,7 @@ def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
     """
     if not kinematics.available(flight):
         return False
-    far, tried = flight.criteria.noise.far_from_causes, flight.criteria.numerics.naming.trials
+    far, tried = flight.criteria.significance.chance, flight.criteria.numerics.naming.trials
     calm = kinematics.reconstruct(flight, [one for one in known if one.effect.kinematic])
     if not is_far(calm, far):
         return True
@@ -291,7 +294,7 @@ def without_turbulence(
     if len(found) == len(before):
         return None
     left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
-    if left.named or left.gain > turbulent.criteria.rival * turbulent.gain:
+    if left.named or left.gain > flight.criteria.kinematics.refuted * turbulent.gain:
         return None
     evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
     return evidence, screen(evidence, _observable(flight, before))
@@ -326,13 +329,13 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
     for _ in range(criteria.numerics.turbulence.repairs):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
-        if not ranked or ranked[0].net < criteria.turbulence.rival * (evidence.deviance - in_moving_air[-1]):
+        if not ranked or ranked[0].net < criteria.kinematics.refuted * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
         if ranked[0].attached.effect.timed:
             other = at_peak(weigh(other, discrepancy=False), free="effects")[0].fit
         rested = weigh(kinematics.with_offsets(other), discrepancy=False)
-        if evidence.deviance - rested.deviance < criteria.kinematics.confirmed * ranked[0].net:
+        if evidence.deviance - rested.deviance < (1.0 - criteria.kinematics.refuted) * ranked[0].net:
             break  # the fit does not confirm the prediction: turbulence also resembles an instrument fault
         faulty, evidence = other, rested
         in_moving_air.append(moved(faulty))
@@ -354,4 +357,4 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
     moving = fit(flight, refitted.attached, flight.noise(air), refitted, tolerance=2.0)
     gain = as_slow_as_left(refitted).deviance - as_slow_as_left(moving).deviance
-    return gain > turbulent.criteria.gain
+    return gain > turbulent.criteria.verdict.missing

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from casid.diagnosis.criteria import KinematicCriteria, TurbulenceCriteria
+from casid.diagnosis.criteria import Criteria, KinematicCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.missing_input import moving_air
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -23,6 +23,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.filtering.innovations import NoiseModel
 from casid.model import station
 from casid.model.path import MOMENTS, coefficient_names
+from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -161,24 +162,24 @@ class Turbulence:
     length: float
     beyond_one_axis: float = 0.0
     as_histories: float = 0.0
-    criteria: TurbulenceCriteria = TurbulenceCriteria()
+    criteria: Criteria = Criteria()
 
     @property
     def named(self) -> bool:
         """Whether the air is turbulent."""
-        return self.sigma > self.criteria.smallest and self.along_all_axes and self.slow
+        return self.sigma > self.criteria.size.turbulent and self.along_all_axes and self.slow
 
     @property
     def along_all_axes(self) -> bool:
         """Whether the statistic is large enough, and no single axis explains it."""
-        least = self.criteria.gain
-        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.other_axes * self.gain)
+        least = self.criteria.verdict.missing
+        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.turbulence.other_axes * self.gain)
         return self.gain > least and one_is_not_enough
 
     @property
     def slow(self) -> bool:
         """Whether slow latent inputs of the air explain most of the statistic."""
-        return self.as_histories > self.criteria.slow * self.gain
+        return self.as_histories > self.criteria.turbulence.slow * self.gain
 
 
 # axes -> channels that are needed to leave the forces free
@@ -194,13 +195,13 @@ def still_air(flight: Flight) -> Turbulence:
 
 def _in_air(flight: Flight, sigma: float, std: float, gain: float, beyond_one_axis: float = 0.0) -> Turbulence:
     """A result with the default scale length."""
-    criteria = flight.criteria.turbulence
+    criteria = flight.criteria
     return Turbulence(
         sigma=sigma,
         std=std,
         gain=gain,
         records=flight.names,
-        length=criteria.scale_length,
+        length=criteria.turbulence.scale_length,
         beyond_one_axis=beyond_one_axis,
         criteria=criteria,
     )
@@ -245,13 +246,12 @@ def gusts(
     """
     aircraft, speed, criteria = flight.aircraft, typical_speed(flight), flight.criteria.turbulence
     length = criteria.scale_length if length is None else length
-    typical = {"Cl_p": criteria.roll_damping, "Cm_q": criteria.pitch_damping, "Cn_r": criteria.yaw_damping}
     processes = {name: (sigma, length / speed) for name in axes}
     mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
     for moment, scale in moments.items():
         derivative = _DAMPING[moment]
         arm = aircraft.rate_length_pitch if moment == "dCm" else aircraft.rate_length_lateral
-        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or typical[derivative]
+        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or USUAL_DERIVATIVES[derivative]
         processes[moment] = (scale * 1.9 * sigma / mean * damping * arm / speed, mean / (2.6 * speed))
     return processes
 
@@ -291,7 +291,9 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
         best = at(_ROLLING, scales[0], best, turned_about(*turned))
     best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
     besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), scales[0], best, best.flight.turning))
-    return relaxed(besides if best.deviance - besides.deviance > turbulent.criteria.left * turbulent.gain else best)
+    return relaxed(
+        besides if best.deviance - besides.deviance > flight.criteria.naming.approximate * turbulent.gain else best
+    )
 
 
 def reconstruct(
@@ -365,7 +367,7 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     ends = side_by_side(best_along, (faster, slower))
     found, best = min(ends, key=lambda end: end[0].deviance)
     gain = max(calm.deviance - found.deviance, 0.0)
-    if gain < criteria.gain:
+    if gain < flight.criteria.verdict.missing:
         return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
     along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)

@@ -87,4 +87,4 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
     after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
     gates = gates_of(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
     assert all_passed(gates) == believed
-    assert believed or [gate.criterion for gate in gates if not gate.passed] == ["doubt.worse"]
+    assert believed or [gate.criterion for gate in gates if not gate.passed] == ["size.share"]

@@ -93,7 +93,7 @@ def test_at_its_criterion_a_name_is_worth_its_risk() -> None:
     assert faint.there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
     assert faint.nothing == pytest.approx((1.0 - AT_CRITERION) * (1.0 - DOUBT))
     air = Attached(effect=turbulence(""), values={"value": 1.0})
-    moving = believed([cause_of(air, CRITERIA.turbulence.gain)], [], naming_of(), [])
+    moving = believed([cause_of(air, CRITERIA.verdict.missing)], [], naming_of(), [])
     assert moving.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
     unknown: Any = SimpleNamespace(station="dCm", gain=CRITERIA.verdict.missing)
     assert believed([], [unknown], naming_of(), [unknown]).entered == {

@@ -7,16 +7,16 @@ from dataclasses import replace
 import pytest
 from diagnosis_flights import flights
 
-from casid.diagnosis.criteria import Criteria, PriorCriteria
-from casid.diagnosis.flight.criteria import DerivativeSizes
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import prior
 from casid.model.aircraft import Aircraft
+from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from problems.do328 import do328
 
 
-def stds(aircraft: Aircraft, *names: str, criteria: Criteria | None = None) -> list[float]:
-    flight = prepare(aircraft, flights(seed=1, count=1, duration_s=8.0), criteria or Criteria())
+def stds(aircraft: Aircraft, *names: str) -> list[float]:
+    flight = prepare(aircraft, flights(seed=1, count=1, duration_s=8.0), Criteria())
     _, weight = prior(flight, flight.model(), names)
     return [float(one) ** -0.5 for one in weight]
 
@@ -27,16 +27,14 @@ def without(*names: str) -> Aircraft:
 
 
 def test_a_derivative_that_the_file_has_at_zero_is_as_large_as_in_aircraft() -> None:
-    """Truth: the sizes of the criteria; and of one with a value that it may be three times that."""
-    plane, sizes = without("Cm_q", "Cl_r"), DerivativeSizes()
-    pitch, yaw = sizes.of("Cm_q"), sizes.of("Cl_r")
-    assert pitch is not None and yaw is not None and sizes.of("Cm_alphadot") is None
+    """Truth: the table; and of one with a value that it may be three times that."""
+    plane = without("Cm_q", "Cl_r")
+    pitch, yaw = USUAL_DERIVATIVES["Cm_q"], USUAL_DERIVATIVES["Cl_r"]
+    assert "Cm_alphadot" not in USUAL_DERIVATIVES
     by_rate = 0.5 * plane.moment_length_pitch / plane.rate_length_pitch
     across = 0.5 * plane.moment_length_lateral / plane.rate_length_lateral
     assert stds(plane, "Cm_q", "Cl_r") == pytest.approx([pitch * by_rate, yaw * across])
     assert stds(plane, "Cm_alpha") == pytest.approx([3.0 * abs(plane.derivatives["Cm_alpha"])])
-    other = Criteria(prior=PriorCriteria(usual=DerivativeSizes(Cm_q=50.0)))
-    assert stds(plane, "Cm_q", criteria=other) == pytest.approx([50.0 * by_rate])
 
 
 def test_rates_by_another_length_have_derivatives_by_that_length() -> None:
@@ -48,11 +46,11 @@ def test_rates_by_another_length_have_derivatives_by_that_length() -> None:
 
 
 def test_the_sizes_are_those_of_the_aircraft_that_come_with_jsbsim() -> None:
-    """Truth: the tangents of their tables at a lift coefficient of 0.4, to the digits that the criteria have."""
+    """Truth: the tangents of their tables at a lift coefficient of 0.4, to the digits that the table has."""
     pytest.importorskip("jsbsim")
     from problems.jsbsim.derivative_sizes import fleet, sizes
 
-    stated, found = DerivativeSizes(), sizes(fleet())
+    found = sizes(fleet())
     assert len(found) == 35
     for name, size in found.items():
-        assert stated.of(name) == pytest.approx(size, rel=0.05), name
+        assert USUAL_DERIVATIVES[name] == pytest.approx(size, rel=0.05), name

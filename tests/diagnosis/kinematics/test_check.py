@@ -43,10 +43,11 @@ from problems.do328 import do328
         (83.0, 7.0, False, False),  # 0.54 +- 0.11 of the size: neither all of it nor nothing
         (60.0, -60.0, True, False),
         (40.0, -40.0, True, False),  # 0.0 +- 0.16: too small to be confirmed, not to be missed
-        (13.0, -8.3, True, False),  # a scale of ax of 5 % where the mass was 9 % off: 0.2 +- 0.3
+        (13.0, -13.0, True, False),  # 0.0 +- 0.28
         (13.0, -1.0, False, False),
         (5.0, -20.0, False, False),  # hardly visible
-        (40.0, 40.0, False, False),
+        (20.0, 20.0, False, False),
+        (60.0, 60.0, False, True),
         (2589.0, 4744.0, False, False),  # 1.42 +- 0.02 of the size
         (80.0, 160.0, False, True),  # 1.5 +- 0.11: larger, but not for sure
     ],

@@ -1,0 +1,65 @@
+"""How large the derivatives of aircraft are, where a file does not say.
+
+Per rad; rates are p b/2V, q c/2V and r b/2V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+# 1-sigma about zero. 95 % of the aircraft that come with JSBSim are within 1.96 of it, at a lift coefficient of 0.4;
+# computed by `python -m problems.jsbsim.derivative_sizes`.
+USUAL_DERIVATIVES: Mapping[str, float] = MappingProxyType(
+    {
+        "CL_0": 0.32,
+        "CL_alpha": 3.6,
+        "CL_q": 16,
+        "CL_delta_e": 0.44,
+        "CD_0": 0.056,
+        "CD_alpha": 0.38,
+        "CD_q": 0.97,
+        "CD_delta_e": 0.041,
+        "CX_0": 0.065,
+        "CX_alpha": 0.44,
+        "CX_q": 0.57,
+        "CX_delta_e": 0.028,
+        "CZ_0": 0.32,
+        "CZ_alpha": 3.5,
+        "CZ_q": 16,
+        "CZ_delta_e": 0.44,
+        "CY_beta": 0.76,
+        "CY_p": 0.096,
+        "CY_r": 0.29,
+        "CY_delta_a": 0.18,
+        "CY_delta_r": 0.23,
+        "Cl_beta": 0.075,
+        "Cl_p": 0.26,
+        "Cl_r": 0.11,
+        "Cl_delta_a": 0.13,
+        "Cl_delta_r": 0.021,
+        "Cm_0": 0.062,
+        "Cm_alpha": 1.2,
+        "Cm_q": 24,
+        "Cm_delta_e": 0.79,
+        "Cn_beta": 0.25,
+        "Cn_p": 0.091,
+        "Cn_r": 0.69,
+        "Cn_delta_a": 0.021,
+        "Cn_delta_r": 0.15,
+    }
+)
+
+# Smallest size of a derivative that differs notably from zero, per unit of its regressor.
+NOTABLE_DERIVATIVES: Mapping[str, float] = MappingProxyType(
+    {
+        "CL": 0.3,
+        "CD": 0.05,
+        "CX": 0.05,
+        "CZ": 0.3,
+        "CY": 0.1,
+        "Cl": 0.02,
+        "Cm": 0.1,
+        "Cn": 0.02,
+    }
+)
