@@ -70,9 +70,9 @@ def split(
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
 
 
-def predicted_on(records: Sequence[Record], fitted: FlightFit) -> Predicted:
-    """The predictive density of `records` given the fitted ones, for a fitted model (see `judge_on`, `predicted`)."""
-    return predicted(judge_on(records, fitted), fitted)
+def predicted_on(records: Sequence[Record], known: Evidence) -> Predicted:
+    """The predictive density of `records` given the fitted ones (see `judge_on`, `predicted`)."""
+    return predicted(judge_on(records, known.fit), known)
 
 
 def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
@@ -214,8 +214,9 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     their loss. Structure terms that are not significant are removed at the end.
     """
     begun, final = state.baseline, state.fit
-    steps = [begun.calm, begun.structured, begun.start]
-    known = _judged(held, {_key(one): one for one in (*steps, final)})
+    steps, judged = [begun.calm, begun.structured, begun.start], partial(_judged, held, state)
+    models = {_key(one): one for one in (*steps, final)}
+    known = dict(zip(models, side_by_side(judged, list(models.values())), strict=True))
     calm, structured, start, there = (known[_key(one)][1] for one in (*steps, final))
     gates: dict[str, Gate] = {}
     gains: dict[str, float | None] = {}
@@ -223,17 +224,18 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     while causes:
         others = {name: _key(final, but=name) for name in causes}
         new = {name: key for name, key in others.items() if key not in known}
-        left_out = side_by_side(partial(_left_out, final), list(new))
-        known |= _judged(held, dict(zip(new.values(), left_out, strict=True)))
-        tested = {name: _gain_of(one, known[others[name]], (final, there), held, begun) for name, one in causes.items()}
+        left_out = side_by_side(partial(judged, final), list(new))
+        known |= dict(zip(new.values(), left_out, strict=True))
+        both = {name: (known[others[name]], known[_key(final)]) for name in causes}
+        tested = {name: _gain_of(one, *both[name], held, begun) for name, one in causes.items()}
         gains |= tested
         gates |= {name: _borne_out(causes[name], gain, there, state) for name, gain in tested.items()}
         worst = min(causes, key=lambda name: gates[name].value)
         if gates[worst].passed:
             break
-        final, there = known[others[worst]]
+        final, there = known[others[worst]][0].fit, known[others[worst]][1]
         del causes[worst]
-    evidence = state.evidence if final is state.fit else weigh(final)
+    evidence = known[_key(final)][0]
     structure = [*begun.structure, *_put_in_later(begun, final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     held_fit = there.fit
@@ -259,15 +261,16 @@ def _key(fitted: FlightFit, but: str = "") -> _Key:
     return frozenset(one.name for one in fitted.attached) - {but}, bool(fitted.noise.coloured)
 
 
-def _judged(held: Sequence[Record], models: Mapping[_Key, FlightFit]) -> dict[_Key, tuple[FlightFit, Predicted]]:
-    """The models with their predictive densities of the held-out records."""
-    on_held = side_by_side(lambda model: predicted_on(held, model), list(models.values()))
-    return {key: (model, one) for (key, model), one in zip(models.items(), on_held, strict=True)}
-
-
-def _left_out(fitted: FlightFit, name: str) -> FlightFit:
-    """The fit without one effect."""
-    return without(fitted, {name})
+def _judged(
+    held: Sequence[Record], state: State, fitted: FlightFit, but: str | None = None
+) -> tuple[Evidence, Predicted]:
+    """The evidence of a model, or of a model without one effect, and its predictive density of the held-out records."""
+    if fitted is state.fit and but is None:
+        return state.evidence, predicted_on(held, state.evidence)
+    evidence = weigh(fitted if but is None else without(fitted, {but}))
+    on_held = predicted_on(held, evidence)
+    evidence.forget()
+    return evidence, on_held
 
 
 def _per_sample(before: Predicted, after: Predicted) -> float:
@@ -277,8 +280,8 @@ def _per_sample(before: Predicted, after: Predicted) -> float:
 
 def _gain_of(
     cause: Trial,
-    before: tuple[FlightFit, Predicted],
-    after: tuple[FlightFit, Predicted],
+    before: tuple[Evidence, Predicted],
+    after: tuple[Evidence, Predicted],
     held: Sequence[Record],
     begun: Baseline,
 ) -> float | None:
@@ -294,7 +297,7 @@ def _gain_of(
     if gain < 0.0 and cause.confirmed and cause.effect.of_an_instrument:
         air = begun.turbulence
         moving = kinematics.gusts(begun.flight, air.sigma, length=air.length) if air.named else {}
-        return kinematic_gain(begun.flight, held, model, extended, moving)
+        return kinematic_gain(begun.flight, held, model.fit, extended.fit, moving)
     return gain
 
 
@@ -326,15 +329,14 @@ class Predicted:
     deviance: float
 
 
-def predicted(held: FlightFit, fitted: FlightFit) -> Predicted:
+def predicted(held: FlightFit, known: Evidence) -> Predicted:
     """The posterior predictive density of held-out records.
 
     The model is linearised about its values. Values and model discrepancy have the covariance that the fitted records
     leave. With fixed values, a correct cause could lose because the fitted records determine poorly the derivatives
     that matter on the held-out ones: an aileron manoeuvre does not determine the rudder derivatives.
     """
-    known, there = weigh(fitted), weigh(all_free(held))
-    fitted.forget()
+    there = weigh(all_free(held))
     held.forget()
     mean, information = _expected(known, there)
     gram, slope = _data(there)

@@ -69,7 +69,8 @@ def fit(
     tolerance
         Change of the sum of squares at which the fit ends.
     give_up
-        A fit that is unlikely to come below this deviance is abandoned after three iterations.
+        A fit that is unlikely to come below this deviance is abandoned after two iterations: twice the predicted
+        decrease would not suffice.
     anew
         Whether filter and reference of `start` are ignored.
 
@@ -111,7 +112,7 @@ def fit(
         best, shrink = now, 1.0
         if now.left(gained) < tolerance:
             return now.converged(gained)
-        if iteration >= 3 and now.fit.deviance - 2.0 * gained > give_up:
+        if iteration >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
         step = gauss_newton_step(work, now.fit)
         values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])

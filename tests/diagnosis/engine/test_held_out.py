@@ -33,16 +33,18 @@ def kept(
     def names_of(fit: SimpleNamespace) -> list[str]:
         return [one.name for one in fit.attached]
 
-    def predicted_on(held: object, fit: SimpleNamespace) -> SimpleNamespace:
-        there = model(*(name for name in names_of(fit) if name not in not_repeated))
-        return SimpleNamespace(fit=there, deviance=table[frozenset(names_of(fit))])
+    def predicted_on(held: object, known: SimpleNamespace) -> SimpleNamespace:
+        names = names_of(known.fit)
+        return SimpleNamespace(
+            fit=model(*(name for name in names if name not in not_repeated)), deviance=table[frozenset(names)]
+        )
 
     def without(fit: SimpleNamespace, names: set[str]) -> SimpleNamespace:
         return model(*(name for name in names_of(fit) if name not in names))
 
     monkeypatch.setattr(held_out, "predicted_on", predicted_on)
     monkeypatch.setattr(held_out, "without", without)
-    monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit))
+    monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit, forget=lambda: None))
     effect = SimpleNamespace(of_an_instrument=False)
     required = Criteria().naming.gain
     rounds = [

@@ -29,5 +29,5 @@ def test_it_is_what_the_records_add_to_the_evidence_of_all(monkeypatch) -> None:
     )
     by_values = judge_on([held_out], before.fit)
     expected = _marginal(after) - _marginal(before)
-    found = predicted(by_values, before.fit).deviance
+    found = predicted(by_values, before).deviance
     assert abs(found - expected) < 0.1 * abs(by_values.data_deviance - expected)
