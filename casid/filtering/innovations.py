@@ -130,7 +130,7 @@ class PointFunctions:
         k3 = f(x + dt / 2 * k2, um, p, dm)
         k4 = f(x + dt * k3, u1, p, d1)
         after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-        self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e) for e in values])))
+        self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e.T) for e in values])))
         self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
         self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
 
@@ -139,7 +139,7 @@ class PointFunctions:
 
     def jacobians(self, X: np.ndarray, U: np.ndarray, P: np.ndarray, W: np.ndarray) -> list[np.ndarray]:
         """[d/dx, d/dp_free, d/dw] of (f, h) stacked, each (N, R, rows, columns)."""
-        return at_points(self._jacobians, X, U, P, W)
+        return [turned.swapaxes(2, 3) for turned in at_points(self._jacobians, X, U, P, W)]  # as they lie in memory
 
     def step(self, X, U0, U1, P, W0, W1, dt) -> np.ndarray:
         """State after one sample interval (N-1, R, n_states), Runge-Kutta of fourth order."""
@@ -207,14 +207,14 @@ def linearise(
     X: np.ndarray,
     W: np.ndarray | None = None,
     slopes: Linear | None = None,
+    room: int = 0,
 ) -> Linear:
     """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
 
     The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
-    With `slopes`, a linearisation nearby, all matrices are taken from it.
+    With `slopes`, a linearisation nearby, all matrices are taken from it. Bp and Dp have `room` for further columns.
     """
     model = functions.model
-    nx = len(model.states)
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     held = batch.held_at(model)
     (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W, held)
@@ -225,10 +225,14 @@ def linearise(
     defect = np.where(batch.live[1:, :, None], after - X[1:], 0.0)
     if slopes is not None:
         return replace(slopes, X=X, output=output, residual=residual, defect=defect)
-    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, W)
-    kernel = filter_kernel(nx, len(model.outputs))
+    kernel = filter_kernel(len(model.states), len(model.outputs))
+
+    def jacobians(samples: slice) -> list[np.ndarray]:
+        return functions.jacobians(X[samples], batch.U[samples], P, W[samples])
+
+    sizes = len(model.states), len(functions.free), len(model.disturbances), len(functions.free) + room
     interval = _interval if kernel is None else kernel.interval
-    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(by_x, by_p, by_w, batch.dt, batch.live, held, seen)
+    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(jacobians, sizes, batch.dt, batch.live, held, seen)
     return Linear(
         model=model,
         free=functions.free,
@@ -248,9 +252,11 @@ def linearise(
     )
 
 
-def _interval(by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
+def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
-    nx = by_x.shape[3]
+    by_x, by_p, by_w = jacobians(slice(None))
+    nx, n_p, _, wide = sizes
+    by_p = np.pad(by_p, ((0, 0), (0, 0), (0, 0), (0, wide - n_p)))
     inside, h = live[1:, :, None, None], dt[..., None, None]
     J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
     A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)

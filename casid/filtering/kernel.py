@@ -17,6 +17,8 @@ from casid.native.processors import share_out
 from casid.native.sources import c_source
 
 _MOST = 64  # states, outputs; beyond that numpy does the work
+_POINTS = 256  # in a stretch of a linearisation, whose Jacobians stay in the processor's cache
+_SAMPLES = 8  # in such a stretch at least, as its last one is evaluated twice
 _TILE = 16  # columns that go through the filter side by side
 _SOURCES = ("filter", "whiten", "step")
 _FLAGS = (
@@ -46,16 +48,24 @@ class FilterKernel:
     def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
         return _loaded, ()  # that of the process that reads it; None where there is no compiler
 
-    def interval(self, by_x, by_p, by_w, dt, live, held, seen) -> tuple[np.ndarray, ...]:
-        """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from Jacobians (N, R, nx + ny, columns) of both equations."""
-        (N, R, rows, nx), ny = by_x.shape, seen.shape[2]
-        assert rows == nx + ny
-        n_p, nw = by_p.shape[3], by_w.shape[3]
-        shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
+    def interval(self, jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
+        """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from `jacobians` (samples) -> (samples, R, nx + ny, columns) of both
+        equations, for a stretch of samples at a time. Of `sizes` (nx, n_p, nw, wide) the last is the number of columns
+        of Bp and Dp, of which those behind the first n_p are left to the caller."""
+        (N, R, ny), (nx, n_p, nw, wide) = seen.shape, sizes
+        shapes = [(nx, nx), (nx, wide), (nx, nw), (nx, nw), (ny, nx), (ny, wide), (ny, nw)]
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
-        given = [part.swapaxes(2, 3) for part in (by_x, by_p, by_w)]  # as CasADi wrote them
-        flags = live.astype(np.uint8), held.astype(float), seen.astype(np.uint8)
-        _call(self._interval, N, (N, R, nx, ny, n_p, nw), *given, dt, *flags, *made)
+        flags, shares = (live.view(np.uint8), seen.view(np.uint8)), held.astype(float)
+        stretch = max(_POINTS // R - 1, _SAMPLES)
+        for first in range(0, N, stretch):
+            here = slice(first, min(first + stretch + 1, N))  # the last one is the end of an interval only
+            count = here.stop - first
+            given = dt[here], flags[0][here], shares, flags[1][here]
+            parts = count if here.stop == N else count - 1
+            of = (count, R, nx, ny, n_p, nw, wide)
+            _call(self._interval, parts, of, *jacobians(here), *given, *(one[first:] for one in made))
+            if here.stop == N:
+                break
         return tuple(made)
 
     def augmented(self, linear, sources) -> tuple[np.ndarray, ...]:

@@ -230,8 +230,13 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     P = np.tile(model.nominal_vector(), (2, 1))
     functions = PointFunctions(model, model.parameters)
     linear = linearise(functions, batch, P, X)
-    by_x, by_p, by_w = functions.jacobians(X, batch.U, P, np.zeros((60, 2, len(model.disturbances))))
-    plain = _interval(by_x, by_p, by_w, batch.dt, batch.live, batch.held_at(model), linear.seen)
+    W, free = np.zeros((60, 2, len(model.disturbances))), len(model.parameters)
+
+    def jacobians(samples: slice) -> list[np.ndarray]:
+        return functions.jacobians(X[samples], batch.U[samples], P, W[samples])
+
+    sizes = 2, free, len(model.disturbances), free
+    plain = _interval(jacobians, sizes, batch.dt, batch.live, batch.held_at(model), linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
 

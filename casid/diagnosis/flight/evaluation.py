@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -202,7 +203,7 @@ class FlightFit:
         change = self.criteria.noise.input_change
         return any(abs(held / self.noise.inputs[name] - 1.0) > change for name, held in self.held.inputs.items())
 
-    @property
+    @cached_property
     def gradient(self) -> np.ndarray:
         """(slots,) Gradient of the log likelihood; zero at a maximum."""
         return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
@@ -239,6 +240,7 @@ class Work:
             ),
         )
         names = [slot.name if slot.attached is None else None for slot in self.slots]
+        self.numeric = len(numeric)
         self.mean, self.weight = prior(flight, self.model, names)
         nuisance = {a.name: flight.smallest_that_matters(a.effect) or np.inf for a in attached if a.nuisance}
         for i, slot in enumerate(self.slots):
@@ -246,7 +248,6 @@ class Work:
                 self.weight[i] = nuisance[slot.name] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
-        self.by_slot: tuple[np.ndarray, np.ndarray] | None = None  # (Y, F) of every slot at the last point
 
     def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The series from which effects are computed during a fit: the inputs as recorded.
@@ -315,15 +316,12 @@ def evaluate(
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seenearlier(late) if late.any() else batch
     moving_all = W + moving + _scattered(model, acting.inputs, errors)
-    linear = linearise(work.functions, moved, P, motion.X, moving_all, None if slopes is None else slopes.linear)
+    before = None if slopes is None else slopes.linear
+    linear = linearise(work.functions, moved, P, motion.X, moving_all, before, work.numeric)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
-    if slopes is None:
-        by = _sensitivities(work, attached, linear, made_of, late)
-    else:
-        by = {name: getattr(slopes, name) for name in ("held", "reference", "acting", "columns", "covariance")}
-        by["filter"] = slopes.filter.along(linear, slopes.acting)
+    by = _sensitivities(work, attached, linear, made_of, late) if slopes is None else _taken(slopes, linear)
     kalman: Filter = by["filter"]
     white = kalman.whiten(*residual_about(linear, by["acting"], motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
@@ -360,6 +358,12 @@ def evaluate(
     )
 
 
+def _taken(slopes: FlightFit, linear: Linear) -> dict[str, Any]:
+    """The attributes that `_sensitivities` computes, of another point."""
+    taken = {name: getattr(slopes, name) for name in ("held", "reference", "acting", "columns", "covariance")}
+    return taken | {"filter": slopes.filter.along(linear, slopes.acting)}
+
+
 def _sensitivities(
     work: Work, attached: tuple[Attached, ...], linear: Linear, made_of: dict[str, np.ndarray], late: np.ndarray
 ) -> dict[str, Any]:
@@ -367,8 +371,8 @@ def _sensitivities(
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    work.by_slot = _columns(work, attached, linear, made_of, late)
-    columns = kalman.whiten(*work.by_slot)
+    _columns(work, attached, linear, made_of, late)
+    columns = kalman.whiten(linear.Dp, linear.Bp)
     flat = columns.reshape(linear.residual.size, len(work.slots))
     return {
         "held": held,
@@ -404,20 +408,17 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
     return np.linalg.pinv(information * row * column, rcond=rcond, hermitian=True) * row * column
 
 
-def _columns(
-    work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """(Y, F) of every parameter: symbolic ones from Jacobians of the model, numeric ones from central differences."""
+def _columns(work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray) -> None:
+    """Complete Bp and Dp for all slots: symbolic ones, which come first, are the model's Jacobians; numeric ones, for
+    which there is room behind these, are central differences.
+    """
     batch, model = work.batch, work.model
-    Y, F = [linear.Dp], [linear.Bp]
     symbolic = {a.name: a for a in attached if a.effect.symbolic}
-    for i, slot in enumerate(s for s in work.slots if s.attached is None):
-        if slot.name in symbolic:
-            mask = np.array([symbolic[slot.name].concerns(record) for record in batch.names])
-            Y[0][..., i] *= mask[None, :, None]
-            F[0][..., i] *= mask[None, :, None]
-    for slot in work.slots:
+    for i, slot in enumerate(work.slots):
         if slot.attached is None:
+            if slot.name in symbolic:
+                absent = [not symbolic[slot.name].concerns(record) for record in batch.names]
+                linear.Dp[:, absent, :, i] = linear.Bp[:, absent, :, i] = 0.0
             continue
         one = attached[slot.attached]
         h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
@@ -427,24 +428,20 @@ def _columns(
             change = (plus - minus) / (2 * h)
             acting = np.flatnonzero(change.any(axis=(0, 1)))
             y, f = inject(linear, [int(s) for s in acting], change[..., acting])
-            Y.append(y.sum(axis=3, keepdims=True))
-            F.append(f.sum(axis=3, keepdims=True))
+            linear.Dp[..., i], linear.Bp[..., i] = y.sum(axis=3), f.sum(axis=3)
         else:
             chains = [[side if a is one else a for a in attached] for side in sides]
             plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
-            Y.append(np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)[..., None])
-            F.append(np.zeros((*linear.defect.shape, 1)))
-    return np.concatenate(Y, axis=3), np.concatenate(F, axis=3)
+            linear.Dp[..., i] = np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)
+            linear.Bp[..., i] = 0.0
 
 
-def gauss_newton_step(work: Work, now: FlightFit) -> tuple[np.ndarray, Motion]:
-    """Change of values and motion by one full Gauss-Newton step from the last point that was evaluated."""
-    assert work.by_slot is not None
+def gauss_newton_step(now: FlightFit) -> tuple[np.ndarray, Motion]:
+    """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    by_output, by_state = work.by_slot
-    F[:, :, : len(work.model.states)] -= by_state @ change[:, None]
-    return change, smoothed(now, Y - by_output @ change[:, None], F, first)
+    F[:, :, : len(now.model.states), 0] -= np.tensordot(now.linear.Bp, change, 1)
+    return change, smoothed(now, Y - np.tensordot(now.linear.Dp, change, 1)[..., None], F, first)
 
 
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:

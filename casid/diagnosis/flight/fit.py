@@ -114,7 +114,7 @@ def fit(
             return now.converged(gained)
         if iteration >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
-        step = gauss_newton_step(work, now.fit)
+        step = gauss_newton_step(now.fit)
         values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
         last = _last(work, now, values, motion) if now.promise < numerics.last_step else None
         if last is not None and last.left(gained := abs(now.squares - last.squares)) < tolerance:

@@ -97,7 +97,7 @@ def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
 def _step_from(fitted: FlightFit) -> np.ndarray:
     """The change of the values by a full step from the result of a fit."""
     work = Work(fitted.flight, fitted.attached, fitted.noise, "all")
-    return gauss_newton_step(work, evaluate(work, fitted.attached, fitted.values, fitted.motion))[0]
+    return gauss_newton_step(evaluate(work, fitted.attached, fitted.values, fitted.motion))[0]
 
 
 @pytest.mark.parametrize(
