@@ -19,6 +19,9 @@ The slow noise that parameters cannot be told from may lie far below white noise
 autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
 what is left within the blocks counts as white.
 
+The variances that follow have little bias, and scatter as the autoregression does. Intervals allow for that by the
+quantiles of Student's distribution, see `variance_scatter`.
+
 Everything is gathered from pieces of records, one record after the other and each in the order of time. No more of
 them is kept than the last few rows; sums are those of all records with the same parameters together.
 """
@@ -114,6 +117,73 @@ def coloured_score(
     for _, _, run in running.values():
         run.spread(total)
     return total
+
+
+def variance_scatter(
+    colours: Mapping[int, Colour],
+    sums: Mapping[int, ChannelSums],
+    pieces: Iterable[WhitePiece],
+    inverse: np.ndarray,
+) -> np.ndarray:
+    """(count,) variance of the diagonal of `inverse` S `inverse`, S as of `coloured_score`, because the autoregressions
+    are estimated.
+
+    The coefficients of a channel scatter with the covariance variance G^-1 / N, with the autocovariance G of the noise
+    in as many lags, and the variance by its double square over N (Brockwell and Davis, Time Series, 1991, ch. 8).
+    """
+    total, running = np.zeros(len(inverse)), {c: _Scatter(colours[c], own, inverse) for c, own in sums.items()}
+    for piece in pieces:
+        running[piece.channel].add(piece)
+    for own in running.values():
+        total += own.variance()
+    return total
+
+
+class _Scatter:
+    """Of one channel, the variance that `variance_scatter` is the sum of. With u = X `inverse`_i of parameter i and
+    v = u/A its part is variance sum v^2, and the slope of that in a_j is -2 variance sum v_k (v/A)_(k-j)."""
+
+    def __init__(self, colour: Colour, own: ChannelSums, inverse: np.ndarray) -> None:
+        self.colour, self.own, self.inverse, self.record = colour, own, inverse, -1
+        self.squares, self.slopes = np.zeros(len(inverse)), np.zeros((len(colour.a) - 1, len(inverse)))
+
+    def add(self, piece: WhitePiece) -> None:
+        if piece.record != self.record:
+            self._ring()
+            self.record, self._rows = piece.record, 0
+            self._blocks = _Blocks(self.own.block, len(piece.columns))
+            self._once, self._twice, self._last = (np.zeros_like(self.slopes) for _ in range(3))
+        self._along(self._blocks.add(piece.rows) @ self.inverse[piece.columns])
+
+    def _along(self, u: np.ndarray) -> None:
+        a, order = self.colour.a, len(self.slopes)
+        self._rows += len(u)
+        once = u
+        if order:
+            once, self._once = lfilter([1.0], a, u, axis=0, zi=self._once)
+            twice, self._twice = lfilter([1.0], a, once, axis=0, zi=self._twice)
+            both = np.concatenate([self._last, twice])
+            for j in range(1, order + 1):
+                self.slopes[j - 1] += (once * both[order - j : order - j + len(u)]).sum(axis=0)
+            self._last = both[-order:]
+        self.squares += (once**2).sum(axis=0)
+
+    def _ring(self) -> None:
+        """What follows the last sample of a record, for as long as it was itself."""
+        if self.record >= 0 and len(self.slopes):
+            self._along(np.zeros((self._rows, len(self.inverse))))
+
+    def variance(self) -> np.ndarray:
+        self._ring()
+        order, variance, count = len(self.slopes), self.colour.variance, self.own.count
+        found = 2.0 * (variance * self.squares) ** 2 / count
+        if order:
+            follow, first = np.eye(order, k=-1), np.zeros((order, order))
+            follow[0], first[0, 0] = -self.colour.a[1:], variance
+            autocovariance = solve_discrete_lyapunov(follow, first)
+            slopes = -2.0 * variance * self.slopes
+            found += (slopes * np.linalg.solve(autocovariance, slopes)).sum(axis=0) * variance / count
+        return found
 
 
 class _Blocks:

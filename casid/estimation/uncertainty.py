@@ -22,12 +22,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from scipy.stats import chi2, norm
+from scipy.stats import t as student
 
 from casid.estimation.residual_colour import (
     ORDER,
@@ -40,6 +41,7 @@ from casid.estimation.residual_colour import (
     gathered,
     noise_autocovariance,
     spread,
+    variance_scatter,
 )
 from casid.estimation.solvers.identified import lost, weakest
 from casid.estimation.solvers.objective import Objective
@@ -137,7 +139,19 @@ class Uncertainty:
             return np.full((2, len(self.objective.problem.parameters)), np.nan)
         if not self.is_coloured:
             return np.sqrt(self._squares(*self._cramer_rao))
-        return np.sqrt(np.maximum(self._squares(*self._coloured), self._squares(*self._cramer_rao)))  # as of `honest`
+        wider = (student.ppf(0.975, self._freedom_of_colour) / _Z95) ** 2
+        coloured = wider[: self._count] * self._squares(*self._coloured)
+        return np.sqrt(np.maximum(coloured, self._squares(*self._cramer_rao)))  # as of `honest`
+
+    @property
+    def _freedom_of_colour(self) -> np.ndarray:
+        """(unknowns,) degrees of freedom of the coloured variances, whose autoregressions are estimated: twice the
+        square over the variance of a variance (Satterthwaite, Biometrics Bull. 2, 1946)."""
+        assert self._inverse is not None
+        scores, variance = self._scores, np.diagonal(self._coloured[0])
+        scatter = variance_scatter(scores.colours, scores.sums, self._pieces(), self._inverse)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(scatter > 0.0, np.maximum(2.0 * variance**2 / scatter, 1.0), np.inf)
 
     def _squares(self, base: np.ndarray, score: np.ndarray) -> np.ndarray:
         """(2, parameters) squares of the reach below and above, by a covariance and that of its gradient."""
@@ -242,9 +256,12 @@ class Uncertainty:
 
     @cached_property
     def _scores(self) -> _Scores:
+        levels, squares = self.value.noise.levels, self.value.squares
+        return _score_covariances(levels, squares, self._pieces, self._information, self._free)
+
+    def _pieces(self) -> Iterator[WhitePiece]:
         assert self.linear is not None
-        pieces = partial(score_pieces, self.objective, self.value, self.linear, self._paths)
-        return _score_covariances(self.value.noise.levels, self.value.squares, pieces, self._information, self._free)
+        return score_pieces(self.objective, self.value, self.linear, self._paths)
 
 
 @dataclass(frozen=True, eq=False)
@@ -331,12 +348,13 @@ def uncertainty(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Scores:
     """Covariance (parameters, parameters) of the gradient for white and for coloured residuals; channel -> colour, and
-    twice the gain in ln(likelihood) that it is over white noise."""
+    twice the gain in ln(likelihood) that it is over white noise, and the sums that they come from."""
 
     white: np.ndarray
     coloured: np.ndarray
     colours: Mapping[int, Colour]
     gains: Mapping[int, float]
+    sums: Mapping[int, ChannelSums]
 
 
 @single_threaded()
@@ -356,7 +374,7 @@ def _score_covariances(
     colours = {channel: estimated(noise[channel], own.count) for channel, own in sums.items()}
     coloured = prior + coloured_score(colours, sums, pieces(), len(prior))
     gains = {channel: gain(noise[channel], own.count) for channel, own in sums.items()}
-    return _Scores(white=white, coloured=coloured, colours=colours, gains=gains)
+    return _Scores(white=white, coloured=coloured, colours=colours, gains=gains, sums=sums)
 
 
 def prior_information(information: np.ndarray, sums: Mapping[int, ChannelSums]) -> np.ndarray:

@@ -252,7 +252,7 @@ def _ends(kind: str, fit: Fit, flown: Flown, task: Mapping[str, Any]) -> dict[st
     if kind == "cramer_rao":
         return _normal(fit.values, {n: e.std_cramer_rao for n, e in fit.parameters.items()})
     if kind == "corrected":
-        return _normal(fit.values, {n: e.std_corrected for n, e in fit.parameters.items()})
+        return {n: [e.value, *e.interval] for n, e in fit.parameters.items()}
     if kind == "input_noise":
         return _normal(fit.values, input_noise_errors(fit, flown.input_noise).std)
     if kind == "profile":

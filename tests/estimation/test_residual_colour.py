@@ -20,6 +20,7 @@ from casid.estimation.residual_colour import (
     estimated,
     gathered,
     noise_autocovariance,
+    variance_scatter,
 )
 
 A = np.array([1.0, -1.4, 0.7])
@@ -212,3 +213,26 @@ def test_what_a_fit_absorbs_of_slow_noise_is_put_back():
         found["counted"].append(np.diagonal(inverse @ score_of(parts) @ inverse))
     plain, counted = (np.sqrt(np.mean(v, axis=0) / true) for v in found.values())
     assert (plain < 0.85).all() and (counted > plain + 0.08).all() and (counted < 1.1).all()
+
+
+@pytest.mark.parametrize("size", [37, 400])
+def test_the_scatter_of_a_variance_is_that_of_its_autoregression(size):
+    """Slopes of the variances by differences, with the covariance of coefficients that Yule and Walker's have."""
+    rng, count = np.random.default_rng(4), 400
+    rows = np.cumsum(rng.standard_normal((count, 3)), axis=0) * np.hanning(count)[:, None]  # dies out before its end
+    parts = pieces_of(rows, rng.standard_normal(count), size)
+    sums, inverse = gathered(parts), np.linalg.inv(rows.T @ rows)
+    assert sums[0].block in (1, 2, 4, 8)
+
+    def variances(a: np.ndarray, variance: float) -> np.ndarray:
+        score = coloured_score({0: Colour(a=a, variance=variance)}, sums, parts, 3)
+        return np.diagonal(inverse @ score @ inverse)
+
+    order, blocks = len(A) - 1, sums[0].count
+    slopes = np.array([(variances(A + h, 2.5) - variances(A - h, 2.5)) / 2e-5 for h in 1e-5 * np.eye(order + 1)[1:]])
+    lags = autocovariance(order, variance=2.5)
+    spread = 2.5 * np.linalg.inv(lags[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]) / blocks
+    of_variance = (variances(A, 3.5) - variances(A, 2.5)) * 2.5
+    truth = np.einsum("ji,jk,ki->i", slopes, spread, slopes) + 2.0 * of_variance**2 / blocks
+    found = variance_scatter({0: Colour(a=A, variance=2.5)}, sums, parts, inverse)
+    np.testing.assert_allclose(found, truth, rtol=1e-6)
