@@ -193,10 +193,6 @@ _ROOMS = {
     ),
     "casid.diagnosis.diagnose": ("diagnose",),
     "casid.diagnosis.systems.library": ("Library",),
-    "casid.diagnosis.systems.result": (
-        "SystemCause",
-        "SystemDiagnosis",
-    ),
     "casid.diagnosis.result": (
         "Cause",
         "Diagnosis",

@@ -16,7 +16,6 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, SteadyWind, compatibility
 from casid.diagnosis.result import Cause, Diagnosis
 from casid.diagnosis.systems.library import Library
-from casid.diagnosis.systems.result import SystemCause, SystemDiagnosis
 from casid.errors import CasidError, EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -150,8 +149,6 @@ __all__ = [
     "SteadyWind",
     "StepInput",
     "StudentT",
-    "SystemCause",
-    "SystemDiagnosis",
     "Table",
     "Theil",
     "Trace",

@@ -44,11 +44,9 @@ def main() -> None:
             one = outcome(SYSTEMS[name], seed, arguments.clean)
             counts = [a + b for a, b in zip(counts, (1, one.found, one.sized, one.extras, one.minor), strict=True)]
             hidden = f"{one.fault.name} {one.fault.size:.4g}" if one.fault else "nothing"
-            said = ", ".join(
-                f"{c.kind}({c.target}{':' + c.term if c.term else ''}) {c.value:.4g}" for c in one.result.causes
-            )
+            said = ", ".join(f"{c.name} {c.value:.4g}" for c in one.result.causes)
             minor = "".join(f", minor {c.kind}({c.target}) {c.value:.4g}" for c in one.result.minor)
-            left = ", ".join(f"unexplained {u.port.name}" for u in one.result.unexplained)
+            left = ", ".join(f"unexplained {u.place.name}" for u in one.result.unexplained)
             mark = "found" if one.found else "minor" if one.minor else "MISSED"
             seconds = time.perf_counter() - begin
             print(

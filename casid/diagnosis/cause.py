@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from casid.errors import InputError, nearest, unknown
-from casid.model.vocabulary import effect_title
+from casid.model.effect import Effect
+from casid.model.vocabulary import title_of
 
 NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED = "named", "in a set", "minor", "refused", "not tried"
 OUTCOMES = (NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED)
@@ -371,6 +372,8 @@ class Cause:
 
     Attributes
     ----------
+    effect
+        What acts: its kind, target, term and unit.
     std
         Standard deviation of the value, corrected for model discrepancy and for differences between stretches of
         record.
@@ -381,6 +384,8 @@ class Cause:
         Increase of the log likelihood per sample of the held-out records; None for an event that does not recur there.
     onset_s
         Record -> interval [s] that contains the onset with 95 % probability; None for a cause that always acts.
+    indistinguishable_from
+        The other causes of its ambiguity set: kind, target, term, title, value, unit, gain and probability of each.
     share
         Its size, in units of the smallest size that matters.
     gates
@@ -399,36 +404,79 @@ class Cause:
     >>> [(cause.kind, cause.target, cause.value, cause.std) for cause in found.causes]  # doctest: +SKIP
     """
 
-    kind: str
-    target: str
-    term: str | None
+    effect: Effect
     value: float
     std: float
-    unit: str
     records: tuple[str, ...]
-    onset_s: Mapping[str, tuple[float, float]] | None
     statistic: float
-    dof: int
-    held_out_gain: float | None
-    indistinguishable_from: tuple[Mapping[str, Any], ...]
     sentence: str
-    parameters: Mapping[str, float]
     meaningful: bool
     share: float
+    onset_s: Mapping[str, tuple[float, float]] | None = None
+    dof: int = 1
+    held_out_gain: float | None = None
+    indistinguishable_from: tuple[Mapping[str, Any], ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
     gates: tuple[Gate, ...] = ()
     probability: float | None = None
     alone: float | None = None
     log_odds: float | None = None
 
     @property
+    def kind(self) -> str:
+        """Kind of its effect, as "actuator_lag"."""
+        return self.effect.kind
+
+    @property
+    def target(self) -> str:
+        """Where it acts, as "delta_e"."""
+        return self.effect.target
+
+    @property
+    def term(self) -> str | None:
+        """The term that is missing; None for most kinds."""
+        return self.effect.term
+
+    @property
+    def unit(self) -> str:
+        """Unit of `value` and `std`."""
+        return self.effect.unit
+
+    @property
     def key(self) -> tuple[str, str, str | None]:
         """Kind, target and term."""
-        return self.kind, self.target, self.term
+        return self.effect.key
+
+    @property
+    def name(self) -> str:
+        """As "actuator_lag(delta_e)", the name in the decisions."""
+        return self.effect.name
+
+    @property
+    def title(self) -> str:
+        """A short name for a person, as "elevator: actuator lag"."""
+        return title_of(self.effect)
 
     @property
     def statement(self) -> str:
         """Its sentence, and the other causes of its ambiguity set."""
-        titles = (effect_title(one["kind"], one["target"], one["term"]) for one in self.indistinguishable_from)
-        others = dict.fromkeys(titles)  # variants of a kind share a title
+        others = dict.fromkeys(one["title"] for one in self.indistinguishable_from)  # variants of a kind share a title
         alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
         return self.sentence + alike
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `causes` or `minor` in diagnosis.json.
+
+        Returns
+        -------
+        dict
+            Numbers, texts, lists and tables, as JSON holds them.
+        """
+        onsets = {record: list(ends) for record, ends in self.onset_s.items()} if self.onset_s else None
+        told = ("name", "kind", "target", "term", "value", "std", "unit", "statistic", "dof", "probability", "alone")
+        return {name: getattr(self, name) for name in (*told, "log_odds", "held_out_gain", "sentence", "share")} | {
+            "records": list(self.records),
+            "onset_s": onsets,
+            "indistinguishable_from": [dict(other) for other in self.indistinguishable_from],
+            "parameters": dict(self.parameters),
+        }

@@ -39,9 +39,8 @@ from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
-from casid.model.effects import effect_of
 from casid.model.terms import parse_term
-from casid.model.vocabulary import effect_sentence
+from casid.model.vocabulary import effect_sentence, title_of
 
 _LASTING = ("length", "duration")  # values that say how long an event takes
 _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
@@ -108,16 +107,16 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
     held, gates = kept.gains.get(name), tuple(gate for of, gate in kept.gates.items() if of == name)
     if name not in {one.name for one in evidence.fit.attached}:
         if name in {one.name for one in state.fit.attached}:
-            return noted(_cause(leader, state, (), held, gates), NOT_CONFIRMED), False
+            return noted(cause_of(leader, state, (), held, gates), NOT_CONFIRMED), False
         gates = (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
-        return noted(_cause(leader, state, (), held, gates), NOT_NEEDED), False
+        return noted(cause_of(leader, state, (), held, gates), NOT_NEEDED), False
     final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
     gates = (*gates, *(replace(gate, gate=f"{gate.gate}, in the final model") for gate in final))
     present = _as_in(evidence, leader)
     if not all_passed(final):
-        refused = _cause(present, state, (), held, gates)
+        refused = cause_of(present, state, (), held, gates)
         return noted(refused, NOT_NEEDED) if leader.meaningful else refused, False
-    cause = _cause(present, state, round_.equivalents, held, gates)
+    cause = cause_of(present, state, round_.equivalents, held, gates)
     if leader.effect.expected and not round_.equivalents:
         return expected_of(cause, "a propeller aircraft"), False
     return cause, True
@@ -142,7 +141,7 @@ def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause
             found.append(one)
     before = [one for one in (*causes, *minor) if one.gates and one.key not in told]
     put_in = [
-        Decision(cause=effect_of(one).name, round=0, outcome=NAMED if one.key in final else MINOR, gates=one.gates)
+        Decision(cause=one.name, round=0, outcome=NAMED if one.key in final else MINOR, gates=one.gates)
         for one in before
     ]
     return Trace(decisions=merged([*put_in, *found]))
@@ -168,7 +167,7 @@ def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInpu
     something larger is missing. In that case only one cause is returned, and only if it has most of the
     likelihood-ratio statistic of the strongest latent input of `missing`: it may be what is missing.
     """
-    found = [_cause(trial, state, (), None) for trial in minor_trials(state, seen)]
+    found = [cause_of(trial, state) for trial in minor_trials(state, seen)]
     if missing:
         part = state.criteria.verdict.minor_part
         return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > part * missing[0].gain)
@@ -180,7 +179,7 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
 
     The strongest come first. Of several that act at one place with similar fingerprints, only the first is returned.
     """
-    known, found = {(c.kind, c.target, c.term) for c in seen}, []
+    known, found = {c.key for c in seen}, []
     for round_ in [r for r in state.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
@@ -208,27 +207,30 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     return replace(trial, candidate=candidate, std=std, share=share)
 
 
-def _cause(
-    trial: Trial, state: State, equivalents: Sequence[Trial], held: float | None, gates: tuple[Gate, ...] = ()
+def cause_of(
+    trial: Trial,
+    state: State,
+    equivalents: Sequence[Trial] = (),
+    held: float | None = None,
+    gates: tuple[Gate, ...] = (),
 ) -> Cause:
     """The cause to be reported for a trial."""
-    one, names = trial.candidate.attached, state.evidence.fit.batch.names
+    one, fit, names = trial.candidate.attached, state.evidence.fit, state.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
-    dof, value, statistic = len(values), values["value"], trial.gain.raw + trial.gain.spared
+    dof, value, std = len(values), values["value"], trial.std
+    if fit.flight.sizes is not None:
+        value, std = fit.flight.sizes.told(fit, one, std)
     return Cause(
-        kind=effect.kind,
-        target=effect.target,
-        term=effect.term,
+        effect=effect,
         value=value,
-        std=trial.std,
-        unit=effect.unit,
+        std=std,
         records=tuple(one.onsets) if effect.timed else one.records or names,
         onset_s=onset_intervals(state.evidence, one, state.intervals.get(one.name, {})) if effect.timed else None,
-        statistic=statistic,
+        statistic=trial.gain.raw + trial.gain.spared,
         dof=dof,
         held_out_gain=held,
         indistinguishable_from=tuple(_named(t) for t in equivalents),
-        sentence=cause_sentence(one, len(names)),
+        sentence=cause_sentence(one, value, std, len(names)),
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
@@ -270,19 +272,12 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     )
     meaningful = all_passed(gates)
     cause = Cause(
-        kind=effect.kind,
-        target=effect.target,
-        term=effect.term,
+        effect=effect,
         value=value,
         std=deviation(evidence, name),
-        unit=effect.unit,
         records=fit.batch.names,
-        onset_s=None,
         statistic=statistic,
-        dof=1,
         held_out_gain=held,
-        indistinguishable_from=(),
-        parameters={},
         meaningful=meaningful,
         share=share,
         gates=gates,
@@ -298,6 +293,7 @@ def _named(trial: Trial) -> Mapping[str, object]:
         "kind": effect.kind,
         "target": effect.target,
         "term": effect.term,
+        "title": title_of(effect),
         "value": float(trial.candidate.attached.values["value"]),
         "unit": effect.unit,
         "gain": trial.gain.raw,
@@ -308,20 +304,13 @@ def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | N
     """Turbulence as a cause; `held` is the log likelihood per held-out sample that it adds."""
     effect = turbulence_effect("")
     return Cause(
-        kind=effect.kind,
-        target=effect.target,
-        term=None,
+        effect=effect,
         value=turbulence.sigma,
         std=turbulence.std,
-        unit=effect.unit,
         records=turbulence.records,
-        onset_s=None,
         statistic=turbulence.gain,
-        dof=1,
         held_out_gain=held,
-        indistinguishable_from=(),
         sentence=effect_sentence(*effect.key, turbulence.sigma),
-        parameters={},
         meaningful=True,
         share=turbulence.sigma / (effect.smallest_that_matters(aircraft) or 1.0),
     )
@@ -346,19 +335,11 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         sentence = effect_sentence(*effect.key, mean * factor)
         found.append(
             Cause(
-                kind=effect.kind,
-                target=coefficient,
-                term=effect.term,
+                effect=effect,
                 value=mean * factor,
                 std=std * factor,
-                unit=effect.unit,
                 records=fit.batch.names,
-                onset_s=None,
                 statistic=(mean / std) ** 2,
-                dof=1,
-                held_out_gain=None,
-                indistinguishable_from=(),
-                parameters={},
                 meaningful=False,
                 share=share / matter,
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",

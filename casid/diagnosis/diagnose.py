@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,27 +9,24 @@ from typing import Any, overload
 
 from casid.arguments import require
 from casid.data_check.check import channels_of, check
-from casid.diagnosis.causes import causes_of, trace_of_search
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import baseline_of
-from casid.diagnosis.engine.comparison import tempered
-from casid.diagnosis.engine.held_out import keep, split
-from casid.diagnosis.engine.probability import believed
-from casid.diagnosis.engine.search import State, search
-from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.missing_input import missing_inputs
-from casid.diagnosis.flight.noise import view_of, with_noise_level
-from casid.diagnosis.given.budget import AsGiven, attached_effects, budget_of, fly_as_given, fly_recorded
-from casid.diagnosis.given.contradicted import flight_values
-from casid.diagnosis.given.scope import scope_of
-from casid.diagnosis.result import Diagnosis, extended_aircraft
-from casid.diagnosis.sentences import remarks
+from casid.diagnosis.engine.held_out import Kept, split
+from casid.diagnosis.engine.search import search
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
+from casid.diagnosis.given.factors import borne_out
+from casid.diagnosis.given.scope import out_of_sight, scope_of
+from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_system
 from casid.diagnosis.systems.library import Library
-from casid.diagnosis.systems.result import SystemDiagnosis
-from casid.diagnosis.verdict import beside_slow_noise, concluded, named_in_errors, what_is_left
+from casid.diagnosis.verdict import Stages, concluded, judged, named_in_errors
 from casid.errors import InputError
-from casid.model.aircraft import Aircraft, given_aircraft
+from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
+from casid.model.applied import with_estimates
+from casid.model.causes import turbulence as turbulence_effect
 from casid.model.linearised import linearised
 from casid.model.port import ModelPort as Port
 from casid.model.system import Model
@@ -99,84 +95,81 @@ def diagnose_aircraft(
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
-        found = _judged(aircraft, state, given, scope.held, stages)
-        return concluded(found, scope, checked.findings, checked.doubts)
+
+        def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
+            extended = extended_aircraft(state.baseline.flight.aircraft, kept.fit, causes, minor)
+            return OfAircraft(file=aircraft, extended=extended)
+
+        found = judged(state, given, scope.held, part, stages)
+        return concluded(
+            found,
+            scope.contradicted(aircraft, found.flight),
+            scope.factors(aircraft, found.flight),
+            (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable)),
+            checked.findings,
+            borne_out(checked.doubts, aircraft, found.flight),
+        )
 
 
-def _judged(aircraft: Aircraft, state: State, given: AsGiven, held: Sequence[Record], stages: Stages) -> Diagnosis:
-    """The diagnosis of the final state of a search, tested on the held-out records."""
-    begun, criteria = state.baseline, state.criteria
-    state = replace(state, rounds=tempered(state.rounds, state.evidence))
-    stages.begin("held-out records")
-    kept = keep(held, state)
-    if kept.evidence is not state.evidence:
-        state.evidence.forget()
-    stages.begin("missing inputs")
-    left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
-    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
-    stages.begin("verdict")
-    causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
-    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
-    belief = believed(causes, unexplained, state, left)
-    causes = belief.causes
-    bare = begun.without_causes({(c.kind, c.target, c.term) for c in causes})
-    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
-    flight = flight_values(kept.evidence)
-    kept.evidence.forget()
-    refitted, extended, held_refitted, held_extended = map(
-        view_of, (begun.calm, kept.fit, kept.held_calm, kept.held_fit)
-    )
-    extended_file = extended_aircraft(begun.flight.aircraft, kept.fit, causes, minor)
-    stages.end()
-    return Diagnosis(
-        remark=remarks(minor, belief.faint, len(begun.calm.batch.names)),
-        aircraft=aircraft,
-        extended_aircraft=extended_file,
-        causes=causes,
-        minor=minor,
-        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking],
-        rounds=state.rounds,
-        as_given=given.fitted,
-        refitted=refitted,
-        extended=extended,
-        held_out_as_given=given.held,
-        held_out_refitted=held_refitted,
-        held_out_extended=held_extended,
-        budget=budget_of(given, held_refitted, held_extended),
-        flight=flight,
-        bare=bare,
-        missing_before=tuple(first),
-        missing_after=tuple(exact),
-        unexplained=tuple(unexplained),
-        kinematic=tuple(begun.kinematics.ranked),
-        turbulence=begun.turbulence,
-        detectable=state.rounds[0].detectable,
-        seconds=stages.seconds,
-        explanations=belief.explanations,
-        believed=belief.there,
-        entered=belief.entered,
-        nothing=belief.nothing,
-        trace=trace_of_search(state, causes, minor),
+def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
+    """The aircraft file with its estimated values and the causes of the fit.
+
+    Named causes become effects or changes of tables. Minor causes that are part of the fit are included too; terms of
+    the aerodynamics among them become ordinary terms.
+    """
+    known = {(e.kind, e.target, e.term) for e in aircraft.effects}
+    missing = {one.effect.key for one in fit.attached}
+    if fit.noise.coloured:
+        missing.add(turbulence_effect("").key)
+    missing -= known
+    terms: dict[str, dict[str, float]] = {}
+    effects, tables = [], None
+    for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
+        if cause.key not in missing:
+            continue
+        missing.remove(cause.key)
+        take_up = cause.effect.into_tables
+        held = take_up(tables or aircraft.tables, cause.value) if take_up else None
+        if held is not None:
+            tables = held
+        elif not named and cause.term and cause.target in aircraft.coefficients:
+            terms.setdefault(cause.target, {})[cause.term] = cause.value
+        else:
+            effects.append(_as_effect(cause, fit.batch.names))
+    if tables is not None:
+        aircraft = replace(aircraft, tables=tables)
+    std = {slot.name: fit.std(slot.name) for slot in fit.slots}
+    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
+    return (
+        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
+        .with_terms(terms)
+        .with_effects(effects)
     )
 
 
-class Stages:
-    """Wall time of each stage; `report` is called when a stage begins."""
+def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
+    """The cause as an effect of an aircraft file."""
+    return EffectValue(
+        kind=cause.kind,
+        target=cause.target,
+        term=cause.term,
+        value=cause.value,
+        std=cause.std,
+        records=cause.records if set(cause.records) != set(fitted) else (),
+        onset_s=dict(cause.onset_s) if cause.onset_s else None,
+        parameters=dict(cause.parameters),
+        sentence=cause.sentence,
+    )
 
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._name, self._since = "", time.perf_counter()
-        self.seconds: dict[str, float] = {}
 
-    def begin(self, name: str) -> None:
-        self.end()
-        self._name, self._since = name, time.perf_counter()
-        self._report(name)
-
-    def end(self) -> None:
-        if self._name:
-            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
-        self._name = ""
+def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
+    """An effect of the file with its fitted onsets; the width of their intervals is unchanged."""
+    onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
+    moved = dict(effect.onset_s or {})
+    for record, onset in onsets.items():
+        low, high = moved[record]
+        moved[record] = (onset - 0.5 * (high - low), onset + 0.5 * (high - low))
+    return replace(effect, onset_s=moved or None)
 
 
 Say = Callable[[str], None]
@@ -206,10 +199,10 @@ def diagnose(
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
-) -> SystemDiagnosis: ...
+) -> Diagnosis: ...
 
 
-def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | SystemDiagnosis:
+def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis:
     """Diagnose what a simulation gets wrong, with measured records.
 
     Parameters
@@ -239,8 +232,8 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis | Sy
 
     Returns
     -------
-    Diagnosis or SystemDiagnosis
-        For an aircraft or a model: the named causes with their sizes, and the improvement by each on records that were
+    Diagnosis
+        The named causes with their sizes, and the improvement by each on records that were
         not fitted. Print it for the account; `save` stores it and `write_report` makes a page of it.
 
     Raises

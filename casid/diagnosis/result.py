@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -27,31 +27,93 @@ from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.systems.extended import Extended
+from casid.errors import InputError
 from casid.keeping import save, whole_file
-from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.applied import with_estimates
-from casid.model.causes import turbulence as turbulence_effect
+from casid.model.aircraft import Aircraft
 from casid.model.effects import effect_of
+from casid.model.system import Model
 from casid.records.record import Record
 from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-    from casid.diagnosis.cause import Cause
-    from casid.diagnosis.evidence.screening import Candidate
-
-
 SCHEMA = "casid.diagnosis/3"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OfAircraft:
+    """What the diagnosis of an aircraft has beside that of any system.
+
+    file      the aircraft as given
+    extended  the aircraft with estimated values and the named causes
+    """
+
+    file: Aircraft
+    extended: Aircraft
+    source: ClassVar[str] = "file"
+    witness: ClassVar[str] = "flight"
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the file, by name."""
+        terms = {f"{c}_{term}": value for c, row in self.file.terms.items() for term, value in row.items()}
+        free = [table for table in self.file.tables if table.free]
+        knots = {name: value for table in free for name, value in table.knots.items()}
+        found = {**self.file.derivatives, **terms, **knots}
+        for value in self.file.effects:
+            name = effect_of(value).name
+            found |= {name: value.value} | {f"{name}.{key}": further for key, further in value.parameters.items()}
+        return found
+
+    @property
+    def told(self) -> dict[str, float]:
+        """The values whose changes the account names: derivatives, without those at zero angles and rates."""
+        return {name: value for name, value in self.file.derivatives.items() if not name.endswith("_0")}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OfSystem:
+    """What the diagnosis of a system has beside that of an aircraft.
+
+    model     the system as given
+    extended  with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
+    """
+
+    model: Model
+    extended: Extended
+    source: ClassVar[str] = "model"
+    witness: ClassVar[str] = "the records"
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The nominal values of the parameters."""
+        return dict(self.model.nominal)
+
+    @property
+    def told(self) -> dict[str, float]:
+        """The values whose changes the account names."""
+        return self.values
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Diagnosis:
-    """The verdict and the evidence behind it.
+    """The verdict and the evidence behind it, of an aircraft or of any system.
 
     Attributes
     ----------
+    part
+        What only an aircraft has, or only a system; see `aircraft`, `extended_aircraft` and `system`.
     not_judged
         What these records or this file leave open, and why.
     data
@@ -59,18 +121,18 @@ class Diagnosis:
     remark
         What is added to a verdict that names nothing.
     contradicted
-        Numbers of the file that are inconsistent with flight, worst first.
+        Numbers of the file or model that are inconsistent with the records, worst first.
     factors
         Common factors of groups of derivatives; these derivatives are not listed in `contradicted`.
     account
         Shares of the error on the held-out records that data, values and structure remove, the largest first.
     as_given, refitted, extended
-        Simulations of the fitted records: the unmodified file, the re-estimated model and the extended model.
+        Simulations of the fitted records: as given, the re-estimated model and the extended model.
         `held_out_*` are the same on the held-out records.
     budget
         The error on the held-out records after each of these steps.
     flight
-        Flight value of each number of the file, estimated with the extended model.
+        Value of each number of the file or model by the records alone, estimated with the extended model.
     bare
         The baseline: the re-estimated model with expected structure, and with turbulence if the kinematics require it.
     missing_before, missing_after
@@ -111,8 +173,7 @@ class Diagnosis:
     contradicted: tuple[Contradiction, ...] = ()
     factors: tuple[Factor, ...] = ()
     account: tuple[AccountStep, ...] = ()
-    aircraft: Aircraft
-    extended_aircraft: Aircraft
+    part: OfAircraft | OfSystem
     causes: tuple[Cause, ...]
     minor: tuple[Cause, ...]
     ranking: tuple[Candidate, ...]
@@ -180,6 +241,38 @@ class Diagnosis:
         return self.trace.against(cause)
 
     @property
+    def of_aircraft(self) -> bool:
+        """Whether an aircraft was diagnosed, and not another system."""
+        return isinstance(self.part, OfAircraft)
+
+    @property
+    def aircraft(self) -> Aircraft:
+        """The aircraft as given."""
+        return self._aircraft_part().file
+
+    @property
+    def extended_aircraft(self) -> Aircraft:
+        """The aircraft with estimated values and the named causes."""
+        return self._aircraft_part().extended
+
+    def _aircraft_part(self) -> OfAircraft:
+        if isinstance(self.part, OfAircraft):
+            return self.part
+        raise InputError(f"this diagnosis is of '{self.part.name}', which is no aircraft; see diagnosis.system")
+
+    @property
+    def system(self) -> OfSystem:
+        """The system as given, and with the named causes."""
+        if isinstance(self.part, OfSystem):
+            return self.part
+        raise InputError(f"this diagnosis is of the aircraft '{self.part.name}'; see diagnosis.extended_aircraft")
+
+    @property
+    def noise(self) -> dict[str, float]:
+        """Output -> 1-sigma of its noise."""
+        return dict(self.extended.fit.noise.measurement)
+
+    @property
     def criteria(self) -> Criteria:
         """The thresholds that were used."""
         return self.bare.criteria
@@ -210,8 +303,8 @@ class Diagnosis:
 
     @property
     def best(self) -> str:
-        """The name of the extended model; without any added cause it is the re-estimated file."""
-        return "extended model" if self.is_extended else "re-estimated file"
+        """The name of the extended model; without any added cause it is the re-estimated file or model."""
+        return "extended model" if self.is_extended else f"re-estimated {self.part.source}"
 
     @property
     def bic(self) -> float:
@@ -221,17 +314,11 @@ class Diagnosis:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Every derivative, term and effect of the aircraft file: its value there, and its estimates."""
-        before, after, file = self.refitted.fit, self.extended.fit, self.aircraft
-        a_priori = dict(file.derivatives)
-        a_priori |= {f"{c}_{term}": value for c, row in file.terms.items() for term, value in row.items()}
+        """Every parameter of the file or model, effects of the file included: its value there, and its estimates."""
+        before, after, a_priori = self.refitted.fit, self.extended.fit, self.part.values
         names = [slot.name for slot in before.slots]
-        a_priori |= {name: value for one in file.tables if one.free for name, value in one.knots.items()}
-        units = {name: before.model.units[name] for name in before.derivatives}
-        for value in file.effects:
-            effect = effect_of(value)
-            a_priori |= {effect.name: value.value} | {f"{effect.name}.{k}": v for k, v in value.parameters.items()}
-            units[effect.name] = effect.unit
+        units = {name: before.model.units.get(name, "") for name in before.derivatives}
+        units |= {one.name: one.effect.unit for one in before.attached}
         there = {slot.name for slot in after.slots}
         return tuple(
             Parameter(
@@ -250,7 +337,7 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         count = f"{len(self.causes)} causes, {len(self.minor)} minor"
-        return f"<Diagnosis of '{self.aircraft.name}': {self.verdict}; {count}; print it for the words>"
+        return f"<Diagnosis of '{self.part.name}': {self.verdict}; {count}; print it for the words>"
 
     def _repr_html_(self) -> str:
         return view("diagnosis.html")(self)
@@ -303,6 +390,7 @@ class Diagnosis:
         """
         return {
             "schema": SCHEMA,
+            **({} if self.of_aircraft else {"system": self.part.name}),
             "verdict": self.verdict,
             "sentence": self.sentence,
             "not_judged": [one.to_dict() for one in self.not_judged],
@@ -311,8 +399,8 @@ class Diagnosis:
             "account": [one.to_dict() for one in self.account],
             "factors": [one.to_dict() for one in self.factors],
             "contradicted": [one.to_dict() for one in self.contradicted],
-            "causes": [cause_entry(cause) for cause in self.causes],
-            "minor": [cause_entry(cause) for cause in self.minor],
+            "causes": [cause.to_dict() for cause in self.causes],
+            "minor": [cause.to_dict() for cause in self.minor],
             "ranking": [rank_entry(candidate) for candidate in self.ranking],
             "decisions": [one.to_dict() for one in self.trace.decisions],
             "unexplained": [self._unexplained(one) for one in self.unexplained],
@@ -344,11 +432,12 @@ class Diagnosis:
         fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))
         place = missing.place
         return {
-            "port": place.name if place.kind == "coefficient" else place.key,
+            "port": place.name if place.kind == "coefficient" or not self.of_aircraft else place.key,
+            "kind": place.kind,
             "probability": self.entered.get(missing.station),
             "share": missing_share(fit, missing),
             "gain": missing.gain,
-            "sentence": f"Something that no cause of the catalogue explains enters at {place.words}.",
+            "sentence": f"Something that no cause of the catalogue explains enters at {missing.words}.",
         }
 
     def _held_out(self) -> dict[str, Any]:
@@ -391,14 +480,14 @@ def _sure(cause: Cause) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A derivative, term or effect of the aircraft file, in `unit`.
+    """A parameter of the file or model, in `unit`: for an aircraft a derivative, term or effect.
 
     Attributes
     ----------
     a_priori
-        Its value in the file; 0 if the file has none.
+        Its value as given; 0 if there is none.
     refitted, refitted_std
-        Its estimate with the structure of the file, and the standard deviation (Cramer-Rao).
+        Its estimate with the structure as given, and the standard deviation (Cramer-Rao).
     extended, extended_std
         The same in the extended model.
     flight
@@ -443,30 +532,6 @@ def plain(value: Any) -> Any:
     return number if math.isfinite(number) else None
 
 
-def cause_entry(cause: Cause) -> dict[str, Any]:
-    """An entry of `causes` or `minor`."""
-    return {
-        "kind": cause.kind,
-        "target": cause.target,
-        "term": cause.term,
-        "value": cause.value,
-        "std": cause.std,
-        "unit": cause.unit,
-        "records": list(cause.records),
-        "onset_s": {r: list(i) for r, i in cause.onset_s.items()} if cause.onset_s else None,
-        "statistic": cause.statistic,
-        "dof": cause.dof,
-        "probability": cause.probability,
-        "alone": cause.alone,
-        "log_odds": cause.log_odds,
-        "held_out_gain": cause.held_out_gain,
-        "indistinguishable_from": [dict(other) for other in cause.indistinguishable_from],
-        "sentence": cause.sentence,
-        "parameters": dict(cause.parameters),
-        "share": cause.share,
-    }
-
-
 def rank_entry(candidate: Candidate) -> dict[str, Any]:
     """An entry of `ranking`."""
     effect = candidate.attached.effect
@@ -479,65 +544,3 @@ def rank_entry(candidate: Candidate) -> dict[str, Any]:
         "std": candidate.std,
         "surviving": candidate.surviving,
     }
-
-
-def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
-    """The aircraft file with its estimated values and the causes of the fit.
-
-    Named causes become effects or changes of tables. Minor causes that are part of the fit are included too; terms of
-    the aerodynamics among them become ordinary terms.
-    """
-    known = {(e.kind, e.target, e.term) for e in aircraft.effects}
-    missing = {one.effect.key for one in fit.attached}
-    if fit.noise.coloured:
-        missing.add(turbulence_effect("").key)
-    missing -= known
-    terms: dict[str, dict[str, float]] = {}
-    effects, tables = [], None
-    for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
-        key = cause.kind, cause.target, cause.term
-        if key not in missing:
-            continue
-        missing.remove(key)
-        take_up = effect_of(cause).into_tables
-        held = take_up(tables or aircraft.tables, cause.value) if take_up else None
-        if held is not None:
-            tables = held
-        elif not named and cause.term and cause.target in aircraft.coefficients:
-            terms.setdefault(cause.target, {})[cause.term] = cause.value
-        else:
-            effects.append(_as_effect(cause, fit.batch.names))
-    if tables is not None:
-        aircraft = replace(aircraft, tables=tables)
-    std = {slot.name: fit.std(slot.name) for slot in fit.slots}
-    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
-    return (
-        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
-        .with_terms(terms)
-        .with_effects(effects)
-    )
-
-
-def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
-    """The cause as an effect of an aircraft file."""
-    return EffectValue(
-        kind=cause.kind,
-        target=cause.target,
-        term=cause.term,
-        value=cause.value,
-        std=cause.std,
-        records=cause.records if set(cause.records) != set(fitted) else (),
-        onset_s=dict(cause.onset_s) if cause.onset_s else None,
-        parameters=dict(cause.parameters),
-        sentence=cause.sentence,
-    )
-
-
-def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
-    """An effect of the file with its fitted onsets; the width of their intervals is unchanged."""
-    onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
-    moved = dict(effect.onset_s or {})
-    for record, onset in onsets.items():
-        low, high = moved[record]
-        moved[record] = (onset - 0.5 * (high - low), onset + 0.5 * (high - low))
-    return replace(effect, onset_s=moved or None)

@@ -14,25 +14,26 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
+from casid.diagnosis.result import OfAircraft, OfSystem
 from casid.model.plausible import Doubt
-from casid.model.vocabulary import effect_sentence
+from casid.model.vocabulary import sentence_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
 SLOW_NOISE = "Slow noise and offsets of instruments do as much."
 _ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
-_SMALL = " Effects that are expected of such an aircraft, or too small to matter, are listed as minor."
+_SMALL = " Effects that are expected, or too small to matter, are listed as minor."
 _NOTHING_ELSE = "Other findings are reliable only after this has been corrected."
 
 
-def cause_sentence(one: Attached, records: int) -> str:
-    """The sentence of a fitted cause; `records` is the number of fitted records."""
+def cause_sentence(one: Attached, value: float, std: float, records: int) -> str:
+    """The sentence of a fitted cause with its size; `records` is the number of fitted records."""
     effect = one.effect
-    text = effect_sentence(effect.kind, effect.target, effect.term, effect.in_words(one.values)["value"])
+    text = sentence_of(effect, value, std)
     if effect.timed:
         return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
     if one.records and len(one.records) < records:
-        others = " (or the other way in the others: free derivatives show differences between records only)"
+        others = " (or the other way in the others: free parameters show differences between records only)"
         return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
     return text
 
@@ -71,13 +72,13 @@ def adequate(remark: str, detectable: Mapping[str, Mapping[str, float]], refined
     return f"{_ADEQUATE}{remark}{_would_have_shown(detectable)}{refined}"
 
 
-def remarks(minor: Sequence[Cause], faint: tuple[Attached, float] | None, records: int) -> str:
-    """What is added to a verdict that names nothing: that minor causes exist, and the cause nearest to a name."""
+def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:
+    """What is added to a verdict that names nothing: that minor causes exist, and the sentence and the probability of
+    the cause nearest to a name."""
     said = _SMALL if minor else ""
     if faint is None:
         return said
-    one, probability = faint
-    text = cause_sentence(one, records)
+    text, probability = faint
     stated = text[0].lower() + text[1:-1]
     return f"{said} Not clear enough to be named, but worth a look: {stated} ({100.0 * probability:.0f} % probable)."
 
@@ -93,14 +94,15 @@ def file_impossible(numbers: Sequence[Contradiction], most: int) -> str:
     return f"{_first(stated, most)} {_NOTHING_ELSE}"
 
 
-def values_wrong(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int, remark: str) -> str:
-    """The sentence of a model whose structure is right and whose values are inconsistent with flight."""
-    return f"The structure is right, but {_against(factors, contradicted, most)}{remark}"
-
-
-def also_contradicted(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
-    """The sentence of values that are inconsistent with flight, besides other findings."""
-    return f"Besides, {_against(factors, contradicted, most)}"
+def contradicted(
+    factors: Sequence[Factor], numbers: Sequence[Contradiction], most: int, part: OfAircraft | OfSystem
+) -> str:
+    """The clause of common factors and single numbers that are inconsistent with the records."""
+    counted = ((len(factors), "group{} of derivatives"), (len(numbers), "number{}"))
+    said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
+    verb = "is" if len(factors) + len(numbers) == 1 else "are"
+    opening = f"{said} of the {part.source} {verb} inconsistent with {part.witness}."
+    return f"{opening} {several([*factors, *numbers], most)}"
 
 
 def several(all_of_them: Sequence[Finding | Contradiction | Doubt | Factor], most: int) -> str:
@@ -158,14 +160,6 @@ def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
     return f" What would not show here: {', '.join(told)}." if told else ""
 
 
-def _against(factors: Sequence[Factor], contradicted: Sequence[Contradiction], most: int) -> str:
-    """The clause of common factors and single numbers that are inconsistent with flight."""
-    counted = ((len(factors), "group{} of derivatives"), (len(contradicted), "number{}"))
-    said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
-    verb = "is" if len(factors) + len(contradicted) == 1 else "are"
-    return f"{said} of the file {verb} inconsistent with flight. {several([*factors, *contradicted], most)}"
-
-
 def _first(stated: Sequence[str], most: int) -> str:
     more = len(stated) - most
     return " ".join([*stated[:most], *([f"And {more} more."] if more > 0 else [])])
@@ -174,4 +168,4 @@ def _first(stated: Sequence[str], most: int) -> str:
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{missing.place.words}{size} ({oscillation}log likelihood ratio {0.5 * missing.gain:.0f}){unseen}"
+    return f"{missing.words}{size} ({oscillation}log likelihood ratio {0.5 * missing.gain:.0f}){unseen}"

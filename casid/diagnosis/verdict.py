@@ -6,6 +6,7 @@ has impossible numbers, or if the extended model fails on the held-out records.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -15,9 +16,12 @@ import numpy as np
 from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace, at_least, at_most
-from casid.diagnosis.causes import minor_trials, still_missing, too_small
+from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
 from casid.diagnosis.engine.acceptance import required_gain
-from casid.diagnosis.engine.held_out import Kept, judge_on, with_events
+from casid.diagnosis.engine.baseline import Baseline
+from casid.diagnosis.engine.comparison import tempered
+from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
+from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.evidence.evidence import weigh
@@ -25,16 +29,16 @@ from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left
-from casid.diagnosis.given.budget import account_of, account_sentence, failure_sentence
-from casid.diagnosis.given.contradicted import impossible
-from casid.diagnosis.given.factors import Factor, borne_out
-from casid.diagnosis.given.scope import Scope, out_of_sight
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
+from casid.diagnosis.given.budget import AsGiven, account_of, account_sentence, budget_of, failure_sentence
+from casid.diagnosis.given.contradicted import Contradiction, flight_values, impossible
+from casid.diagnosis.given.factors import Factor
+from casid.diagnosis.given.scope import NotJudged
+from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
 from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
-from casid.model.vocabulary import effect_title
+from casid.records.record import Record
 
 
 def what_is_left(
@@ -65,16 +69,17 @@ def what_is_left(
     unexplained
         The latent inputs that remain.
     """
-    (causes, minor), required = judged, state.baseline.required
-    unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, required)
+    (causes, minor), begun, required = judged, state.baseline, state.baseline.required
+    unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, begun)
     seen = (*causes, *minor)
     small = too_small(state, seen, unexplained)
     nuisance = [trial.candidate.attached for trial in minor_trials(state, seen)][:1]
     if small and (not unexplained or _nothing_left_with(kept, nuisance, state, causes, required)):
         minor, unexplained = (*minor, *small), []
     if not unexplained:
-        unexplained = _missing_on_held(kept, nuisance, causes, required)
-    return minor, unexplained
+        unexplained = _missing_on_held(kept, nuisance, causes, begun)
+    sizes = kept.fit.flight.sizes
+    return minor, unexplained if sizes is None else sizes.told_at(kept.fit, unexplained)
 
 
 def beside_slow_noise(
@@ -86,7 +91,7 @@ def beside_slow_noise(
     causes allow. A cause with too small a statistic under that noise becomes minor. This is backward elimination: the
     weakest cause is dropped and the others are tested again without it.
     """
-    if not causes or kept.fit.noise.colour:
+    if not causes or kept.fit.noise.colour or state.baseline.fixed:
         return tuple(causes), tuple(minor)
     slow, left = as_slow_as_left(kept.fit), list(causes)
     while left and slow.noise.slow:
@@ -99,7 +104,7 @@ def beside_slow_noise(
             break
         del left[weakest]
         minor = (*minor, noted(one, SLOW_NOISE))
-        others = [a for a in slow.attached if a.effect.key != (one.kind, one.target, one.term)]
+        others = [a for a in slow.attached if a.effect.key != one.key]
         slow = fit(slow.flight, others, slow.noise, slow)
     return tuple(left), tuple(minor)
 
@@ -111,7 +116,7 @@ def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
     """
     slots = {slot.name for slot in slow.slots}
     for one in slow.attached:
-        if one.effect.key == (cause.kind, cause.target, cause.term) and one.name in slots:
+        if one.effect.key == cause.key and one.name in slots:
             return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, state.criteria)
     return np.inf
 
@@ -120,7 +125,7 @@ def _not_by_noise(
     fitted: FlightFit,
     unexplained: list[MissingInput],
     causes: Sequence[Cause],
-    required: float,
+    begun: Baseline,
     share: float | None = None,
 ) -> list[MissingInput]:
     """The unexplained inputs that remain if the noise is as slow as the residuals of the fit.
@@ -128,18 +133,18 @@ def _not_by_noise(
     If slow noise is taken for white noise, each of its readings counts as new information, and a latent input has a
     statistic by mistake. In turbulence the innovations may instead be coloured; an input must remain in both cases.
     """
-    if not unexplained or fitted.noise.colour:
+    if not unexplained or fitted.noise.colour or begun.fixed:
         return unexplained
     for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
         evidence = weigh(in_its_noise(fitted))
-        unexplained = still_missing(evidence, missing_inputs(evidence), causes, required, share)
+        unexplained = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
         if not unexplained:
             break
     return unexplained
 
 
 def _missing_on_held(
-    kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], required: float
+    kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], begun: Baseline
 ) -> list[MissingInput]:
     """Latent inputs that only the held-out records show.
 
@@ -151,8 +156,8 @@ def _missing_on_held(
         held = with_events(held, model)
         share = kept.evidence.criteria.size.ambiguous
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
-        found = still_missing(evidence, missing_inputs(evidence), causes, required, share)
-        return _not_by_noise(evidence.fit, found, causes, required, share)
+        found = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
+        return _not_by_noise(evidence.fit, found, causes, begun, share)
 
     found = missing(kept.fit, kept.held_fit)
     if found and nuisance:
@@ -208,30 +213,138 @@ def verdict_of(facts: Facts) -> str:
     return next((verdict for verdict, holds in _TABLE if holds(facts)), "adequate")
 
 
-def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: Sequence[Doubt]) -> Diagnosis:
+def judged(
+    state: State,
+    given: AsGiven,
+    held: Sequence[Record],
+    part: Callable[[Kept, Sequence[Cause], Sequence[Cause]], OfAircraft | OfSystem],
+    stages: Stages,
+) -> Diagnosis:
+    """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
+
+    Parameters
+    ----------
+    state
+        The final state of the search.
+    given
+        Simulations by the file or model as given.
+    held
+        The held-out records.
+    part
+        Makes what only an aircraft or a system has, from the final model, the named and the minor causes.
+    stages
+        Takes the time of each stage.
+    """
+    begun, criteria = state.baseline, state.criteria
+    state = replace(state, rounds=tempered(state.rounds, state.evidence))
+    stages.begin("held-out records")
+    kept = keep(held, state)
+    if kept.evidence is not state.evidence:
+        state.evidence.forget()
+    stages.begin("missing inputs")
+    left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
+    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
+    stages.begin("verdict")
+    causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
+    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
+    belief = believed(causes, unexplained, state, left)
+    causes = belief.causes
+    faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
+    bare = begun.without_causes({c.key for c in causes})
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    flight = flight_values(kept.evidence)
+    kept.evidence.forget()
+    fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
+    refitted, extended, held_refitted, held_extended = map(view_of, fits)
+    added = part(kept, causes, minor)
+    stages.end()
+    return Diagnosis(
+        remark=sentences.remarks(minor, faint),
+        part=added,
+        causes=causes,
+        minor=minor,
+        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking],
+        rounds=state.rounds,
+        as_given=given.fitted,
+        refitted=refitted,
+        extended=extended,
+        held_out_as_given=given.held,
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(given, held_refitted, held_extended),
+        flight=flight,
+        bare=bare,
+        missing_before=tuple(first),
+        missing_after=tuple(exact),
+        unexplained=tuple(unexplained),
+        kinematic=tuple(begun.kinematics.ranked),
+        turbulence=begun.turbulence,
+        detectable=state.rounds[0].detectable,
+        seconds=stages.seconds,
+        explanations=belief.explanations,
+        believed=belief.there,
+        entered=belief.entered,
+        nothing=belief.nothing,
+        trace=trace_of_search(state, causes, minor),
+    )
+
+
+class Stages:
+    """Wall time of each stage; `report` is called when a stage begins."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._name, self._since = "", time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        self.end()
+        self._name, self._since = name, time.perf_counter()
+        self._report(name)
+
+    def end(self) -> None:
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
+        self._name = ""
+
+
+def concluded(
+    found: Diagnosis,
+    against: Sequence[Contradiction],
+    factors: Sequence[Factor] = (),
+    not_judged: Sequence[NotJudged] = (),
+    data: Sequence[Finding] = (),
+    doubts: Sequence[Doubt] = (),
+) -> Diagnosis:
     """The diagnosis with its verdict and sentences.
 
     Parameters
     ----------
     found
         The diagnosis with causes and latent inputs only.
-    scope
-        The scope of the records and what they contradict.
+    against
+        Numbers of the file or model that are inconsistent with the records.
+    factors
+        Common factors of groups of numbers. One without any number in `against` is left out, and the numbers of the
+        others are not reported one by one.
+    not_judged
+        What the records leave open.
     data
         Findings of the data check.
     doubts
-        Numbers of the file that appear impossible.
+        Numbers of the file that are impossible.
 
     Returns
     -------
     Diagnosis
         The complete diagnosis.
     """
-    criteria, most = scope.flight.criteria.given, scope.flight.criteria.verdict.stated
-    factors = _factors(found, scope)
+    criteria, most = found.criteria.given, found.criteria.verdict.stated
+    names = {one.parameter for one in against}
+    factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}
-    against = tuple(one for one in scope.contradicted(found.aircraft, found.flight) if one.parameter not in single)
-    cannot_be = tuple(map(impossible, borne_out(doubts, found.aircraft, found.flight)))
+    against = tuple(one for one in against if one.parameter not in single)
+    cannot_be = tuple(map(impossible, doubts))
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
     failure = failure_sentence(found.budget, criteria)
@@ -243,7 +356,7 @@ def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: S
         unexplained=bool(found.unexplained),
         contradicted=bool(against or factors),
     )
-    verdict, fitted, remark = verdict_of(facts), found.bare.batch.names, found.remark
+    wrong = sentences.contradicted(factors, against, most, found.part)
     if facts.data_at_fault:
         found, against = _in_doubt(found, "the data are at fault"), cannot_be
         headline = sentences.data_at_fault(at_fault, most)
@@ -252,34 +365,22 @@ def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: S
         headline = sentences.file_impossible(cannot_be, most)
     elif facts.fails:
         found, headline = _in_doubt(found, "the extended model fails on held-out records"), failure
-    elif facts.causes:
-        headline = sentences.explained(found.causes, next(iter(found.unexplained), None), fitted)
-    elif facts.unexplained:
-        missing = found.unexplained[0]
-        fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
-        headline = sentences.unexplained(missing, missing_share(fit, missing), fitted)
-    elif facts.contradicted:
-        headline = sentences.values_wrong(factors, against, most, remark)
     else:
-        worth = sentences.refined(found.budget, criteria.refined)
-        headline = sentences.adequate(remark, found.detectable_by_channel, worth)
-    if verdict in ("explained", "partly explained", "unexplained") and facts.contradicted and not facts.fails:
-        headline = f"{headline} {sentences.also_contradicted(factors, against, most)}"
-    open_ = (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable))
+        headline = _headline(found, facts, wrong)
     account = account_of(found.budget, _contributions(found, mended, factors))
     parts = [
         account_sentence(found.budget, account, most),
         sentences.several(mended, most),
         headline,
         sentences.losses(found.budget, criteria.worse),
-        sentences.left_open(open_, most),
+        sentences.left_open(not_judged, most),
     ]
     return replace(
         found,
-        verdict=verdict,
+        verdict=verdict_of(facts),
         headline=headline,
         sentence=" ".join(part for part in parts if part),
-        not_judged=open_,
+        not_judged=tuple(not_judged),
         data=tuple(data),
         contradicted=against,
         factors=factors,
@@ -287,20 +388,30 @@ def concluded(found: Diagnosis, scope: Scope, data: Sequence[Finding], doubts: S
     )
 
 
-def _factors(found: Diagnosis, scope: Scope) -> tuple[Factor, ...]:
-    """Common factors of the groups with at least one derivative that is inconsistent with flight."""
-    against = {one.parameter for one in scope.contradicted(found.aircraft, found.flight)}
-    return tuple(one for one in scope.factors(found.aircraft, found.flight) if against & set(one.derivatives))
+def _headline(found: Diagnosis, facts: Facts, wrong: str) -> str:
+    """The sentences of a verdict that nothing puts in doubt; `wrong` is the clause of contradicted numbers."""
+    missing, fitted = next(iter(found.unexplained), None), found.bare.batch.names
+    if facts.causes:
+        said = sentences.explained(found.causes, missing, fitted)
+    elif missing is not None:
+        fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
+        said = sentences.unexplained(missing, missing_share(fit, missing), fitted)
+    elif facts.contradicted:
+        return f"The structure is right, but {wrong}{found.remark}"
+    else:
+        worth = sentences.refined(found.budget, found.criteria.given.refined)
+        return sentences.adequate(found.remark, found.detectable_by_channel, worth)
+    return f"{said} Besides, {wrong}" if facts.contradicted else said
 
 
 def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequence[Factor]) -> dict[str, list[str]]:
     """Step of the account -> what contributes to it, the largest first."""
-    least, given = found.criteria.significance.sigmas, found.aircraft.derivatives
+    least, given = found.criteria.significance.sigmas, found.part.told
     single = {name for one in factors for name in one.derivatives}
     moved = {
         name: (one.value, one.std)
         for name, one in found.flight.items()
-        if one.determined and given.get(name) and name not in single and not name.endswith("_0")
+        if one.determined and given.get(name) and name not in single
     }
     sigmas = {name: abs(value - given[name]) / std for name, (value, std) in moved.items() if std > 0.0}
     order = sorted(
@@ -313,8 +424,8 @@ def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequenc
             *(f"{one.row} times {one.factor:.2f}" for one in factors),
             *(f"{name} {100.0 * (moved[name][0] / given[name] - 1.0):+.0f} %" for name in order),
         ],
-        "structure": [effect_title(*one.key) for one in found.causes],
-        "unexplained": [one.place.words for one in found.unexplained],
+        "structure": [one.title for one in found.causes],
+        "unexplained": [one.words for one in found.unexplained],
     }
 
 

@@ -37,6 +37,18 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
+class Words:
+    """Words of an effect that is not in the register: of a system that is no aircraft.
+
+    unit      of its value; empty if it is not stated
+    sentence  template; fields target, term, size; [late|early] for either sign, then without it
+    """
+
+    unit: str
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Effect:
     """One cause at one target.
 
@@ -90,6 +102,8 @@ class Effect:
                  or of what is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     into_tables  (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it:
                  an extended file then has it there, and not as an effect
+
+    words        unit and sentence of an effect that is not in the register
     """
 
     kind: str
@@ -136,6 +150,7 @@ class Effect:
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
     transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
     into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
+    words: Words | None = None
 
     @property
     def name(self) -> str:
@@ -146,7 +161,7 @@ class Effect:
     @property
     def unit(self) -> str:
         """SI unit of the value."""
-        return KINDS[self.kind].unit_for(self.target, self.term)
+        return self.words.unit if self.words else KINDS[self.kind].unit_for(self.target, self.term)
 
     @property
     def key(self) -> tuple[str, str, str | None]:

@@ -11,11 +11,21 @@ import re
 
 from casid.errors import InputError, unknown
 from casid.model.causes import KINDS
-from casid.model.effect import Kind
+from casid.model.effect import Effect, Kind
 from casid.model.terms import Term, derivative_name, in_words, parse_term
 from casid.signals import label_of
 
-__all__ = ["KINDS", "LABELS", "Kind", "check_effect", "effect_sentence", "effect_title", "effect_unit"]
+__all__ = [
+    "KINDS",
+    "LABELS",
+    "Kind",
+    "check_effect",
+    "effect_sentence",
+    "effect_title",
+    "effect_unit",
+    "sentence_of",
+    "title_of",
+]
 
 LABELS = {
     "CL": "lift",
@@ -78,8 +88,7 @@ def effect_sentence(kind: str, target: str | None, term: str | None, value: floa
     unit = effect_unit(kind, target, term)
     entry = KINDS[kind]
     label = " and ".join(_label(part) for part in entry.parts(target))
-    sentence = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], entry.sentence)
-    value = value if sentence == entry.sentence else abs(value)
+    sentence, value = _either(entry.sentence, value)
     percent = f"{_digits(100.0 * value)} %"
     first, told = _of_a_table((target or "").split("+")[0], term)
     comes = "come" if label.endswith("s") else "comes"
@@ -96,6 +105,28 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
     label = " and ".join(_label(part) for part in parts)
     said, told = _of_a_table(", ".join(parts), term)
     return KINDS[kind].title.format(words=words, label=label, target=said, term=told)
+
+
+def _either(sentence: str, value: float) -> tuple[str, float]:
+    """A template for the sign of a value, and the value, without its sign where the words say it."""
+    chosen = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], sentence)
+    return chosen, value if chosen == sentence else abs(value)
+
+
+def sentence_of(effect: Effect, value: float, std: float) -> str:
+    """`effect_sentence` of any effect; with words of its own, it states the standard deviation of its size too."""
+    if effect.words is None:
+        return effect_sentence(*effect.key, value)
+    sentence, value = _either(effect.words.sentence, value)
+    size = f"{value:.4g} +- {std:.2g} {effect.unit}".rstrip()
+    return sentence.format(target=effect.target, term=effect.term, size=size)
+
+
+def title_of(effect: Effect) -> str:
+    """`effect_title` of any effect."""
+    if effect.words is None:
+        return effect_title(*effect.key)
+    return f"{effect.target}: {effect.kind.replace('_', ' ')} {effect.term or ''}".rstrip()
 
 
 def _of_a_table(target: str, term: str | None) -> tuple[str, str | None]:

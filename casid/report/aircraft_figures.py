@@ -89,7 +89,8 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
     with settings():
         figure = blank(_ROW * len(order) + 1.3)
         ax = figure.subplots()
-        stated = 100.0 * (diagnosis.aircraft.relative_uncertainty or diagnosis.criteria.prior.unstated)
+        states = diagnosis.aircraft.relative_uncertainty if diagnosis.of_aircraft else 0.0
+        stated = 100.0 * (states or diagnosis.criteria.prior.unstated)
         ax.axvspan(-stated, stated, color=NOISE, lw=0)
         ax.axvline(0.0, color=MEASURED, lw=1.0)
         for y, one in enumerate(order):
@@ -116,23 +117,20 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
         for label, one in zip(ax.get_yticklabels(), order, strict=True):
             label.set_fontweight("bold" if one.name in against else "normal")
         ax.grid(axis="y", color=FAINT, lw=0.3)
-        ax.set_xlabel("flight against the file [% of the file's number]")
+        of, witness = diagnosis.part.source, diagnosis.part.witness
+        ax.set_xlabel(f"{witness} against the {of} [% of the {of}'s number]")
     worst = next((one for one in order if one.name in against), order[0])
     return Picture(
         name="derivatives",
         figure=figure,
-        title="The numbers of the file beside flight",
+        title=f"The numbers of the {of} beside {witness}",
         caption=(
-            "Dots: estimates from the records alone, with ±1σ. Orange diamonds, names in bold: flight is "
-            f"inconsistent with the file. Grey: within {stated:.0f} %, the uncertainty "
-            + (
-                "that the file states."
-                if diagnosis.aircraft.relative_uncertainty
-                else "taken where a file states none."
-            )
+            "Dots: estimates from the records alone, with ±1σ. Orange diamonds, names in bold: inconsistent with the "
+            f"{of}. Grey: within {stated:.0f} %, the uncertainty "
+            + (f"that the {of} states." if states else f"taken where a {of} states none.")
         ),
-        alt=f"Deviation of {len(order)} numbers of the file from flight, in per cent; {len(against)} of the file's "
-        f"numbers are inconsistent with flight; first is {worst.name} with {_deviation(worst):+.0f} per cent.",
+        alt=f"Deviation of {len(order)} numbers of the {of} from {witness}, in per cent; {len(against)} of the {of}'s "
+        f"numbers are inconsistent with {witness}; first is {worst.name} with {_deviation(worst):+.0f} per cent.",
     )
 
 

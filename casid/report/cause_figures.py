@@ -22,7 +22,6 @@ from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.causes import configuration_change, group_channels
-from casid.model.effects import effect_of
 from casid.model.terms import parse_term
 from casid.records.record import Record
 from casid.report.history_figures import AS_GIVEN, telling_window, worst_record
@@ -41,7 +40,7 @@ from casid.report.style import (
     channel_scale,
     shown_unit,
 )
-from casid.report.words import EVIDENCE, cause_name, place, pretty_term
+from casid.report.words import EVIDENCE, place, pretty, pretty_term
 from casid.signals import SURFACES, label_of, unit_of
 
 
@@ -88,7 +87,7 @@ def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]
     `before`: latent inputs by station, before naming. The changes of the other derivatives that came with
     the term are taken off it, so that the term alone is left. None for a cause that is no aerodynamic term.
     """
-    effect = effect_of(cause)
+    effect = cause.effect
     missing = before.get(effect.enters or "")
     if effect.regressor is None or missing is None:
         return None
@@ -346,7 +345,7 @@ def onset(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     axes[-1].set_xlabel("time of onset t [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
     times = ", ".join(f"{0.5 * sum(cause.onset_s[n]):.1f} s in {n}" for n in records)
-    name = cause_name(cause.kind, cause.target, cause.term)
+    name = pretty(cause.title)
     return Picture(
         name="onset",
         figure=figure,
@@ -398,7 +397,7 @@ def cause_response(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     cause that is not linear has one. None for a cause that is neither at a surface nor in the time of an instrument,
     and where the records give no response with enough coherence.
     """
-    effect = effect_of(cause)
+    effect = cause.effect
     if effect.transfer is None and not effect.of_a_surface:
         return None
     before, after = diagnosis.as_given, diagnosis.extended
@@ -466,7 +465,7 @@ def _drawn(diagnosis: Diagnosis, cause: Cause, flight: FrequencyResponse, models
     frequency_axis(axes[:, 0], flight)
     _histories(axes[0, 1], axes[1, 1], diagnosis, flight)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    name = cause_name(cause.kind, cause.target, cause.term)
+    name = pretty(cause.title)
     since = " Only what was flown from the onset on is in it." if cause.onset_s else ""
     return Picture(
         name="bode",

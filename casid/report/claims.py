@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
-from casid.report.words import cause_name, digits, place, pretty, probability_in_words, with_std
+from casid.report.words import digits, place, pretty, probability_in_words, with_std
 
 # a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
 _OF_A_CAUSE = ("shape", "wind", "onset", "bode", "missing_history")
@@ -84,16 +84,17 @@ def _values(diagnosis: Diagnosis) -> Iterator[Claim]:
         if one.impossible:
             text = one.sentence
         else:
-            text = f"{one.parameter}: {digits(one.given)} in the file, {with_std(one.flight, one.std, '1')} by flight"
+            part, flown = diagnosis.part, with_std(one.flight, one.std, "1")
+            text = f"{one.parameter}: {digits(one.given)} in the {part.source}, {flown} by {part.witness}"
         yield Claim(anchor=about_value(one.parameter), head=one.parameter, text=pretty(text), figures=("derivatives",))
 
 
 def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
     for number, one in enumerate(diagnosis.causes, 1):
         own = tuple(numbered(name, number) for name in _OF_A_CAUSE)
-        alike = [cause_name(o["kind"], o["target"], o["term"]) for o in one.indistinguishable_from]
+        alike = [pretty(o["title"]) for o in one.indistinguishable_from]
         also = f", or {' or '.join(alike)}" if alike else ""
-        head = cause_name(one.kind, one.target, one.term)
+        head = pretty(one.title)
         yield Claim(
             anchor=about_cause(number),
             head=head,
@@ -109,17 +110,16 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
 
 
 def _was_tried(diagnosis: Diagnosis, cause: Cause) -> bool:
-    key = (cause.kind, cause.target, cause.term)
-    return any(trial.effect.key == key for round_ in diagnosis.rounds for trial in round_.trials)
+    return any(trial.effect.key == cause.key for round_ in diagnosis.rounds for trial in round_.trials)
 
 
 def _unexplained(diagnosis: Diagnosis) -> Iterator[Claim]:
     for number, one in enumerate(diagnosis.unexplained, 1):
-        own, general = _OF_THE_UNEXPLAINED
+        (own, general), where = _OF_THE_UNEXPLAINED, one.called or place(one.station)
         yield Claim(
             anchor=about_unexplained(number),
-            head=f"unexplained at {place(one.station)}",
-            text=f"Something enters at {place(one.station)} that no cause of the catalogue explains",
+            head=f"unexplained at {where}",
+            text=f"Something enters at {where} that no cause of the catalogue explains",
             figures=(numbered(own, number), general),
             probability=diagnosis.entered.get(one.station),
         )

@@ -75,7 +75,7 @@ def histories(
         first = [axes.flat[0], *axes.flat[2 * above : 2 * above + 1]]
         known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
         handles, labels = zip(*known, strict=True)
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+        figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 3))
     names = " and ".join(curves)
     return Picture(
         name=f"histories_{file_name(record)}",

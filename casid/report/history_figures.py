@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -14,6 +14,7 @@ from matplotlib.ticker import FuncFormatter
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
 from casid.records.record import Record
+from casid.report import estimate_figures
 from casid.report.style import (
     ALERT,
     BASELINE,
@@ -205,6 +206,7 @@ def _thin(t: np.ndarray, pieces: Sequence[Piece]) -> slice:
 _DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
 AS_GIVEN = "file as given"
 _WINDOW = 14.0  # s
+_RECORDS = 4  # held-out records of a system that are drawn
 
 
 def misfit(view: View) -> dict[str, float]:
@@ -254,6 +256,31 @@ def histories(diagnosis: Diagnosis) -> Picture:
         alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
         f"and by the {diagnosis.best}.",
     )
+
+
+def flown_again(diagnosis: Diagnosis) -> Iterator[Picture]:
+    """Every output and input of a system in the first held-out records: measured, and by the three models."""
+    views = {
+        "as given": diagnosis.held_out_as_given,
+        "re-estimated": diagnosis.held_out_refitted,
+        "extended": diagnosis.held_out_extended,
+    }
+    for r, record in enumerate(diagnosis.held_out_as_given.fit.flight.records[:_RECORDS]):
+        model = diagnosis.held_out_as_given.fit.model
+        outputs = [name for name in model.outputs if name in record]
+        at, inputs = [model.outputs.index(name) for name in outputs], {name: record[name] for name in model.inputs}
+        flown = {label: view.simulated.output[: len(record), r][:, at] for label, view in views.items()}
+        curves = {label: one if np.isfinite(one).all() else np.full_like(one, np.nan) for label, one in flown.items()}
+        picture = estimate_figures.histories(
+            record.name, record.t, outputs, record.matrix(outputs), curves, inputs=inputs
+        )
+        yield replace(
+            picture,
+            name=f"again-{r + 1}",
+            title=f"{record.name}, which no fit has seen: measured and simulated",
+            caption="Measured outputs, the model as given, with its parameters re-estimated, and extended by the named "
+            f"causes; below the inputs: {', '.join(inputs) or 'none'}. A model that diverges is not drawn.",
+        )
 
 
 def telling_window(before: View, after: View, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:

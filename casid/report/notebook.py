@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.figure import Figure
 
-from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError, unknown
 from casid.estimation.fit import Fit
@@ -128,7 +127,7 @@ def diagnosis_frame(diagnosis: Diagnosis) -> DataFrame:
     rows = [(cause, False) for cause in diagnosis.causes] + [(cause, True) for cause in diagnosis.minor]
     table: dict[str, dict[str, object]] = {}
     for cause, minor in rows:
-        table[_name(cause)] = {
+        table[cause.name] = {
             "kind": cause.kind,
             "target": cause.target,
             "term": cause.term,
@@ -143,18 +142,13 @@ def diagnosis_frame(diagnosis: Diagnosis) -> DataFrame:
     return data_frame(table, "cause")
 
 
-def _name(cause: Cause) -> str:
-    inside = ":".join(part for part in (cause.target, cause.term) if part)
-    return f"{cause.kind}({inside})" if inside else cause.kind
-
-
 def diagnosis_html(diagnosis: Diagnosis) -> str:
     """The opening of the report, and the causes."""
     rows = [
-        [_name(c), with_std(c.value, c.std, c.unit), "minor" if c in diagnosis.minor else "", c.sentence]
+        [c.name, with_std(c.value, c.std, c.unit), "minor" if c in diagnosis.minor else "", c.sentence]
         for c in (*diagnosis.causes, *diagnosis.minor)
     ]
     table = html_table(("cause", "size ± 1σ", "", "what it is"), rows) if rows else ""
-    verdict = html_paragraph(f"{diagnosis.aircraft.name}: {diagnosis.verdict}", pretty(diagnosis.sentence))
+    verdict = html_paragraph(f"{diagnosis.part.name}: {diagnosis.verdict}", pretty(diagnosis.sentence))
     said = [one.sentence for one in (*diagnosis.data, *diagnosis.contradicted)]
     return verdict + html_list(said) + table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,8 +13,6 @@ from casid.arguments import require
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.given.budget import account_sentence
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.systems.result import SystemDiagnosis
-from casid.model.effects import effect_of
 from casid.native.threads import single_threaded
 from casid.records.readers import write_record
 from casid.report import tables
@@ -33,14 +32,12 @@ from casid.report.claims import Claim, claims, numbered
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
 from casid.report.folder import provenance
-from casid.report.history_figures import PLANES, gain, histories, residuals, tracks
-from casid.report.next_flight import limited, next_flights
+from casid.report.history_figures import PLANES, flown_again, gain, histories, residuals, tracks
+from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.style import Picture, settings
-from casid.report.system_page import write_system_report
 from casid.report.tables import shares
 from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
 from casid.report.words import digits
-from casid.signals import label_of
 
 _SAME = 0.005  # a change that is no per cent
 
@@ -57,21 +54,27 @@ class Gained:
 
 def gained(diagnosis: Diagnosis) -> Gained:
     """Of the open-loop simulation, from the file as given to the best model."""
-    steps, ratio = diagnosis.budget.together, diagnosis.rms_ratio
+    steps, ratio, labels = diagnosis.budget.together, diagnosis.rms_ratio, diagnosis.budget.labels
     gusts = " Gusts are new in every record, so that its error need not shrink." if diagnosis.turbulence.named else ""
 
     def told(channels: Sequence[str]) -> str:
-        return ", ".join(f"{label_of(o)} {100.0 * (ratio[o] - 1.0):+.0f}\u00a0%".replace("-", "−") for o in channels)
+        return ", ".join(
+            f"{labels.get(o, o)} {100.0 * (ratio[o] - 1.0):+.0f}\u00a0%".replace("-", "−") for o in channels
+        )
 
     return Gained(
         together=(
             f"On {', '.join(diagnosis.budget.records)}, which no fit has seen, the simulation is off by "
-            f"{digits(steps.as_given, 2)} times the noise with the file as given, and by "
-            f"{digits(steps.structure, 2)} times with the {diagnosis.best}.{gusts}"
+            f"{_times(steps.as_given)} the noise with the {diagnosis.part.source} as given, and by "
+            f"{_times(steps.structure)} the noise with the {diagnosis.best}.{gusts}"
         ),
         worse=told([o for o in ratio if ratio[o] > 1.0 + _SAME]),
         better=told([o for o in ratio if ratio[o] < 1.0 - _SAME]),
     )
+
+
+def _times(ratio: float) -> str:
+    return f"{digits(ratio, 2)} times" if math.isfinite(ratio) else "more than any multiple of"
 
 
 _MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
@@ -80,6 +83,11 @@ _MOST = 3  # causes, and places where something is unexplained, that have pictur
 def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
     """Name -> picture; the one most convincing for this verdict comes first and is not repeated."""
     seen = reconstruct(diagnosis)
+    if not diagnosis.of_aircraft:
+        with settings():
+            further = [budget(diagnosis.budget), *flown_again(diagnosis), ladder(diagnosis), ambiguity(diagnosis)]
+            further.append(derivatives(diagnosis))
+        return {picture.name: picture for picture in further if picture is not None}
     with settings():
         further = [
             *_of_causes(diagnosis, seen),
@@ -123,13 +131,13 @@ def _of_causes(diagnosis: Diagnosis, seen: Reconstruction) -> Iterator[Picture]:
 
 
 def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Iterable[Picture | None]:
-    if effect_of(cause).stochastic:
+    if cause.effect.stochastic:
         yield wind(diagnosis)
         return
     yield shape(diagnosis, cause, seen.before)
     yield onset(diagnosis, cause)
     yield cause_response(diagnosis, cause)
-    found = seen.before.get(effect_of(cause).enters or "")
+    found = seen.before.get(cause.effect.enters or "")
     yield missing_history(diagnosis, found, curve=True) if found is not None else None
 
 
@@ -152,7 +160,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "gain": (
             "What it gains",
             "gain.html",
-            ("budget", "gain", "histories", "tracks_longitudinal", "tracks_lateral"),
+            ("budget", "gain", "histories", "tracks_longitudinal", "tracks_lateral", "again"),
         ),
         "evidence": (
             "Evidence",
@@ -162,7 +170,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
         "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
         "data": ("Data", "data.html", ("check",)),
-        "values": ("Values of the file", "values.html", ("derivatives",)),
+        "values": ("Values of the {source}", "values.html", ("derivatives",)),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
         "next": ("Next flight", "next_flight.html", ("next_flight",)),
         "numbers": ("Numbers", "numbers.html", ()),
@@ -170,6 +178,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "made": ("How this was made", "made.html", ()),
     }
 )
+_OF_AIRCRAFT = ("data", "envelope", "next")  # sections that no other system has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,9 +201,7 @@ class Section:
 
 
 @single_threaded()
-def write_report(
-    diagnosis: Diagnosis | SystemDiagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None
-) -> None:
+def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
     """Write the page of a diagnosis into a folder.
 
     These are `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv`.
@@ -219,12 +226,9 @@ def write_report(
     >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
-    if isinstance(diagnosis, SystemDiagnosis):
-        write_system_report(diagnosis, folder, provenance(0) if made_with is None else made_with)
-        return
     require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance(0) if made_with is None else made_with
-    following = next_flights(diagnosis)
+    following = next_flights(diagnosis) if diagnosis.of_aircraft else NextFlights(proposals=(), beyond=())
     shown = pictures(diagnosis) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown))
     for one in following.proposals:
@@ -252,7 +256,8 @@ def _context(
     claimed = claims(diagnosis, drawn)
     figures = figures_of(drawn, _by_figure(claimed))
     return {
-        "aircraft": diagnosis.aircraft.name,
+        "name": diagnosis.part.name,
+        "of_aircraft": diagnosis.of_aircraft,
         "colour": COLOURS[diagnosis.verdict],
         "account": account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.verdict.stated),
         "headline": _headline(diagnosis),
@@ -265,7 +270,7 @@ def _context(
         "facts": _facts(diagnosis),
         "figures": figures,
         "lead": next(iter(figures.values())),
-        "sections": _sections(figures),
+        "sections": _sections(diagnosis, figures),
         "tables": _tables(diagnosis, made_with),
         "trace": diagnosis.trace,
         "minor": [one.sentence for one in diagnosis.minor],
@@ -282,32 +287,32 @@ def _by_figure(claimed: Mapping[str, Sequence[Claim]]) -> dict[str, list[tuple[s
     return found
 
 
-def _sections(figures: Mapping[str, Figure]) -> list[Section]:
-    """A section that is of figures alone is left out where it has none."""
+def _sections(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> list[Section]:
+    """A section that is of figures alone is left out where it has none, and one of aircraft for other systems."""
     rest = list(figures.items())[1:]
     every = [
         Section(
             anchor=anchor,
-            title=title,
+            title=title.format(source=diagnosis.part.source),
             template=template,
             figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
         )
         for anchor, (title, template, names) in _SECTIONS.items()
+        if diagnosis.of_aircraft or anchor not in _OF_AIRCRAFT
     ]
     return [one for one in every if one.figures or one.template != "figures.html"]
 
 
 def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    return {
+    of_aircraft = {"envelope": envelope_table, "limited": limited} if diagnosis.of_aircraft else {}
+    return {name: make(diagnosis) for name, make in of_aircraft.items()} | {
         "held_out": tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, diagnosis.best),
         "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),
         "causes": tables.causes(diagnosis),
         "alternatives": tables.alternatives(diagnosis),
         "findings": tables.findings(diagnosis.data),
         "derivatives": tables.derivatives(diagnosis),
-        "envelope": envelope_table(diagnosis),
         "not_judged": tables.not_judged(diagnosis),
-        "limited": limited(diagnosis),
         "unseen": tables.unseen(diagnosis),
         "seconds": tables.seconds(diagnosis),
         "made_with": tables.made_with(made_with),
@@ -331,12 +336,11 @@ def _values_told(diagnosis: Diagnosis) -> str:
     told, against = sum(one.flight.determined for one in diagnosis.parameters), len(diagnosis.contradicted)
     moved = next((one.what for one in diagnosis.account if one.step == "values"), ())
     largest = f" The largest significant changes: {', '.join(moved[:5])}." if moved else ""
+    source, witness = diagnosis.part.source, diagnosis.part.witness
+    identified = f"{told} numbers of the {source} that these records identify are"
     if not against:
-        return (
-            f"All {told} numbers of the file that these records identify are consistent with flight within the "
-            f"uncertainty that the file states.{largest}"
-        )
-    return f"{against} of {told} numbers of the file that these records identify are inconsistent with flight.{largest}"
+        return f"All {identified} consistent with {witness} within the uncertainty that the {source} states.{largest}"
+    return f"{against} of {identified} inconsistent with {witness}.{largest}"
 
 
 def _facts(diagnosis: Diagnosis) -> str:

@@ -17,7 +17,7 @@ from casid.report.aircraft_figures import compared
 from casid.report.claims import about_cause, about_data, about_value
 from casid.report.style import channel_scale
 from casid.report.templating import ReportTable, Row
-from casid.report.words import cause_name, digits, effect_name, pretty, probability_in_words, quantity, with_std
+from casid.report.words import digits, effect_name, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations told one by one
 
@@ -37,19 +37,20 @@ class Share:
 
 def shares(diagnosis: Diagnosis) -> list[Share]:
     """The most probable explanations and all others together; none where there are no probabilities."""
-    told = [Share(what=_said(names), probability=p) for names, p in diagnosis.explanations[:_TOLD]]
+    told = [Share(what=_said(names, diagnosis), probability=p) for names, p in diagnosis.explanations[:_TOLD]]
     told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
     rest = 1.0 - sum(one.probability for one in told)
     return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
 
 
-def _said(names: Sequence[str]) -> str:
-    return " and ".join(title_of(name) for name in names) if names else "nothing that matters is missing"
+def _said(names: Sequence[str], diagnosis: Diagnosis) -> str:
+    return " and ".join(title(name, diagnosis) for name in names) if names else "nothing that matters is missing"
 
 
-def title_of(name: str) -> str:
+def title(name: str, diagnosis: Diagnosis) -> str:
     """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
-    effect = effect_named(name)
+    considered = {one.name: one for one in diagnosis.bare.flight.effects}
+    effect = considered[name] if name in considered else effect_named(name)
     return f"{effect_name(effect)} ({effect.variant})" if effect.variant else effect_name(effect)
 
 
@@ -58,7 +59,7 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
     rows = tuple(
         Row(
             cells=(
-                cause_name(c.kind, c.target, c.term),
+                pretty(c.title),
                 "\n".join(
                     [
                         _in_one_line(with_std(c.value, c.std, c.unit)),
@@ -69,7 +70,7 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
                 "–" if c.probability is None else probability_in_words(c.probability),
                 digits(c.statistic),
                 _held(c),
-                ", ".join(cause_name(o["kind"], o["target"], o["term"]) for o in c.indistinguishable_from) or "–",
+                ", ".join(pretty(o["title"]) for o in c.indistinguishable_from) or "–",
             ),
             claim=about_cause(number),
         )
@@ -110,7 +111,8 @@ def channels(before: View, after: View, best: str) -> ReportTable:
     rows = []
     for name, old in before.channels.items():
         new = after.channels[name]
-        factor, unit = channel_scale(name)
+        own = {} if before.fit.flight.sizes is None else before.fit.model.units
+        factor, unit = (1.0, own.get(name, "")) if before.fit.flight.sizes else channel_scale(name)
         pairs = [
             (factor * old.rms, factor * new.rms, digits),
             (old.theil, new.theil, _three),
@@ -118,8 +120,8 @@ def channels(before: View, after: View, best: str) -> ReportTable:
             (old.whiteness_p, new.whiteness_p, _p),
         ]
         cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
-        rows.append(Row(cells=(f"{name} [{unit}]", digits(factor * old.noise, 2), *cells)))
-    short = {"extended model": "extended", "re-estimated file": "re-estimated"}[best]
+        rows.append(Row(cells=(f"{name} [{unit}]" if unit else name, digits(factor * old.noise, 2), *cells)))
+    short = "extended" if best == "extended model" else "re-estimated"
     return ReportTable(
         head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
         rows=tuple(rows),
@@ -211,7 +213,7 @@ def unseen(diagnosis: Diagnosis) -> ReportTable:
                 pretty(", ".join(sorted(blind.get(kind, [])))) or "–",
             )
         )
-        for kind in KINDS
+        for kind in dict.fromkeys([*KINDS, *seen, *blind])
         if kind in seen or kind in blind
     )
     sigmas = diagnosis.criteria.significance.detectable
@@ -252,20 +254,36 @@ def remarks(diagnosis: Diagnosis) -> list[str]:
 
 
 def derivatives(diagnosis: Diagnosis) -> ReportTable:
-    """Every number of the aircraft file: there, by flight, and how far the two are apart; contradicted ones first."""
+    """Every number as given, by the records, and how far the two are apart; contradicted ones first."""
+    of, witness = diagnosis.part.source, diagnosis.part.witness
     rows = tuple(
         Row(
-            cells=(one.name, one.file, one.flight, one.deviation, one.sigmas, "against flight" if one.against else ""),
+            cells=(
+                one.name,
+                one.file,
+                one.flight,
+                one.deviation,
+                one.sigmas,
+                f"against {witness}" if one.against else "",
+            ),
             claim=about_value(one.name) if one.against else "",
             marked=one.against,
         )
         for one in compared(diagnosis)
     )
     return ReportTable(
-        head=("parameter", "aircraft file", "flight ± 1σ", "deviation", "in σ", ""),
+        head=(
+            "parameter",
+            "aircraft file" if diagnosis.of_aircraft else of,
+            f"{witness} ± 1σ",
+            "deviation",
+            "in σ",
+            "",
+        ),
         rows=rows,
-        caption="Derivatives per rad. Flight: estimates from the records alone, beside the named causes. "
-        "1σ allows for coloured residuals, model discrepancy and differences between stretches of record. Inconsistent "
-        "with flight: beyond the uncertainty that the file states, or a tenth where it states none, and beyond 3σ.",
+        caption=f"{'Derivatives per rad. ' if diagnosis.of_aircraft else ''}{witness.capitalize()}: estimates from the "
+        "records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and differences "
+        f"between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the {of} states, or a "
+        "tenth where it states none, and beyond 3σ.",
         numeric=True,
     )

@@ -11,7 +11,7 @@ from casid.model import numbers
 from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.terms import in_words
-from casid.model.vocabulary import LABELS, effect_title
+from casid.model.vocabulary import LABELS, title_of
 from casid.report.style import shown_unit
 from casid.signals import label_of
 
@@ -22,14 +22,9 @@ EVIDENCE = (
 )
 
 
-def cause_name(kind: str, target: str | None, term: str | None) -> str:
-    """Short name of a cause: "Cm: alpha²", "elevator: actuator lag", "wind shear along x"."""
-    return effect_title(kind, target, pretty_term(term) if term else None)
-
-
 def effect_name(effect: Effect) -> str:
-    """Short name of an effect."""
-    return cause_name(effect.kind, effect.target, effect.term)
+    """Short name of an effect: "Cm: alpha²", "elevator: actuator lag", "wind shear along x"."""
+    return pretty(title_of(effect))
 
 
 def label(name: str) -> str:
@@ -70,7 +65,8 @@ def digits(value: float, significant: int = 3) -> str:
 def quantity(value: float, unit: str, significant: int = 2) -> str:
     """A value with its unit as a person reads it; angles in degrees, pure ratios as they are."""
     factor, shown = shown_unit(unit)
-    return f"{digits(factor * value, significant)} {shown}" if shown != "1" else digits(value, significant)
+    told = digits(factor * value, significant)
+    return told if shown in ("", "1") else f"{told} {shown}"
 
 
 def with_std(value: float, std: float, unit: str) -> str:

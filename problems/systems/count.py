@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.systems.result import SystemDiagnosis
+from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.record import Record
 from problems.systems import dc_motor, lotka_volterra, pendulum_on_cart, quadruple_tank, two_compartments
@@ -26,7 +26,7 @@ class Outcome:
     system: str
     seed: int
     fault: Fault | None
-    result: SystemDiagnosis
+    result: Diagnosis
 
     @property
     def found(self) -> bool:
@@ -36,8 +36,8 @@ class Outcome:
         if not self.result.causes:
             return False
         first = self.result.causes[0]
-        name = f"{first.kind}({first.target}:{first.term})" if first.term else f"{first.kind}({first.target})"
-        return self.fault.name in (name, *(other for other, _ in first.indistinguishable_from))
+        keys = [first.key, *((o["kind"], o["target"], o["term"]) for o in first.indistinguishable_from)]
+        return (self.fault.kind, self.fault.target, self.fault.term or None) in keys
 
     @property
     def minor(self) -> bool:
@@ -54,8 +54,8 @@ class Outcome:
         if (first.kind, first.target, first.term or "") != (self.fault.kind, self.fault.target, self.fault.term):
             return False
         if self.fault.kind == "sensor_stuck":
-            onset = (first.onset_s or {}).get(self.fault.records[0], -1.0)
-            return abs(onset - self.fault.onset) < 0.02 * SYSTEMS[self.system].duration
+            ends = (first.onset_s or {}).get(self.fault.records[0], (-1.0, -1.0))
+            return abs(0.5 * sum(ends) - self.fault.onset) < 0.02 * SYSTEMS[self.system].duration
         off = abs(first.value - self.fault.size)
         return off <= max(3.0 * first.std, _SIZED * abs(self.fault.size))
 

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from casid.diagnosis.cause import Cause
+from casid.model.causes import actuator_lag, aero_term, input_delay
+from casid.model.vocabulary import title_of
 
 
 def test_what_it_cannot_be_told_from_is_told_by_titles() -> None:
-    others = (
-        {"kind": "aero_term", "target": "CL", "term": "alpha^2"},
-        {"kind": "input_delay", "target": "delta_e", "term": None},
-    )
+    others = tuple({"title": title_of(one)} for one in (aero_term("CL", "alpha^2"), input_delay("delta_e")))
     cause = Cause(
-        kind="actuator_lag",
-        target="delta_e",
-        term=None,
+        effect=actuator_lag("delta_e"),
         value=0.1,
         std=0.01,
-        unit="s",
         records=("m1",),
-        onset_s=None,
         statistic=100.0,
-        dof=1,
-        held_out_gain=0.1,
         indistinguishable_from=others,
         sentence="The elevator lags.",
-        parameters={},
         meaningful=True,
         share=2.0,
     )

@@ -8,27 +8,28 @@ import pytest
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.result import Diagnosis
+from casid.model.effect import Effect
+from casid.model.effects import effect_named
 from casid.report.cause_figures import cause_response
 from casid.report.page import write_report
 
 
-def cause(diagnosis: Diagnosis, **changes) -> Cause:
-    """The named cause of the small flight as one of another kind."""
-    lag = {"kind": "actuator_lag", "target": "delta_e", "term": None, "value": 0.1, "unit": "s", "onset_s": None}
-    return replace(diagnosis.causes[0], **(lag | changes), records=())
+def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None) -> Cause:
+    """The named cause of the small flight as another effect."""
+    return replace(diagnosis.causes[0], effect=effect, value=value, onset_s=onset_s, records=())
 
 
 @pytest.mark.parametrize(
-    ("changes", "shown"),
+    ("name", "shown"),
     [
-        ({}, "q to delta_e"),
-        ({"kind": "input_delay", "target": "delta_a"}, "p to delta_a"),
-        ({"kind": "sensor_delay", "target": "q"}, "q to delta_e"),
-        ({"kind": "dead_zone", "target": "delta_e"}, "q to delta_e"),
+        ("actuator_lag(delta_e)", "q to delta_e"),
+        ("input_delay(delta_a)", "p to delta_a"),
+        ("sensor_delay(q)", "q to delta_e"),
+        ("dead_zone(delta_e)", "q to delta_e"),
     ],
 )
-def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, changes, shown: str) -> None:
-    picture = cause_response(diagnosis, cause(diagnosis, **changes))
+def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, name: str, shown: str) -> None:
+    picture = cause_response(diagnosis, cause(diagnosis, effect_named(name)))
     assert picture is not None and shown in picture.alt
     gain, _, phase, _ = picture.figure.axes
     assert len(gain.get_lines()) == len(phase.get_lines()) == 4  # flight twice, file as given, extended model
@@ -42,14 +43,14 @@ def test_an_aerodynamic_term_has_none(diagnosis: Diagnosis) -> None:
 def test_an_effectiveness_is_drawn_from_its_onset_on(diagnosis: Diagnosis) -> None:
     """Too short a rest is no record, and there is no diagram of it."""
     late = {name: (7.0, 7.4) for name in diagnosis.extended.records}
-    changed = {"kind": "effectiveness_change", "value": -0.3, "unit": "1"}
-    assert cause_response(diagnosis, cause(diagnosis, **changed, onset_s=late)) is None
+    change = effect_named("effectiveness_change(delta_e)")
+    assert cause_response(diagnosis, cause(diagnosis, change, -0.3, late)) is None
     early = {name: (0.1, 0.2) for name in diagnosis.extended.records}
-    picture = cause_response(diagnosis, cause(diagnosis, **changed, onset_s=early))
+    picture = cause_response(diagnosis, cause(diagnosis, change, -0.3, early))
     assert picture is not None and "onset" in picture.caption
 
 
 def test_it_stands_on_the_page(diagnosis: Diagnosis, tmp_path) -> None:
-    write_report(replace(diagnosis, causes=(cause(diagnosis),)), tmp_path)
+    write_report(replace(diagnosis, causes=(cause(diagnosis, effect_named("actuator_lag(delta_e)")),)), tmp_path)
     assert (tmp_path / "report_figures" / "bode.svg").is_file()
     assert "as gain and phase" in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -19,9 +19,10 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
 from casid.keeping import load
-from casid.model.causes import effectiveness_change
+from casid.model.causes import actuator_lag, effectiveness_change, gust, input_delay, sensor_bias
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
+from casid.model.vocabulary import title_of
 from casid.report.cause_figures import onset_profiles
 from casid.report.claims import claims
 from casid.report.history_figures import tracks
@@ -210,15 +211,9 @@ def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, drawn: dict[s
 def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnosis) -> None:
     """A delay of the rudder that might be a lag: the manoeuvre promises more than the records hold, within the
     deflections that they flew."""
-    alike = {"kind": "actuator_lag", "target": "delta_r", "term": None, "value": 0.05, "unit": "s", "probability": 0.4}
-    cause = replace(
-        diagnosis.causes[0],
-        kind="input_delay",
-        target="delta_r",
-        term=None,
-        value=0.05,
-        indistinguishable_from=(alike,),
-    )
+    lag = actuator_lag("delta_r")
+    alike = {"kind": lag.kind, "target": lag.target, "term": None, "title": title_of(lag), "value": 0.05}
+    cause = replace(diagnosis.causes[0], effect=input_delay("delta_r"), value=0.05, indistinguishable_from=(alike,))
     ambiguous = replace(diagnosis, causes=(cause,), contradicted=())
     (claim,) = claims(ambiguous, {"ambiguity"})["causes"]
     assert claim.text.endswith("or rudder: actuator lag") and claim.figures == ("ambiguity",)
@@ -233,8 +228,9 @@ def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnos
 
 def test_what_no_manoeuvre_separates_is_said(diagnosis: Diagnosis) -> None:
     """A gust comes when it comes."""
-    alike = {"kind": "sensor_bias", "target": "q", "term": None, "value": 0.001, "unit": "rad/s", "probability": 0.4}
-    cause = replace(diagnosis.causes[0], kind="gust", target="z", term=None, value=1.0, indistinguishable_from=(alike,))
+    bias = sensor_bias("q")
+    alike = {"kind": bias.kind, "target": bias.target, "term": None, "title": title_of(bias), "value": 0.001}
+    cause = replace(diagnosis.causes[0], effect=gust("z"), value=1.0, indistinguishable_from=(alike,))
     found = next_flights(replace(diagnosis, causes=(cause,), contradicted=()))
     assert "no manoeuvre can bring it about" in found.beyond[0]
     assert not any("--separate" in one.command for one in found.proposals)

@@ -18,7 +18,7 @@ from small_flight import HIDDEN, NAMES
 
 from casid.diagnosis.given.budget import account_sentence
 from casid.diagnosis.given.scope import NotJudged
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.folder import provenance, whole_folder
@@ -199,7 +199,8 @@ def test_a_name_with_markup_is_only_text(
     evil = "<script>alert(1)</script> & $gain {{ 7 * 7 }}"
     stuck = replace(wrong_in_all.data[0], records=(evil,), sentence=f"In {evil}.")
     open_ = NotJudged(what=evil, because=evil)
-    named = replace(diagnosis, aircraft=replace(diagnosis.aircraft, name=evil), data=(stuck,), not_judged=(open_,))
+    part = OfAircraft(file=replace(diagnosis.aircraft, name=evil), extended=diagnosis.extended_aircraft)
+    named = replace(diagnosis, part=part, data=(stuck,), not_judged=(open_,))
     write_report(named, tmp_path, provenance(seed=0) | {"command": ["casid", "diagnose", evil]})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     escaped = "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain {{ 7 * 7 }}"

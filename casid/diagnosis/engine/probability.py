@@ -25,11 +25,9 @@ from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
-from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
-from casid.model.effects import effect_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +45,7 @@ class Believed:
     causes: tuple[Cause, ...]
     explanations: tuple[tuple[tuple[str, ...], float], ...]
     there: Mapping[str, float]
-    faint: tuple[Attached, float] | None
+    faint: tuple[Trial, float] | None
     entered: Mapping[str, float]
     nothing: float
 
@@ -70,9 +68,9 @@ def believed(
     """
     scale = Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
-    places = [_place(one, rounds.get((one.kind, one.target, one.term)), scale) for one in causes]
+    places = [_place(one, rounds.get(one.key), scale) for one in causes]
     near = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
-    faint = {} if near is None else {near[0].name: near[1]}
+    faint = {} if near is None else {near[0].candidate.name: near[1]}
     entered = {one.station: scale.of_missing(one) for one in unexplained}
     further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
     there = {name: p for place in places for name, p in place.probabilities.items()} | faint
@@ -157,7 +155,7 @@ class _Place:
 
 def _place(cause: Cause, round_: Round | None, scale: Scale) -> _Place:
     if round_ is None:  # no alternative was fitted
-        return _Place(effects=(effect_of(cause),), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
+        return _Place(effects=(cause.effect,), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
     best, logs = round_.leader, {}
     effects = {best.effect.name: best.effect}
     logs[best.effect.name] = 0.0
@@ -185,9 +183,7 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
     )
 
 
-def _not_named(
-    state: State, seen: Collection[tuple[str, str, str | None]], scale: Scale
-) -> tuple[Attached, float] | None:
+def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scale: Scale) -> tuple[Trial, float] | None:
     """The cause that came nearest to a name without reaching it, and its probability; None if none was tried.
 
     The probability is at most that at which a cause is named. A cause that was refused because of what it left missing
@@ -198,7 +194,7 @@ def _not_named(
     if not possible:
         return None
     best = max(possible, key=scale.of_trial)
-    return best.candidate.attached, min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)
+    return best, min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)
 
 
 def _explanations(

@@ -37,6 +37,7 @@ class MissingInput:
     size       prior 1-sigma, or amplitude of an oscillation
     history    record -> (times of the nodes, estimate, 1-sigma)
     frequency  frequency [Hz] of an oscillation; else None
+    called     the port in words, if these are not `place.words`
     """
 
     station: str
@@ -44,11 +45,17 @@ class MissingInput:
     size: float
     history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
     frequency: float | None = None  # Hz, of an oscillation
+    called: str = ""
 
     @property
     def place(self) -> Station:
         """The port where it enters."""
         return Station.at(self.station)
+
+    @property
+    def words(self) -> str:
+        """The port in words."""
+        return self.called or self.place.words
 
     def concerns(self, records: Iterable[str]) -> bool:
         """Whether it is missing in one of these records."""

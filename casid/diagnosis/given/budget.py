@@ -87,7 +87,7 @@ def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
         one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
         for one in fields(BudgetSteps)
     }
-    labels = {name: label_of(name) for name in shared}
+    labels = {} if given.held.fit.flight.sizes else {name: label_of(name) for name in shared}
     return Budget(records=given.held.records, channels=channels, together=BudgetSteps(**together), labels=labels)
 
 

@@ -32,6 +32,7 @@ from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.numbers import with_deviation
 from casid.model.plausible import Doubt, impossibilities, possible
+from casid.model.system import Model
 from casid.model.terms import VARIABLES, derivative_term, parse_term
 
 
@@ -65,7 +66,7 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     record, and for coloured residuals.
     """
     fit, found = evidence.fit, {}
-    coloured, bends = coloured_deviation(fit), _bends(fit)
+    coloured, bends = coloured_deviation(fit), {} if fit.flight.sizes else _bends(fit)
     for i, slot in enumerate(fit.slots):
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
         variance = float(evidence.covariance[i, i])
@@ -235,6 +236,25 @@ def contradicted(
     ]
     found = [*_impossible(aircraft, flight), *against]
     return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
+
+
+def contradicted_parameters(
+    model: Model, flight: Mapping[str, FlightValue], criteria: Criteria
+) -> tuple[Contradiction, ...]:
+    """Parameters of a model whose nominal values are inconsistent with the records, by deviation.
+
+    They differ by more than their stated uncertainty (10 % if none is stated), and by more than three corrected
+    standard deviations.
+    """
+    found = []
+    for name, given in model.nominal.items():
+        one = flight.get(name)
+        margin = model.prior_std.get(name, criteria.prior.unstated * abs(given))
+        if one and one.determined and abs(one.value - given) > max(margin, criteria.significance.sigmas * one.std):
+            unit = model.units.get(name, "")
+            says = f"{name} is {_plain(given, unit)} in the model; the records say {_number(one, unit)}."
+            found.append(replace(_against(name, unit, given, one, margin), sentence=says))
+    return tuple(sorted(found, key=lambda one: -_rank(one.sigmas)))
 
 
 def _rank(sigmas: float) -> float:

@@ -7,7 +7,7 @@ records. Terms that an equation lacks: monomials of states and inputs, and terms
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations_with_replacement
 from types import SimpleNamespace
@@ -20,7 +20,7 @@ from casid.arguments import given, table_of, whole
 from casid.criterion import number
 from casid.errors import InputError, unknown
 from casid.model import operators
-from casid.model.effect import Effect, Series, Values
+from casid.model.effect import Effect, Series, Values, Words
 from casid.model.port import ModelPort as Port
 from casid.model.station import reading
 from casid.model.system import Model
@@ -54,20 +54,20 @@ class SystemCriteria:
     give_up: float = number(1e6, "part of the best gain behind it at which a trial is given up: none is")
 
 
-# kind -> what it says, with fields target, term, size, where and [late|early]; where its unit is not that of its port
+# kind -> what it says, with fields target, term, size and [late|early]
 SENTENCES = {
-    "input_delay": "{target} acts {size} [late|early] by the model{where}.",
-    "actuator_lag": "{target} acts with a lag of {size} that the model lacks{where}.",
+    "input_delay": "{target} acts {size} [late|early] by the model.",
+    "actuator_lag": "{target} acts with a lag of {size} that the model lacks.",
     "limit_above": "{target} does not act beyond {size}.",
     "limit_below": "{target} does not act below {size}.",
     "dead_zone": "{target} acts only beyond {size} about zero.",
     "backlash": "{target} acts through a play of half-width {size}.",
-    "sensor_bias": "The reading of {target} is off by {size}{where}.",
-    "sensor_scale": "The reading of {target} is off by the part {size} of itself{where}.",
-    "sensor_delay": "The reading of {target} is {size} [late|early]{where}.",
-    "sensor_lag": "The reading of {target} lags by {size}{where}.",
-    "sensor_stuck": "The reading of {target} is stuck at {size}{where}.",
-    "parameter_change": "The parameter {target} is other by {size}{where}.",
+    "sensor_bias": "The reading of {target} is off by {size}.",
+    "sensor_scale": "The reading of {target} is off by the part {size} of itself.",
+    "sensor_delay": "The reading of {target} is {size} [late|early].",
+    "sensor_lag": "The reading of {target} lags by {size}.",
+    "sensor_stuck": "The reading of {target} is stuck at {size}.",
+    "parameter_change": "The parameter {target} is other by {size}.",
     "missing_term": "The equation of {target} lacks a term {size} {term}.",
 }
 KINDS = tuple(SENTENCES)
@@ -186,10 +186,14 @@ def effects_of(
             found += [_term(port, name) for name in terms]
     if len(records) > 1:
         found += [_parameter(name) for name in free]
-    return [effect for effect in found if effect.kind in library.kinds]
+    return [
+        replace(effect, words=Words(unit=_unit(effect, model, ports), sentence=SENTENCES[effect.kind]))
+        for effect in found
+        if effect.kind in library.kinds
+    ]
 
 
-def unit_of(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
+def _unit(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
     """Unit of the value of an effect; empty if it is not stated."""
     if effect.kind in _IN_SECONDS:
         return "s"

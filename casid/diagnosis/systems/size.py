@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
-from casid.diagnosis.systems.library import as_term
+from casid.diagnosis.systems.library import as_term, level, told_limit
 from casid.filtering.innovations import Linear
 from casid.model.port import ModelPort as Port
 from casid.model.station import Station
@@ -30,6 +35,31 @@ def share_of(fit: FlightFit, one: Attached) -> float:
     if port.kind != "state derivative" or port.matters is not None:
         return size
     return max(size, _change_of_readings(fit, port, np.where(there, history, 0.0)) / share)
+
+
+def told(fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
+    """Value and 1-sigma of a cause for a person: of a limit, or of the level at which a reading is stuck."""
+    effect, value, records = one.effect, one.effect.in_words(one.values)["value"], fit.flight.records
+    if effect.timed:
+        concerned = [record for record in records if one.concerns(record.name) and effect.target in record]
+        read = [record[effect.target][record.t > one.onsets[record.name]] for record in concerned]
+        seen = np.concatenate([values[np.isfinite(values)] for values in read])
+        return level(seen), fit.flight.sigma[effect.target] / math.sqrt(max(len(seen), 1))
+    if effect.kind in ("limit_above", "limit_below"):
+        value = told_limit(effect, value, [record[effect.target] for record in records])
+    return value, std
+
+
+def told_at(fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
+    """Of latent inputs, strongest first, the one that is reported, with its port in words.
+
+    Among ports with nearly equal statistics it is an input, because its effect enters an equation too.
+    """
+    if not missing:
+        return []
+    alike = [one for one in missing if missing[0].gain - one.gain < equivalence(missing[0].gain, fit.criteria)]
+    best = next((one for one in alike if one.place.kind == "control"), missing[0])
+    return [replace(best, called=_port(fit, best.station).words)]
 
 
 def missing_share(fit: FlightFit, missing: MissingInput) -> float:

@@ -36,23 +36,15 @@ def round_of(*trials: Trial, named: bool = True) -> Round:
 
 
 def cause_of(one: Attached, statistic: float = 0.0, alike: tuple[Attached, ...] = ()) -> Cause:
-    kind, target, term = one.effect.key
     others = tuple(dict(zip(("kind", "target", "term"), other.effect.key, strict=True)) for other in alike)
     return Cause(
-        kind=kind,
-        target=target,
-        term=term,
+        effect=one.effect,
         value=1.0,
         std=0.1,
-        unit="",
         records=(),
-        onset_s=None,
         statistic=statistic,
-        dof=1,
-        held_out_gain=None,
         indistinguishable_from=others,
         sentence="",
-        parameters={},
         meaningful=True,
         share=1.0,
     )

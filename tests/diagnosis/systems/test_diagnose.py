@@ -29,7 +29,7 @@ def test_a_hidden_fault_is_found_and_sized(name: str) -> None:
     assert result.verdict == "explained"
     (cause,) = result.causes
     assert (cause.kind, cause.target, cause.term or "") == (fault.kind, fault.target, fault.term)
-    assert cause.records == fault.records
+    assert cause.records == (fault.records or ("m1", "m2", "m3"))
     assert abs(cause.value - fault.size) < max(3.0 * cause.std, 0.05 * abs(fault.size))
     assert cause.probability > 0.9
     # on records that no fit has seen the extended model leaves little but noise; a fault of one record is not in them
@@ -77,7 +77,7 @@ def test_what_no_library_has_is_unexplained_where_it_enters() -> None:
     result = cs.diagnose(system.model(), records, library=system.library)
     assert result.verdict == "unexplained"
     assert not result.causes
-    assert [one.port.name for one in result.unexplained] == ["V"]
+    assert [one.place.name for one in result.unexplained] == ["V"]
 
 
 def test_the_document_has_the_keys_of_the_format(tmp_path: Path, clean: Outcome) -> None:

@@ -32,9 +32,9 @@ def test_it_follows_the_records(case: str) -> None:
     records = system.fly(5, fault)
     found = cs.diagnose(system.model(), records, ports=system.ports(), library=system.library)
     assert [one.name for one in found.causes] == [fault.name]
-    model = found.extended.model
+    model = found.system.extended.model
     for record in records[:3]:
-        ready = found.extended.prepared(record)
+        ready = found.system.extended.prepared(record)
         flown = cs.simulate(model, ready, fit_initial_state(model, ready))
         for output, sigma in found.noise.items():
             off = ready[output] - flown.output(output)
