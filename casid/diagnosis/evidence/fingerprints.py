@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from typing import Literal
 
 import numpy as np
@@ -84,9 +84,8 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
     for first, columns in evidence.columns(fit.criteria.numerics.screening.columns):
         some = slice(first, first + columns.shape[3])
         by_disturbance, by_output = fit.filter.entrances(index, columns, read=bool(channels))
-        parts = dict(zip(entering, by_disturbance, strict=True))
-        parts |= {name: by_output[i] * fit.linear.seen[:, :, i].T[..., None] for name, i in channels.items()}
-        for name, part in parts.items():
+        read = ((name, by_output[i] * fit.seen[:, :, i].T[..., None]) for name, i in channels.items())
+        for name, part in chain(zip(entering, by_disturbance, strict=True), read):
             both[name][:, some] = part.swapaxes(1, 2) @ turned[name]
     return {name: (of[:, 1:], of[:, 0]) for name, of in both.items()}
 
