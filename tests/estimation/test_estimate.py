@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from estimation_cases import NOISE, START, TRUTH, flight, short_period, with_derivatives
@@ -19,9 +20,11 @@ from casid.estimation import (
     OutputError,
     Problem,
     RangeWeights,
+    Results,
     SingleShooting,
     solve,
 )
+from casid.model.system import define_model
 
 METHODS = (SingleShooting(), MultipleShooting(interval=1), MultipleShooting(interval=13), MultipleShooting())
 PRECISE = GaussNewton(tolerance=1e-9)
@@ -219,3 +222,24 @@ def test_every_combination_works_or_says_why_not(cost, noise, method, solver):
     else:  # noise in the regressors biases equation error by its share of their power, half a percent
         for name, truth in TRUTH.items():
             assert abs(fit[name].value - truth) < 5 * fit[name].std + 0.01 * abs(truth)
+
+
+def test_a_parameter_without_effect_holds_no_other_up():
+    """The damping changes beyond a pitch rate that no flight reaches: the other derivatives are as without that."""
+    plain = solve(problem(), solver=PRECISE)
+    model = define_model(
+        "short period that is damped otherwise when it is fast",
+        states=("alpha", "q"),
+        inputs=("delta_e",),
+        parameters={**TRUTH, "Mq_fast": -1.0},
+        outputs=("alpha", "q"),
+        dynamics=lambda s: {
+            "alpha": s.Za * s.alpha + s.q + s.Zde * s.delta_e,
+            "q": s.Ma * s.alpha + s.Mq * s.q + s.Mde * s.delta_e + s.Mq_fast * ca.fmax(s.q - 10.0, 0.0),
+        },
+        output=lambda s: {"alpha": s.alpha, "q": s.q},
+    )
+    fit = solve(replace(problem(), model=model), solver=PRECISE)
+    assert fit.result is Results.NOT_IDENTIFIABLE and "Mq_fast" in fit.status
+    for name in START:
+        assert fit.values[name] == pytest.approx(plain.values[name], rel=1e-8)

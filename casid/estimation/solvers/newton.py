@@ -29,6 +29,7 @@ _EXACT = 1e-9
 _DAMPED = 10  # times as many steps of the methods whose steps are short
 _INNER = 50  # steps of the other unknowns
 _FLAT = 1e-6  # of the curvature of Gauss-Newton: less is no minimum
+_GAIN = 0.01  # of ln(likelihood), as good as its integration is
 _BENT = 1e-3  # of it: less curvature downwards changes ln(likelihood) by less than its integration does
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _LEAST, _MOST = 1e-3, 1e8  # damping
@@ -201,6 +202,9 @@ class _Newton:
         first = self._step(at, root, exact, 0.0)
         if self.objective.negligible(first, at.value, self.solver.tolerance):
             return at, self._judged(at, root, exact, first)
+        level = self._only_flat_left(at, root, exact, first)
+        if level and self._judged(at, root, exact, first) == FLAT_MINIMUM:
+            return at, FLAT_MINIMUM
         step = first if self.damping == 0.0 else self._step(at, root, exact, self.damping)
         while True:
             found = self._tried(at, step)
@@ -236,6 +240,23 @@ class _Newton:
         limits = objective.limits.lower - reached, objective.limits.upper - reached
         z, multipliers = parameter_step(curvature, root.T @ at.linear.gradient, rows @ root, *limits)
         return objective.step_along(at.point, at.linear, root @ z, multipliers)
+
+    def _only_flat_left(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> bool:
+        """Whether a step is negligible but for directions without curvature, in which as many steps as are allowed
+        would together gain nothing that counts. There steps shrink by a few percent each."""
+        values, vectors = np.linalg.eigh(exact)
+        flat = vectors[:, np.abs(values) <= _FLAT]
+        along = root @ flat @ (flat.T @ np.linalg.solve(root, step.theta))
+        if not flat.size or self._counts(at, abs(float(at.linear.gradient @ step.theta))) > 1.0:
+            return False
+        rest = self.objective.step_along(at.point, at.linear, step.theta - along, step.limit_multipliers)
+        return self.objective.negligible(rest, at.value, self.solver.tolerance)
+
+    def _counts(self, at: _Settled, gain: float) -> float:
+        """A gain of one step, in units of what counts: of which as many as are allowed change ln(likelihood), with the
+        noise that the residuals have, by more than its integration does."""
+        noise = 2.0 * at.value.cost / at.value.noise.levels.count
+        return gain * self.solver.iterations / (_GAIN * max(noise, 1e-300))
 
     def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> str:
         """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""

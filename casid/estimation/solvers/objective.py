@@ -328,13 +328,15 @@ class Objective:
     def step(
         self, point: Point, value: ObjectiveValue, linear: Linearised, damping: float, concentrated: bool = False
     ) -> SolverStep:
-        """The Gauss-Newton step, with `damping` times the diagonal added to the information of the parameters.
+        """The Gauss-Newton step, with `damping` times its diagonal added to the information of the parameters; a
+        diagonal entry counts as 1e-14 of the largest at least.
 
         concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
         Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
         """
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
-        return self.step_by(point, linear, curved + damping * np.diag(np.diagonal(linear.hessian)))
+        # a parameter of which the data say nothing here stays where it is
+        return self.step_by(point, linear, curved + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
 
     def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         """The step whose parameters minimise the gradient's line with a curvature (parameters, parameters) of their
