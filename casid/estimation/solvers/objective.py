@@ -29,6 +29,7 @@ from casid.estimation.transcriptions.kernel import Reducing
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
+_DEFINITE = 1e-6  # of the largest pivot: with smaller ones rounding of 1e-16 is more than 1e-10 of the covariance
 
 
 class Objective:
@@ -63,6 +64,7 @@ class Objective:
             if problem.path_constraints:
                 self.paths = PathLimits(problem, dynamics)
         self.noise = NoiseState(levels=self._noise_levels(), factor=factor)
+        self._triangular = True  # whether the root of the covariance of random defects is
 
     def _count(self, record: int) -> int:
         segments = self.layout.segments_of(record)
@@ -244,7 +246,7 @@ class Objective:
             if self.exact.any():
                 self._hold(blocks)
             if self.soft and blocks.covariance is not None:
-                noise = replace(noise, factor=_square_root(blocks.covariance[layout.tied], self.scale))
+                noise = replace(noise, factor=self._square_root(blocks.covariance[layout.tied]))
             if self.paths is not None:
                 paths = self.paths.linearised(value.trajectory, parameters, self.exact)
             for r in range(len(self.problem.records)):
@@ -276,6 +278,19 @@ class Objective:
             noise=noise,
             paths=paths,
         )
+
+    def _square_root(self, covariance: np.ndarray) -> np.ndarray:
+        """(T, n, n) F with F F' = covariance, also where it is singular; continuous in the covariance, as long as it is
+        always of the same kind: a triangle if it was one the first time."""
+        scaled = covariance / np.outer(self.scale, self.scale)
+        found = _lower_triangle(scaled) if self._triangular else None
+        if found is None:
+            self._triangular = False
+            values, vectors = np.linalg.eigh(scaled)
+            # the root turns rounding of 1e-16 into 1e-8: what is below it is a direction without noise
+            values = np.where(values > 1e-13 * values[:, -1:], values, 0.0)
+            found = (vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return self.scale[:, None] * found
 
     def _hold(self, blocks: Blocks) -> None:
         """Take initial states that are known exactly, where the nodes begin, out of the unknowns."""
@@ -462,12 +477,15 @@ class Objective:
         return np.concatenate(nodes), np.concatenate(multipliers)
 
 
-def _square_root(covariance: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """(T, n, n) F with F F' = covariance, also where it is singular; continuous in the covariance."""
-    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    # the root turns rounding of 1e-16 into 1e-8: what is below it is a direction without noise
-    values = np.where(values > 1e-13 * values[:, -1:], values, 0.0)
-    return scale[:, None] * ((vectors * np.sqrt(values)[:, None, :]) @ vectors.transpose(0, 2, 1))
+def _lower_triangle(covariance: np.ndarray) -> np.ndarray | None:
+    """(T, n, n) Cholesky's factors, a tenth of the work of eigenvalues; None where any of the matrices is near to be
+    singular, or is."""
+    try:
+        lower = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return None
+    pivots = np.diagonal(lower, axis1=1, axis2=2) ** 2
+    return lower if (pivots.min(axis=1) > _DEFINITE * pivots.max(axis=1)).all() else None
 
 
 def _side_by_side(left: np.ndarray, right: np.ndarray) -> np.ndarray:
