@@ -21,8 +21,7 @@ from casid.diagnosis.cause import (
     at_most,
     merged,
 )
-from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, required_gain
-from casid.diagnosis.engine.comparison import sine
+from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, required_gain, sine
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.onsets import Intervals
 from casid.diagnosis.engine.search import State

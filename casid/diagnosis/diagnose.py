@@ -17,7 +17,7 @@ from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
-from casid.diagnosis.given.factors import borne_out
+from casid.diagnosis.given.contradicted import borne_out
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_system

@@ -22,8 +22,7 @@ from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.given.budget import AccountStep, Budget
-from casid.diagnosis.given.contradicted import Contradiction, FlightValue
-from casid.diagnosis.given.factors import Factor
+from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence

@@ -11,8 +11,7 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.budget import Budget
-from casid.diagnosis.given.contradicted import Contradiction
-from casid.diagnosis.given.factors import Factor
+from casid.diagnosis.given.contradicted import Contradiction, Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import OfAircraft, OfSystem
 from casid.model.plausible import Doubt

@@ -17,9 +17,8 @@ from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace, at_least, at_most
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
-from casid.diagnosis.engine.acceptance import required_gain
+from casid.diagnosis.engine.acceptance import required_gain, tempered
 from casid.diagnosis.engine.baseline import Baseline
-from casid.diagnosis.engine.comparison import tempered
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
 from casid.diagnosis.engine.probability import believed
 from casid.diagnosis.engine.search import State
@@ -31,8 +30,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
 from casid.diagnosis.given.budget import AsGiven, account_of, account_sentence, budget_of, failure_sentence
-from casid.diagnosis.given.contradicted import Contradiction, flight_values, impossible
-from casid.diagnosis.given.factors import Factor
+from casid.diagnosis.given.contradicted import Contradiction, Factor, flight_values, impossible
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
 from casid.diagnosis.sentences import SLOW_NOISE, noted

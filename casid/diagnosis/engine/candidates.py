@@ -9,8 +9,7 @@ import numpy as np
 
 from casid.diagnosis.cause import Gate, all_passed, at_least
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import clear_gain, size_gates
-from casid.diagnosis.engine.comparison import look_alike
+from casid.diagnosis.engine.acceptance import clear_gain, look_alike, size_gates
 from casid.diagnosis.engine.onsets import Intervals, at_peak, further_records, sudden, weak_members
 from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.engine.trial import Gain, Trial

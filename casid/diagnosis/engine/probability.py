@@ -19,8 +19,7 @@ from scipy.special import expit, logit
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import required_gain
-from casid.diagnosis.engine.comparison import distance, possible_rivals
+from casid.diagnosis.engine.acceptance import distance, possible_rivals, required_gain
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput

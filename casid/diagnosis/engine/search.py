@@ -22,10 +22,18 @@ import numpy as np
 
 from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import can_be_named, explains, gains_enough, required_gain
+from casid.diagnosis.engine.acceptance import (
+    can_be_named,
+    explains,
+    gains_enough,
+    look_alike,
+    ranked,
+    ranked_behind,
+    required_gain,
+    sine,
+)
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
 from casid.diagnosis.engine.candidates import is_same, settled, try_cause, with_look_alikes, worth_trying
-from casid.diagnosis.engine.comparison import look_alike, ranked, ranked_behind, sine
 from casid.diagnosis.engine.onsets import Intervals, configuration_changes
 from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.engine.trial import Round, Trial

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
@@ -11,20 +12,30 @@ import numpy as np
 
 from casid.criterion import in_time
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import Sizes
-from casid.diagnosis.systems import size
-from casid.diagnosis.systems.library import Library, SystemCriteria, as_read, as_term, effects_of, stuck
+from casid.diagnosis.flight.hypothesis import Attached, Sizes, disturbance_series, readings
+from casid.diagnosis.systems.library import (
+    Library,
+    SystemCriteria,
+    as_read,
+    as_term,
+    effects_of,
+    level,
+    stuck,
+    told_limit,
+)
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
-from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, at_points, linearise, make_batch
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, at_points, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.effect import Effect
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
-from casid.model.station import control, reading
+from casid.model.station import Station, control, reading
 from casid.model.system import Model
 from casid.native.compiler import BUILDING, Compilable
 from casid.records.noise import pooled_sigma
@@ -287,7 +298,7 @@ def plant_of(
         criteria=_for_systems(criteria, float(np.median([record.duration for record in records]))),
         paths=motions(base, records, sigma, by.smoothed),
         effects=effects_of(library, base, ports, records, free, by),
-        sizes=size,
+        sizes=PlantSizes(),
     )
 
 
@@ -353,3 +364,122 @@ def first_fit(plant: Plant) -> FlightFit:
     if again.converged:
         return again
     return evaluate(Work(flight, (), plant.noise(), "all"), (), wide.values, wide.motion)
+
+
+class PlantSizes:
+    """Size of a cause of a plant, in units of what matters at its port, or in the readings."""
+
+    def share_of(self, fit: FlightFit, one: Attached) -> float:
+        """R.m.s. of the effect of a cause at its port, in units of what matters there.
+
+        At an equation it is the relative change of a reading if that is larger: little damping is a small part of an
+        acceleration, but a large change of a swing.
+        """
+        effect, value, share = one.effect, one.values["value"], fit.criteria.size.share
+        if effect.timed:
+            return abs(value) / share  # nothing is left of a reading that does not move
+        if effect.relative:
+            return abs(value) / (share * max(abs(fit.model.nominal[effect.target]), 1e-12))
+        port = _port(fit, effect.enters)
+        history = _history(fit, one)
+        there = np.array([one.concerns(name) for name in fit.batch.names]) & fit.batch.live
+        size = _size(history[there]) / matters_at(fit, port)
+        if port.kind != "state derivative" or port.matters is not None:
+            return size
+        return max(size, _change_of_readings(fit, port, np.where(there, history, 0.0)) / share)
+
+    def told(self, fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
+        """Value and 1-sigma of a cause for a person: of a limit, or of the level at which a reading is stuck."""
+        effect, value, records = one.effect, one.effect.in_words(one.values)["value"], fit.flight.records
+        if effect.timed:
+            concerned = [record for record in records if one.concerns(record.name) and effect.target in record]
+            read = [record[effect.target][record.t > one.onsets[record.name]] for record in concerned]
+            seen = np.concatenate([values[np.isfinite(values)] for values in read])
+            return level(seen), fit.flight.sigma[effect.target] / math.sqrt(max(len(seen), 1))
+        if effect.kind in ("limit_above", "limit_below"):
+            value = told_limit(effect, value, [record[effect.target] for record in records])
+        return value, std
+
+    def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
+        """Of latent inputs, strongest first, the one that is reported, with its port in words.
+
+        Among ports with nearly equal statistics it is an input, because its effect enters an equation too.
+        """
+        if not missing:
+            return []
+        alike = [one for one in missing if missing[0].gain - one.gain < equivalence(missing[0].gain, fit.criteria)]
+        best = next((one for one in alike if one.place.kind == "control"), missing[0])
+        return [replace(best, called=_port(fit, best.station).words)]
+
+    def missing_share(self, fit: FlightFit, missing: MissingInput) -> float:
+        """R.m.s. of the latent input at a port over the variation there."""
+        port = _port(fit, missing.station)
+        return fit.criteria.size.share * missing.rms / matters_at(fit, port)
+
+
+def matters_at(fit: FlightFit, port: Port) -> float:
+    """The smallest r.m.s. size that matters at a port: stated by the port, or a part of the variation there."""
+    if port.matters is not None:
+        return port.matters
+    live = fit.batch.live
+    if port.kind == "state derivative":
+        x = fit.motion.X[..., fit.model.states.index(port.name)]
+        there = np.gradient(x, axis=0)[live] / np.gradient(fit.batch.t, axis=0)[live]
+    elif port.kind == "input":
+        there = fit.batch.U[..., fit.model.inputs.index(port.name)][live]
+    else:
+        there = fit.linear.output[..., fit.model.outputs.index(port.name)][live]
+    return max(fit.criteria.size.share * float(np.std(there)), 1e-12)
+
+
+def _port(fit: FlightFit, station: str | None) -> Port:
+    ports = {port.disturbance: port for port in fit.flight.ports}  # pyright: ignore[reportAttributeAccessIssue]
+    if station in ports:
+        return ports[station]
+    return ports["y_" + Station.at(str(station)).name]
+
+
+def _history(fit: FlightFit, one: Attached) -> np.ndarray:
+    """(N, R) what a cause adds where it enters."""
+    effect, names, t = one.effect, fit.batch.names, fit.batch.t
+    if effect.regressor is not None:
+        return one.values["value"] * fit.regressors[as_term(effect.regressor)]
+    if effect.series is not None:
+        W = disturbance_series([one], names, t, fit.known, fit.model.disturbances)
+        return W[..., fit.model.disturbances.index(str(effect.enters))]
+    i, read = fit.model.outputs.index(effect.target), fit.linear.output
+    if effect.output is not None:
+        return (readings([one], names, t, read, fit.model.outputs, fit.known) - read)[..., i]
+    return one.values["value"] * (np.ones(t.shape) if effect.kind == "sensor_bias" else read[..., i])
+
+
+def _size(values: np.ndarray) -> float:
+    """Size of an effect: the value of a constant, the variation of anything else."""
+    varies, whole = float(np.std(values)), float(np.sqrt(np.mean(values**2)))
+    return varies if varies > 1e-9 * whole else whole
+
+
+def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> float:
+    """Largest r.m.s. change of a reading by a history (N, R) at a port, over the variation of that reading; the motion
+    linearised, from the same initial state."""
+    linear, at = fit.linear, fit.model.disturbances.index(port.disturbance)
+    change = _simulated(linear, at, history)
+    variation = np.array(
+        [
+            max(float(np.std(linear.output[..., i][fit.batch.live])), fit.noise.measurement[name])
+            for i, name in enumerate(fit.model.outputs)
+        ]
+    )
+    return float(np.max(np.sqrt(np.mean(change[fit.batch.live] ** 2, axis=0)) / variation))
+
+
+def _simulated(linear: Linear, at: int, history: np.ndarray) -> np.ndarray:
+    """(N, R, ny) change of the readings by a history (N, R) at a disturbance."""
+    N, R, _ = linear.X.shape
+    x, found = np.zeros((R, linear.X.shape[2])), np.zeros(linear.output.shape)
+    for k in range(N):
+        found[k] = np.einsum("rij,rj->ri", linear.C[k], x) + linear.Dw[k, :, :, at] * history[k][:, None]
+        if k < N - 1:
+            x = np.einsum("rij,rj->ri", linear.A[k], x)
+            x = x + linear.Bw0[k, :, :, at] * history[k][:, None] + linear.Bw1[k, :, :, at] * history[k + 1][:, None]
+    return found

@@ -10,9 +10,8 @@ from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 
 from casid.diagnosis.cause import at_least
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import can_be_named, gains_enough
+from casid.diagnosis.engine.acceptance import can_be_named, equivalents_of, gains_enough, ranked
 from casid.diagnosis.engine.candidates import try_cause
-from casid.diagnosis.engine.comparison import equivalents_of, ranked
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit

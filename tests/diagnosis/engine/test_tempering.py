@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.comparison import Remainder, distance
+from casid.diagnosis.engine.acceptance import Remainder, distance
 from casid.diagnosis.engine.trial import Gain, Trial
 
 N, R, RATE = 4000, 3, 25.0

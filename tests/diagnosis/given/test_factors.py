@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from casid.diagnosis.given.contradicted import FlightValue
-from casid.diagnosis.given.factors import borne_out, common_factors
+from casid.diagnosis.given.contradicted import FlightValue, borne_out, common_factors
 from casid.model.plausible import Doubt
 from problems.do328 import do328
 

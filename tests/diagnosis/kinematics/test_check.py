@@ -9,8 +9,8 @@ import pytest
 from diagnosis_flights import flights, rough_file, trial_of
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.acceptance import ranked
 from casid.diagnosis.engine.candidates import worth_trying
-from casid.diagnosis.engine.comparison import ranked
 from casid.diagnosis.engine.held_out import kinematic_gain
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import weigh

@@ -14,8 +14,7 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.plant import Plant, as_flight, first_fit, plant_of
-from casid.diagnosis.systems.size import share_of
+from casid.diagnosis.systems.plant import Plant, PlantSizes, as_flight, first_fit, plant_of
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
 
@@ -79,7 +78,7 @@ def test_a_bias_is_sized_by_what_matters_at_its_port() -> None:
     """A port says that 0.02 matters: 0.1 is five times that."""
     plant = plant_with("pendulum on a cart", None)
     (effect,) = [one for one in plant.effects if one.name == "sensor_bias(x)"]
-    assert share_of(first_fit(plant), Attached(effect=effect, values={"value": 0.1})) == pytest.approx(5.0)
+    assert PlantSizes().share_of(first_fit(plant), Attached(effect=effect, values={"value": 0.1})) == pytest.approx(5.0)
 
 
 def test_times_of_criteria_are_as_long_as_the_records() -> None:
