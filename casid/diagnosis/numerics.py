@@ -17,12 +17,6 @@ class FitNumerics:
         0.25, "part of the previous step's predicted decrease below which a step counts as progress"
     )
     squares: float = number(1.01, "ratio of sums of squares within which such a step counts")
-    last_step: float = number(
-        0.03,
-        "predicted decrease of the deviance by a step that needs no new sensitivities",
-        "derived: a sixth of a standard deviation, of which large residuals leave at most a third",
-        unit="2 ln L",
-    )
     relaxations: int = number(5, "largest number of fits in turbulence, each with the filter of the previous one")
     moved: float = number(0.5, "largest change of a value that ends these fits, in 1-sigmas")
     far: float = number(

@@ -13,7 +13,7 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -206,13 +206,12 @@ def linearise(
     P: np.ndarray,
     X: np.ndarray,
     W: np.ndarray | None = None,
-    slopes: Linear | None = None,
     room: int = 0,
 ) -> Linear:
     """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
 
     The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
-    With `slopes`, a linearisation nearby, all matrices are taken from it. Bp and Dp have `room` for further columns.
+    Bp and Dp have `room` for further columns.
     """
     model = functions.model
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
@@ -223,8 +222,6 @@ def linearise(
     seen = np.isfinite(batch.Z)
     residual = np.where(seen, batch.Z - output, 0.0)
     defect = np.where(batch.live[1:, :, None], after - X[1:], 0.0)
-    if slopes is not None:
-        return replace(slopes, X=X, output=output, residual=residual, defect=defect)
     kernel = filter_kernel(len(model.states), len(model.outputs))
 
     def jacobians(samples: slice) -> list[np.ndarray]:

@@ -295,13 +295,8 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
-def evaluate(
-    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, slopes: FlightFit | None = None
-) -> FlightFit:
-    """The hypothesis at given values of its parameters, along a motion.
-
-    With `slopes`, a point nearby, sensitivities, noise and filter are taken from it: only the residual is computed.
-    """
+def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
+    """The hypothesis at given values of its parameters, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
     moving = _scattered(model, acting.coloured, motion.coloured)
@@ -316,12 +311,11 @@ def evaluate(
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seenearlier(late) if late.any() else batch
     moving_all = W + moving + _scattered(model, acting.inputs, errors)
-    before = None if slopes is None else slopes.linear
-    linear = linearise(work.functions, moved, P, motion.X, moving_all, before, work.numeric)
+    linear = linearise(work.functions, moved, P, motion.X, moving_all, work.numeric)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
-    by = _sensitivities(work, attached, linear, made_of, late) if slopes is None else _taken(slopes, linear)
+    by = _sensitivities(work, attached, linear, made_of, late)
     kalman: Filter = by["filter"]
     white = kalman.whiten(*residual_about(linear, by["acting"], motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
@@ -358,16 +352,10 @@ def evaluate(
     )
 
 
-def _taken(slopes: FlightFit, linear: Linear) -> dict[str, Any]:
-    """The attributes that `_sensitivities` computes, of another point."""
-    taken = {name: getattr(slopes, name) for name in ("held", "reference", "acting", "columns", "covariance")}
-    return taken | {"filter": slopes.filter.along(linear, slopes.acting)}
-
-
 def _sensitivities(
     work: Work, attached: tuple[Attached, ...], linear: Linear, made_of: dict[str, np.ndarray], late: np.ndarray
 ) -> dict[str, Any]:
-    """The attributes of a fit that one evaluation may take from another: noise, filter, whitened sensitivities."""
+    """The attributes of a fit from its linearisation: noise, filter, whitened sensitivities."""
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)

@@ -17,7 +17,6 @@ from casid.diagnosis.flight.evaluation import (
     Work,
     evaluate,
     gauss_newton_step,
-    lateness,
     smoothed,
 )
 from casid.diagnosis.flight.flight import Flight
@@ -116,9 +115,6 @@ def fit(
             break
         step = gauss_newton_step(now.fit)
         values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
-        last = _last(work, now, values, motion) if now.promise < numerics.last_step else None
-        if last is not None and last.left(gained := abs(now.squares - last.squares)) < tolerance:
-            return last.converged(gained)
     if best is None:
         raise RuntimeError("a fit without iterations")
     return best.fit
@@ -169,27 +165,15 @@ def relaxed(fitted: FlightFit) -> FlightFit:
     return fitted
 
 
-def _flown(
-    work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion, slopes: FlightFit | None = None
-) -> _Point:
+def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
     """The hypothesis evaluated at a point; raises InputError if the model diverges."""
     try:
-        return _Point.of(evaluate(work, _with_values(attached, work.slots, values), values, motion, slopes))
+        return _Point.of(evaluate(work, _with_values(attached, work.slots, values), values, motion))
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"'{work.flight.title}' diverges along the records, so that nothing can be compared; check the "
             "units and signs of its derivatives, of its mass properties and of the records' channels"
         ) from error
-
-
-def _last(work: Work, before: _Point, values: np.ndarray, motion: Motion) -> _Point | None:
-    """The point after a step that is predicted to change little, with the sensitivities of the point before.
-
-    The result is None if a reading would be compared at another sample.
-    """
-    attached = _with_values(before.fit.attached, work.slots, values)
-    late, was = (lateness(one, work.flight, work.model) for one in (attached, before.fit.attached))
-    return _flown(work, attached, values, motion, before.fit) if np.array_equal(late, was) else None
 
 
 @dataclass(frozen=True, eq=False)
