@@ -348,7 +348,17 @@ class Diagnosis:
         ----------
         path
             Name of the file.
+
+        Raises
+        ------
+        InputError
+            For a system other than an aircraft: its causes are functions, which a file cannot hold.
         """
+        if not self.of_aircraft:
+            raise InputError(
+                f"diagnosis.save: '{self.part.name}' is no aircraft, and its causes are functions that a file cannot "
+                "hold; write(path) keeps the document"
+            )
         save(self, path)
 
     def to_frame(self) -> DataFrame:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import casid as cs
+from casid.errors import InputError
 from problems.systems.count import SYSTEMS, Outcome, outcome
 from problems.systems.system import Fault
 
@@ -110,3 +111,9 @@ def test_a_wrong_name_is_one_line_that_names_the_nearest(arguments: dict, says: 
 def test_a_library_names_its_kinds() -> None:
     with pytest.raises(cs.InputError, match="did you mean 'dead_zone'"):
         cs.Library(kinds=("deadzone",))
+
+
+def test_a_diagnosis_of_a_system_cannot_be_saved_and_says_what_can(tmp_path: Path, clean: Outcome) -> None:
+    with pytest.raises(InputError, match="write"):
+        clean.result.save(tmp_path / "found.casid")
+    assert not list(tmp_path.iterdir())
