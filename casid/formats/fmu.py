@@ -15,6 +15,7 @@ from ctypes import c_double, c_uint
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -184,6 +185,7 @@ class _Running:
     def __init__(self, unit: Any, own: _Described, where: str) -> None:
         self.unit, self.own, self.where = unit, own, where
         self.at: tuple[float, ...] | None = None
+        self.in_use = Lock()  # a unit has one state, and calls of several threads would mix
         self.x, self.xdot = _Numbers(len(own.states)), _Numbers(len(own.states))
         self.u, self.y = _Numbers(len(own.inputs)), _Numbers(len(own.outputs))
         self.of_u, self.of_y = _references(own.inputs), _references(own.outputs)
@@ -217,21 +219,22 @@ class _Running:
         )
         times, found = v.get("t", np.zeros(count)).tolist(), np.zeros((count, len(gives)))
         component, x, u = unit.component, self.x, self.u
-        try:
-            for k, wanted in enumerate(map(tuple, parameters.tolist())):
-                if wanted != self.at:
-                    self._with_parameters(wanted)
-                unit.fmi2SetTime(component, times[k])
-                x.values[:] = states[k]
-                unit.fmi2SetContinuousStates(component, x.pointer, len(x.values))
-                if m:
-                    u.values[:] = inputs[k]
-                    unit.fmi2SetReal(component, self.of_u, m, u.pointer)
-                call()
-                found[k] = into.values
-        except Exception as error:  # of fmpy: the unit refused a call
-            self.at = None
-            raise InputError(f"{self.where}: {_first_line(error)}") from None
+        with self.in_use:
+            try:
+                for k, wanted in enumerate(map(tuple, parameters.tolist())):
+                    if wanted != self.at:
+                        self._with_parameters(wanted)
+                    unit.fmi2SetTime(component, times[k])
+                    x.values[:] = states[k]
+                    unit.fmi2SetContinuousStates(component, x.pointer, len(x.values))
+                    if m:
+                        u.values[:] = inputs[k]
+                        unit.fmi2SetReal(component, self.of_u, m, u.pointer)
+                    call()
+                    found[k] = into.values
+            except Exception as error:  # of fmpy: the unit refused a call
+                self.at = None
+                raise InputError(f"{self.where}: {_first_line(error)}") from None
         return dict(zip((one.name for one in gives), found.T, strict=True))
 
     def _with_parameters(self, values: tuple[float, ...]) -> None:
