@@ -42,6 +42,7 @@ Work = Callable[[Task], Any]
 Finished = tuple[str, Any, float]
 _AHEAD = 2  # tasks per process that wait in its queue: enough to keep it busy, few to lose
 _DEATHS = 3  # of worker processes over one task before the task is to blame
+_PATIENCE = 0.2  # s that Ctrl-C waits at most
 _ANSWERS = 10.0  # seconds in which a scheduler must answer
 # BLAS threads cost more than they give on small matrices: a factor of ten when two processes share two cores
 _ONE_THREAD: dict[str, str] = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -129,7 +130,8 @@ def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished
         try:
             fill()
             while running:
-                ready, _ = wait(running, return_when=FIRST_COMPLETED)
+                with _ctrl_c_later():  # in the midst of it, Ctrl-C would leave the locks of futures closed for ever
+                    ready, _ = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED)
                 # in the order of submission, so that one process alone always finishes in the same order
                 for future in [f for f in running if f in ready]:
                     result = future.result()
