@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria, SizeCriteria
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.criteria import NoiseCriteria
 from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
-from casid.model.airframe import Airframe
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
@@ -506,37 +506,3 @@ def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.
     values = record[acceleration][reach:-reach]
     there = np.isfinite(around).all(axis=1) & np.isfinite(values)
     return around[there], values[there]
-
-
-_ARMS = ("vane_position", "accelerometer_position", "thrust_asymmetry", "thrust_line")
-_MOMENTS = ("Ixx", "Iyy", "Izz")
-
-
-def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
-    """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
-    if effect.kind in _ARMS:
-        span = max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral)
-        return replace(effect, limit=min(effect.limit, criteria.arm * span))
-    if effect.kind == "cg_offset":
-        return replace(effect, limit=min(effect.limit, criteria.cg * aircraft.moment_length_pitch))
-    if effect.kind == "mass":
-        return replace(effect, limit=criteria.mass * aircraft.mass)
-    if effect.kind == "inertia":
-        low, high = inertia_bounds(effect.target, aircraft, criteria)
-        return replace(effect, limit=high, lowest=low)
-    return effect
-
-
-def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
-    """(lowest, highest) Possible change of an inertia.
-
-    A moment of inertia changes by at most a part of itself, and no moment of a rigid body exceeds the sum of the other
-    two. A product of inertia changes by at most the same part of the roll inertia.
-    """
-    inertia = aircraft.inertia
-    if component not in _MOMENTS:
-        return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx
-    own = getattr(inertia, component)
-    one, other = (getattr(inertia, name) for name in _MOMENTS if name != component)
-    low, high = max((1.0 - criteria.mass) * own, abs(one - other)), min((1.0 + criteria.mass) * own, one + other)
-    return min(low - own, 0.0), max(high - own, 0.0)

@@ -6,7 +6,7 @@ import pytest
 
 from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.engine.size import plausible
-from casid.diagnosis.flight.flight import inertia_bounds, possible
+from casid.diagnosis.flight.bounds import inertia_bounds, possible
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, vane_position
 from problems.do328 import do328

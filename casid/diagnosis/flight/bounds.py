@@ -1,0 +1,42 @@
+"""Physical limits of masses, inertias, centres of gravity and lever arms of an aircraft."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from casid.diagnosis.criteria import SizeCriteria
+from casid.model.airframe import Airframe
+from casid.model.effect import Effect
+
+_ARMS = ("vane_position", "accelerometer_position", "thrust_asymmetry", "thrust_line")
+_MOMENTS = ("Ixx", "Iyy", "Izz")
+
+
+def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
+    """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
+    if effect.kind in _ARMS:
+        span = max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral)
+        return replace(effect, limit=min(effect.limit, criteria.arm * span))
+    if effect.kind == "cg_offset":
+        return replace(effect, limit=min(effect.limit, criteria.cg * aircraft.moment_length_pitch))
+    if effect.kind == "mass":
+        return replace(effect, limit=criteria.mass * aircraft.mass)
+    if effect.kind == "inertia":
+        low, high = inertia_bounds(effect.target, aircraft, criteria)
+        return replace(effect, limit=high, lowest=low)
+    return effect
+
+
+def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -> tuple[float, float]:
+    """(lowest, highest) Possible change of an inertia.
+
+    A moment of inertia changes by at most a part of itself, and no moment of a rigid body exceeds the sum of the other
+    two. A product of inertia changes by at most the same part of the roll inertia.
+    """
+    inertia = aircraft.inertia
+    if component not in _MOMENTS:
+        return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx
+    own = getattr(inertia, component)
+    one, other = (getattr(inertia, name) for name in _MOMENTS if name != component)
+    low, high = max((1.0 - criteria.mass) * own, abs(one - other)), min((1.0 + criteria.mass) * own, one + other)
+    return min(low - own, 0.0), max(high - own, 0.0)
