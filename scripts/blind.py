@@ -16,7 +16,7 @@ Expectation  "do328": 98 % right, family 99 %; "jsbsim": 95 % and 97 %; clean da
 
     python scripts/blind.py [--sets do328 jsbsim f16 do328_instruments ...] [--seeds 1..1] [--kinds GLOB ...]
         [--sizes 1 0.5 0.25] [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
-        [--table FILE]
+        [--table FILE] [--criteria FILE]
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, NoReturn
 
+from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.vocabulary import KINDS
 from casid.report.evidence_figures import confusion_matrix
@@ -79,6 +80,7 @@ def arguments() -> argparse.Namespace:
         "--out", type=out_folder, default=Path("out/blind"), metavar="DIR", help="folder for the results"
     )
     parser.add_argument("--table", type=Path, metavar="FILE", help="write the Markdown table there too")
+    parser.add_argument("--criteria", type=Path, metavar="FILE", help="other values of criteria, in TOML")
     parser.error = _one_line
     return parser.parse_args()
 
@@ -127,8 +129,12 @@ def run(given: argparse.Namespace) -> tuple[int, dict[str, Any]]:
     with progress() as stage:
         with open_store(out / "answers", {"campaign": "blind", "sources": source_digest(*GENERATOR)}) as store:
             run_campaign(todo, generate, store, report=counted(stage, "hiding"), **how)
-        blind = {name: {"folder": str(out / "sets" / name)} for name in sorted(todo)}
         protocol = {"campaign": "diagnosis", "sources": source_digest(*SOLVER)}
+        other: dict[str, str] = {}
+        if given.criteria:
+            protocol["criteria"] = repr(Criteria.read(given.criteria).changes)
+            other["criteria"] = str(given.criteria.resolve())
+        blind = {name: {"folder": str(out / "sets" / name), **other} for name in sorted(todo)}
         with open_store(out, protocol, given.resume) as store:
             with suppress(KeyboardInterrupt):
                 run_campaign(blind, solve, store, report=counted(stage, "diagnosing"), **how)
@@ -168,7 +174,8 @@ def main() -> None:
 def _options(given: argparse.Namespace) -> list[str]:
     sizes = ["--sizes", *(f"{size:g}" for size in given.sizes)]
     kinds = [f"'{glob}'" for glob in given.kinds]
-    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *kinds, *sizes]
+    other = ["--criteria", str(given.criteria)] if given.criteria else []
+    return ["--sets", *given.sets, "--seeds", given.seeds, "--kinds", *kinds, *sizes, *other]
 
 
 def page(scores: Sequence[Score], wanted: int, command: str, commit: str | None) -> str:

@@ -7,18 +7,25 @@ The range of a criterion has the values at which every decision comes out as it 
 thresholds of this criterion moved, its other gates and the alternatives as they were. A criterion that is asked outside
 of gates, too, may change something within its range.
 
-    python -m problems.blind.ablation FOLDER [FOLDER ...]
+A number that no gate names is moved in campaigns of its own: `--moved FACTOR` prints a file of criteria in which all
+chosen numbers without a gate in these traces are multiplied or divided by the factor, as a seed says. The inverse
+factor moves each the other way.
+
+    python -m problems.blind.ablation FOLDER [FOLDER ...] [--moved FACTOR [--seed N]]
+    python scripts/blind.py --criteria moved.toml ...
 """
 
 from __future__ import annotations
 
+import argparse
 import math
-import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
+
+import numpy as np
 
 from casid.criterion import Criterion
 from casid.diagnosis.cause import NOT_TRIED, Decision, Gate, all_passed
@@ -65,6 +72,7 @@ def _with_alternatives(gate: Gate) -> Iterator[Gate]:
         yield from _with_alternatives(other)
 
 
+_UNMOVED = ("numerics.", "data.", "systems.")  # what takes time, and what other campaigns judge
 Range = tuple[float, float]
 # How a threshold follows from its criterion, and back. Otherwise it is a multiple, or the unit of the value.
 _FORMS: tuple[tuple[Callable[[float], float], Callable[[float], float]], ...] = (
@@ -158,13 +166,40 @@ def _range_of(decisions: Iterable[Decision], known: Criterion | None) -> str:
     return f"{low:.3g} to {high:.3g}" if high < math.inf else f"from {low:.3g}"
 
 
-def main(folders: list[str]) -> None:
-    """Print the table of one or more campaign folders together."""
+def moved(asked: Collection[str], factor: float, seed: int) -> str:
+    """A TOML file in which the chosen numbers that are not `asked` by a gate are moved. Of a part above one half the
+    odds are, and of a ratio just above one what exceeds it.
+    """
+    rng, lines = np.random.default_rng(seed), list[str]()
+    for one in Criteria().rows:
+        if one.name in asked or any(group in one.name for group in _UNMOVED) or not one.evidence.startswith("chosen"):
+            continue
+        if isinstance(one.value, float):
+            lines.append(f"{one.name} = {_moved_by(one.value, factor if rng.random() < 0.5 else 1.0 / factor):.4g}")
+    return "\n".join(lines)
+
+
+def _moved_by(value: float, factor: float) -> float:
+    if 0.5 < value < 1.0:
+        return factor * value / (1.0 + (factor - 1.0) * value)
+    return 1.0 + factor * (value - 1.0) if 1.0 < value < 2.0 else factor * value
+
+
+def main() -> None:
+    """Print the table of one or more campaign folders together, or a file of moved criteria."""
+    parser = argparse.ArgumentParser(description="Which criteria decided anything?")
+    parser.add_argument("folders", nargs="+", metavar="FOLDER", help="of campaigns")
+    parser.add_argument("--moved", type=float, metavar="FACTOR", help="print criteria without a gate, moved by it")
+    parser.add_argument("--seed", type=int, default=1, help="that says which are multiplied and which divided")
+    given = parser.parse_args()
     results: dict[str, Any] = {}
-    for folder in folders:
+    for folder in given.folders:
         results |= {f"{folder}/{name}": found for name, found in read_results(folder).items()}
-    print(f"{len(results)} sets\n\n{markdown(rows(results))}")
+    if given.moved:
+        print(moved([row["criterion"] for row in rows(results)], given.moved, given.seed))
+    else:
+        print(f"{len(results)} sets\n\n{markdown(rows(results))}")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

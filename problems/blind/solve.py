@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.result import Diagnosis
@@ -20,7 +21,8 @@ _TRIALS = 6  # kept of every round of naming
 
 
 def solve(task: Mapping[str, Any]) -> dict[str, Any]:
-    """Diagnose the records m*.csv with aircraft.toml of the task's folder; nothing else is opened.
+    """Diagnose the records m*.csv with aircraft.toml of the task's folder; nothing else is opened but the file of
+    `criteria`, if the task names one.
 
     Returns what diagnosis.json has of verdict and causes, the strongest trials of every round, and seconds of
     processor time; {"failed": message} when the diagnosis cannot be carried out.
@@ -31,6 +33,7 @@ def solve(task: Mapping[str, Any]) -> dict[str, Any]:
         found = diagnose(
             Aircraft.read(folder / "aircraft.toml"),
             read_records([folder / "m*.csv"]),
+            criteria=Criteria.read(task["criteria"]) if task.get("criteria") else None,
         )
     except (CasidError, ArithmeticError, ValueError, IndexError) as fault:
         return {"failed": f"{type(fault).__name__}: {fault}"}

@@ -1,12 +1,14 @@
 """The ranges of criteria within which decisions come out the same, against replaying the decisions themselves."""
 
 import math
+import tomllib
 
 import numpy as np
 import pytest
 
 from casid.diagnosis.cause import NAMED, Decision, Gate, all_passed
-from problems.blind.ablation import same_decisions, use_of
+from casid.diagnosis.criteria import Criteria
+from problems.blind.ablation import moved, same_decisions, use_of
 
 NOW = 0.3
 FORMS = (
@@ -65,3 +67,13 @@ def test_a_gate_is_pivotal_that_failed_alone():
     use = use_of([alone, together])
     assert (use.pivotal["a"], use.pivotal["b"]) == (1, 0)
     assert (use.asked["b"], use.failed["b"]) == (2, 1)
+
+
+def test_moved_numbers_are_those_without_a_gate_and_the_inverse_factor_moves_them_back():
+    one, other = (tomllib.loads(moved({"naming.gain"}, factor, seed=1)) for factor in (1.25, 0.8))
+    default = dict((row.name, row.value) for row in Criteria().rows)
+    assert "gain" not in one["naming"] and "numerics" not in one
+    for name, value in Criteria().with_values(one).changes.items():
+        group, number = name.split(".")
+        between = sorted((value, other[group][number]))
+        assert between[0] < default[name] < between[1]
