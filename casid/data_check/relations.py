@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -203,17 +204,19 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
     if at.sum() < 20:
         return None
     rate, made = relation.sides(record, gravity)
-    errors = np.reshape(relation.errors(record, criteria), (-1, len(rate))).T
+    errors = np.reshape(relation.errors(record, criteria), (-1, len(rate)))
     every = int(at.sum() / max(record.independent, 1.0)) + 1
-    rate = _in_time(rate, made, errors, at, every, record.step, criteria)
     made = _without_line(made[at])
-    (left, both), (_, right) = np.cov(np.stack([rate, made]))
+    rate = _in_time(rate, made, errors, at, every, record.step, criteria)
+    left, right, both = (
+        float(one @ other) / (len(made) - 1) for one, other in ((rate, rate), (made, made), (rate, made))
+    )
     if not np.isfinite([left, right, both]).all():
         return None
     return Agreement(
-        left=float(left),
-        right=float(right),
-        both=float(both),
+        left=left,
+        right=right,
+        both=both,
         independent=record.independent * float(at.mean()),
         close=criteria.close,
         scale=criteria.own_scale,
@@ -221,9 +224,10 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
 
 
 def _in_time(
-    rate: np.ndarray, made: np.ndarray, errors: np.ndarray, at: np.ndarray, every: int, step: float, by: DataCriteria
+    rate: np.ndarray, other: np.ndarray, errors: np.ndarray, at: np.ndarray, every: int, step: float, by: DataCriteria
 ) -> np.ndarray:
-    """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other.
+    """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other,
+    which has no line.
 
     These have their prior sizes: `errors` of the instruments, a delay, and a clock that drifts. The last two may be so
     large that a slope does not tell them, and are sought step by step.
@@ -232,26 +236,33 @@ def _in_time(
     if not np.isfinite(errors).all():
         return _without_line(rate[at])
     t = step * np.arange(len(rate))
-    ahead = np.stack([np.full(len(t), by.late), by.drift * t], axis=1)  # [s] each in its 1-sigma
-    size = np.zeros(2 + errors.shape[1])
-    other = _without_line(made[at])
-    shifted, slopes = rate, errors
+    ahead = np.stack([np.full(len(t), by.late), by.drift * t])  # [s] each in its 1-sigma
+    size = np.zeros(2 + len(errors))
+    least = max(by.close * float(np.var(rate[at])), 1e-300)
+    slopes = np.concatenate([np.zeros((2, len(other))), -_without_line(errors[:, at])])
+    shifted = rate
     for _ in range(by.time_steps):
-        late = ahead @ size[:2]
-        shifted = np.interp(t + late, t, rate)
-        slopes = np.column_stack([ahead * np.gradient(shifted, step)[:, None], -errors])
-        slopes = np.stack([_without_line(one[at]) for one in slopes.T], axis=1)
-        left = other - _without_line(shifted[at]) + slopes[:, :2] @ size[:2]
-        noise = max(float(np.var(left)), by.close * float(np.var(rate[at])), 1e-300) * every
-        size = np.linalg.solve(slopes.T @ slopes / noise + np.eye(len(size)), slopes.T @ left / noise)
-    moved = _without_line(np.interp(t + ahead @ size[:2], t, rate)[at])
-    return moved + slopes[:, 2:] @ size[2:]
+        moved = _without_line(np.vstack([shifted, ahead * np.gradient(shifted, step)])[:, at])
+        slopes[:2] = moved[1:]
+        left = other - moved[0] + size[:2] @ slopes[:2]
+        noise = max(float(left @ left) / len(left), least) * every
+        size = np.linalg.solve(slopes @ slopes.T / noise + np.eye(len(size)), slopes @ left / noise)
+        shifted = np.interp(t + size[:2] @ ahead, t, rate)
+    return _without_line(shifted[at]) + size[2:] @ slopes[2:]
 
 
 def _without_line(series: np.ndarray) -> np.ndarray:
-    """A series without its mean and slope: the biases of instruments, and their drift."""
-    x = np.linspace(-1.0, 1.0, len(series))
-    return series - series.mean() - x * (x @ series) / (x @ x)
+    """Series (..., samples) without their mean and slope: the biases of instruments, and their drift."""
+    x, square = _line(series.shape[-1])
+    flat = series - series.mean(axis=-1, keepdims=True)
+    return flat - (flat @ x / square)[..., None] * x
+
+
+@lru_cache(maxsize=64)
+def _line(count: int) -> tuple[np.ndarray, float]:
+    """From -1 to 1, and the sum of its squares."""
+    x = np.linspace(-1.0, 1.0, count)
+    return x, float(x @ x)
 
 
 _ANGLES = frozenset(("alpha", "beta", "delta_e", "delta_a", "delta_r"))
