@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import importlib.util
 import os
 import subprocess
@@ -26,6 +27,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 REPO = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(REPO)  # scripts run as processes take this checkout, whatever is installed
 FLIGHT_DATA_FILE = "hfb320_1_10.asc"
+
+gc.set_threshold(100_000)  # as commands of casid do: models are many small objects that stay
 
 # The same examples in every run, and no clock: a busy machine is not a failure.
 hypothesis.settings.register_profile("casid", derandomize=True, deadline=None)

@@ -38,8 +38,9 @@ def aircraft_file() -> Aircraft:
     return do328()
 
 
-def records(seed: int = 7) -> list[Record]:
-    """Two records of the Do 328 with the hidden term: 3-2-1-1 on all surfaces, white noise on all that is measured."""
+def records(seed: int = 7, rudder: float = 0.05) -> list[Record]:
+    """Two records of the Do 328 with the hidden term: 3-2-1-1 on all surfaces, white noise on all that is measured;
+    `rudder` [rad] is how far that one moves."""
     rng = np.random.default_rng(seed)
     truth = aircraft_file().with_terms({"Cm": {"alpha^2": HIDDEN}})
     model, level = aircraft_model(truth), trim(truth, V=V_TRIM, altitude=3000.0)
@@ -49,7 +50,7 @@ def records(seed: int = 7) -> list[Record]:
         channels = {channel: np.full(len(t), value) for channel, value in level.inputs.items()}
         channels["delta_e"] = channels["delta_e"] + sign * 0.05 * multistep(t, 0.4, 0.5)
         channels["delta_a"] = channels["delta_a"] + 0.05 * multistep(t, 3.5, 0.3)
-        channels["delta_r"] = channels["delta_r"] + sign * 0.05 * multistep(t, 5.0, 0.3)
+        channels["delta_r"] = channels["delta_r"] + sign * rudder * multistep(t, 5.0, 0.3)
         flown = simulate(model, Record(name=name, t=t, channels=channels), level.state).as_record(name)
         noisy = {o: flown[o] + rng.normal(0.0, sigma, len(t)) for o, sigma in NOISE.items()}
         found.append(flown.without(*(c for c in flown.channels if c not in (*channels, *NOISE))).with_channels(**noisy))

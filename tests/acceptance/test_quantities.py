@@ -11,7 +11,8 @@ import casid as cs
 from casid.acceptance.quantities import QUANTITIES, quantity
 from casid.cli.options import DEMO
 
-T = np.arange(0.0, 30.0, 0.02)
+DT = 0.05
+T = np.arange(0.0, 30.0, DT)
 DECAY, OMEGA, DELAY = 0.08, 1.3, 0.4
 FIRST = np.exp(-DECAY * T) * np.cos(OMEGA * T) + 0.2 + 0.01 * T
 LATER = 3.0 * np.exp(-DECAY * T) * np.cos(OMEGA * (T - DELAY))
@@ -57,10 +58,10 @@ def test_deviations_cover(name: str) -> None:
 def test_coloured_residuals_widen_deviations() -> None:
     """Truth: noise with a correlation time of 0.5 s: white noise of that size would promise a fifth of the scatter.
     From one series the deviation is known to a third."""
-    rng, shape = np.random.default_rng(6), np.exp(-np.arange(200) * 0.02 / 0.5)
+    rng, shape = np.random.default_rng(6), np.exp(-np.arange(80) * DT / 0.5)
     off = []
     for _ in range(60):
-        noise = np.convolve(rng.normal(size=len(T) + 199), shape, mode="valid")
+        noise = np.convolve(rng.normal(size=len(T) + len(shape) - 1), shape, mode="valid")
         found = quantity("period", T, [FIRST + 0.05 * noise / np.linalg.norm(shape)])
         off.append((found.value - 2.0 * np.pi / OMEGA) / found.std)
     assert abs(np.std(off) - 1.0) < 1.0 / 3.0

@@ -37,25 +37,6 @@ def casid(*arguments: object, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, **options)
 
 
-def test_help_names_every_command_and_what_it_does() -> None:
-    done = casid("--help")
-    said = " ".join(done.stdout.replace("│", " ").split())
-    assert done.returncode == 0 and all(name in said for name in COMMANDS)
-    for where in COMMANDS.values():
-        first = (resolve_name(where).__doc__ or "").split("\n\n")[0]
-        assert " ".join(first.split()) in said
-    alone = casid("check", "--help").stdout
-    assert "The status is 0 when nothing is wrong" in alone  # all of its docstring, not its first line
-
-
-def test_the_shell_completes_commands_and_options(tmp_path: Path) -> None:
-    done = casid("--install-completion", env={**os.environ, "HOME": str(tmp_path), "SHELL": "/bin/bash"})
-    assert done.returncode == 0, done.stderr
-    (made,) = (tmp_path / ".local").rglob("casid")
-    words = made.read_text()
-    assert all(name in words for name in (*COMMANDS, "--hold-out"))
-
-
 @pytest.fixture
 def casid_here(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -73,6 +54,29 @@ def casid_here(
     yield run
     for number, handler in handlers.items():
         signal.signal(number, handler)
+
+
+def test_help_names_every_command_and_what_it_does(casid_here: Callable) -> None:
+    status, printed, _ = casid_here("--help")
+    said = " ".join(printed.replace("│", " ").split())
+    assert status == 0 and all(name in said for name in COMMANDS)
+    for where in COMMANDS.values():
+        first = (resolve_name(where).__doc__ or "").split("\n\n")[0]
+        assert " ".join(first.split()) in said
+    _, alone, _ = casid_here("check", "--help")
+    assert "The status is 0 when nothing is wrong" in alone  # all of its docstring, not its first line
+
+
+def test_the_shell_completes_commands_and_options(
+    casid_here: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SHELL", "/bin/bash")
+    status, _, error = casid_here("--install-completion")
+    assert status == 0, error
+    (made,) = (tmp_path / ".local").rglob("casid")
+    words = made.read_text()
+    assert all(name in words for name in (*COMMANDS, "--hold-out"))
 
 
 @pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("diagnose", "--seed", "x")])
@@ -161,7 +165,7 @@ def test_a_design_beats_the_standard_within_its_limits(tmp_path: Path) -> None:
     """The designed pulses know more of every derivative in the mean (that is the criterion), and keep the limits."""
     call(
         script(design),
-        ["--aircraft", str(DEMO / "aircraft.toml"), "--free", "Cm_*", "--duration", "8", "--out", str(tmp_path)],
+        ["--aircraft", str(DEMO / "aircraft.toml"), "--free", "Cm_*", "--duration", "5", "--out", str(tmp_path)],
     )
     designs = json.loads((tmp_path / "design.json").read_text())["designs"]
     assert designs["pulses4"]["cost"] < designs["3-2-1-1"]["cost"]

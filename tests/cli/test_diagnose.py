@@ -74,21 +74,19 @@ class Seen:
 # -- a whole run -------------------------------------------------------------------------------------------------------
 
 
-def test_whole_run(run_script: Callable, flight: Path, tmp_path: Path) -> None:
+def test_whole_run(script_here: Callable, flight: Path, tmp_path: Path) -> None:
     files = [flight / f"{name}.csv" for name in NAMES]
-    done = run_script(
-        "diagnose", *files, "--aircraft", flight / "aircraft.toml", "--out", tmp_path / "out", "--seed", 5
-    )
-    assert done.returncode == 0, done.stderr
+    words = ("--aircraft", flight / "aircraft.toml", "--out", tmp_path / "out", "--seed", 5)
+    status, said, error = script_here("diagnose", *files, *words)
+    assert (status, error) == (0, "")
     written = {path.name for path in (tmp_path / "out").iterdir()}
     proposed = {name for name in written if name.startswith("next_flight")}  # where something stayed ambiguous
     assert written - proposed == {"diagnosis.json", "extended.toml", "report.html", "report_figures", "run.json"}
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["sentence"] in done.stdout and str(tmp_path / "out" / "report.html") in done.stdout
-    assert all(stage in done.stdout for stage in document["seconds"])
+    assert document["sentence"] in said and str(tmp_path / "out" / "report.html") in said
+    assert all(stage in said for stage in document["seconds"])
     made_with = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
     assert made_with["seed"] == 5 and {"casid", "casadi", "numpy"} <= set(made_with["versions"])
-    assert done.stderr == ""
 
 
 # -- which records are fitted, which are held out ----------------------------------------------------------------------

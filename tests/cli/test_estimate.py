@@ -122,7 +122,6 @@ def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, sc
         ("--solver", "ipopt"),
         ("--cost", "equation"),
         ("--cost", "combined", "--equation-weight", "0.3"),
-        ("--cost", "combined", "--method", "collocation", "--solver", "ipopt"),
     ],
     ids=" ".join,
 )

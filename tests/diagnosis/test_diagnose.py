@@ -28,9 +28,10 @@ from casid.report.page import pictures
 from problems.blind.flown import turbulence
 from problems.do328 import V_TRIM, do328
 
+LAG = Attached(effect=actuator_lag("delta_e"), values={"value": 0.1})
 HIDDEN = [
     Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 6.0}),
-    Attached(effect=actuator_lag("delta_e"), values={"value": 0.1}),
+    LAG,
     Attached(effect=sensor_scale("beta"), values={"value": 0.08}),
     Attached(effect=sensor_delay("inertial"), values={"value": 0.08}),
     Attached(effect=sensor_delay("az"), values={"value": 0.18}),
@@ -39,7 +40,7 @@ HIDDEN = [
 ]
 
 
-QUICK = 3  # of them; the others are a campaign
+QUICK = 2  # of them; the others are a campaign
 
 EVERY_HIDDEN = [*HIDDEN[:QUICK], *(pytest.param(one, marks=pytest.mark.slow) for one in HIDDEN[QUICK:])]
 
@@ -53,22 +54,20 @@ def test_a_hidden_effect_is_named_with_its_size(hidden: Attached) -> None:
     assert (cause.kind, cause.target, cause.term) == hidden.effect.key, str(found)
     assert abs(cause.value - hidden.values["value"]) < 5.0 * cause.std + 0.02 * abs(hidden.values["value"])
     assert cause.probability is not None and cause.probability > 0.9
+    if (
+        hidden is LAG
+    ):  # beside it the record that was held out is predicted, where q alone is far above its noise without
+        before, after = found.held_out_refitted, found.held_out_extended
+        assert before is not None and after is not None
+        assert before.channels["q"].rms > 3.0 * NOISE["q"]
+        assert after.channels["q"].rms < 1.5 * NOISE["q"]
+        assert after.log_likelihood > before.log_likelihood
     if hidden.effect.timed:
         assert cause.onset_s is not None
         for record, (low, high) in cause.onset_s.items():
             assert low <= hidden.onsets[record] <= high
     else:
         assert cause.held_out_gain is not None and cause.held_out_gain > 0.0
-
-
-def test_the_extended_model_predicts_what_it_never_saw() -> None:
-    """With the lag named, the residual of the held-out record falls to its noise; without, q alone is far above it."""
-    found = diagnose(rough_file(), flights([HIDDEN[1]], seed=2, count=3))
-    before, after = found.held_out_refitted, found.held_out_extended
-    assert before is not None and after is not None
-    assert before.channels["q"].rms > 3.0 * NOISE["q"]
-    assert after.channels["q"].rms < 1.5 * NOISE["q"]
-    assert after.log_likelihood > before.log_likelihood
 
 
 @pytest.mark.parametrize("seed", [11, pytest.param(12, marks=pytest.mark.slow)])
@@ -164,6 +163,7 @@ def test_a_shifted_centre_of_gravity_is_no_displaced_accelerometer(hidden) -> No
     assert not found.causes[0].indistinguishable_from
 
 
+@pytest.mark.slow
 def test_an_effect_outside_the_catalogue_stays_unexplained() -> None:
     """A propeller hum, a sine on the rolling moment: no cause has it, it enters as Cl, and no name may be given."""
     t = np.arange(0.0, 20.0, 1.0 / 25.0)
@@ -210,8 +210,13 @@ def test_a_drifting_attitude_is_not_named_moving_air() -> None:
     "hidden",
     [
         Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m3": 12.3}),
-        Attached(effect=actuator_lag("delta_e"), values={"value": 0.25}, records=("m3",)),
-        Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={"m3": 8.0}),
+        *(
+            pytest.param(one, marks=pytest.mark.slow)
+            for one in (
+                Attached(effect=actuator_lag("delta_e"), values={"value": 0.25}, records=("m3",)),
+                Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={"m3": 8.0}),
+            )
+        ),
     ],
     ids=lambda h: h.name,
 )

@@ -116,18 +116,19 @@ def test_what_cannot_be_tracked_is_an_error() -> None:
         outputs=("q",),
         output=lambda s: {"q": s.b + s.a**2 * s.alpha},
     )
+    record = flown()
     with pytest.raises(EstimationError, match="not linear in 'a'"):
-        cs.track_derivatives(square, flown(), free=["a"], omega=OMEGA)
+        cs.track_derivatives(square, record, free=["a"], omega=OMEGA)
     with pytest.raises(EstimationError, match=r"fixed=\{'b': 0.5\}"):
-        cs.track_derivatives(square, flown(), free=["b"], omega=OMEGA)
+        cs.track_derivatives(square, record, free=["b"], omega=OMEGA)
     with pytest.raises(InputError, match="omega"):
-        cs.track_derivatives(MODEL, flown(), free=["*"], omega=[1.0])
+        cs.track_derivatives(MODEL, record, free=["*"], omega=[1.0])
     with pytest.raises(InputError, match="memory"):
-        cs.track_derivatives(MODEL, flown(), free=["*"], omega=OMEGA, memory=-1.0)
+        cs.track_derivatives(MODEL, record, free=["*"], omega=OMEGA, memory=-1.0)
     with pytest.raises(InputError, match="'delta_e'"):
-        last(flown().without("delta_e"))
+        last(record.without("delta_e"))
     samples = [
-        dict(zip(("t", *flown().channels), row, strict=True)) for row in zip(T, *flown().channels.values(), strict=True)
+        dict(zip(("t", *record.channels), row, strict=True)) for row in zip(T, *record.channels.values(), strict=True)
     ]
     thinned = [{k: v for k, v in s.items() if k not in ("alphadot", "qdot")} for s in samples[:300] + samples[300::3]]
     with pytest.raises(InputError, match="alphadot"):

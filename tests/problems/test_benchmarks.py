@@ -34,7 +34,7 @@ def test_a_peer_reaches_our_optimum_and_a_missing_one_is_said(load_script, monke
 
     monkeypatch.setitem(script.PEERS, "opty", missing)
     path = tmp_path / "peers.json"
-    arguments = ["--peers", "casadi_ipopt_gn", "opty", "--repeats", "1", "--json", str(path)]
+    arguments = ["--peers", "casadi_ipopt_gn", "opty", "--samples", "501", "--repeats", "1", "--json", str(path)]
     monkeypatch.setattr(sys, "argv", ["bench_peers.py", *arguments])
     script.main()
     assert "opty: No module named 'opty', left out; install" in capsys.readouterr().out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -44,7 +46,7 @@ def test_goodwins_oscillator_from_many_starts(method):
     """Twice too much or too little, and a decade either way of that: the best is where the truth's neighbourhood leads,
     found by collocation with many steps."""
     truth = cs.solve(goodwin(1.0), cs.Collocation(substeps=6))
-    fit = cs.solve(goodwin(2.0), method, starts=8)
+    fit = cs.solve(goodwin(2.0), method, starts=3)
     assert truth.converged and fit.converged and fit.starts is not None
     assert fit.log_likelihood == pytest.approx(truth.log_likelihood, abs=0.01)
 
@@ -59,7 +61,7 @@ def test_a_stiff_system_at_its_optimum(published_data):
 def test_cvodes_flies_a_stiff_system_as_radau_and_collocation_do(published_data):
     """Boehm's percentages, up to 92, against scipy's Radau at 1e-11 and collocation in 20 steps per sample interval;
     one step of Runge and Kutta departs."""
-    problem = boehm(published_data, off=1.0)
+    problem = replace(boehm(published_data, off=1.0), free=("k_phos", "Epo_deg"), constraints=())
     model, record = problem.model, problem.records[0]
     fit = cs.solve(problem, cs.Collocation(substeps=20))
     begin, values = fit.states["boehm"].trajectory[0], dict(fit.values)

@@ -21,7 +21,7 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_record
 from problems.jsbsim.airframe import AIRFRAMES, airframe
-from problems.jsbsim.apriori import Regression, aircraft_file, coefficients, geometry, healthy_flights, regress
+from problems.jsbsim.apriori import Regression, coefficients, geometry, guessed, healthy_flights, regress
 from problems.jsbsim.corpus import DIGITS, SIZES, cases, flights, rounded, truth
 from problems.jsbsim.faults import Fault, instrument_fault
 from problems.jsbsim.fdm import Log
@@ -56,9 +56,11 @@ FILE_VALUES = {
 
 
 @lru_cache
-def regression(name: str) -> Regression:
+def regression(name: str) -> tuple[Aircraft, Regression]:
+    """The aircraft without aerodynamics, and those of its healthy flights."""
     pairs = healthy_flights(name)
-    return regress(geometry(name, *pairs[0]), [record for _, record in pairs])
+    bare = geometry(name, *pairs[0])
+    return bare, regress(bare, [record for _, record in pairs])
 
 
 @lru_cache
@@ -91,10 +93,10 @@ def air_velocity(log: Log) -> np.ndarray:
     return change - (velocity - velocity[0])
 
 
-@pytest.mark.parametrize("name", FILE_VALUES)
+@pytest.mark.parametrize("name", ["fokker50", pytest.param("737", marks=pytest.mark.slow)])
 def test_regression_finds_what_the_file_says(name: str) -> None:
     """Noise-free accelerations give JSBSim's own derivatives within 2 % and leave less than 1 % of the variance."""
-    found = regression(name)
+    _, found = regression(name)
     for derivative, value in FILE_VALUES[name].items():
         coefficient, term = derivative.split("_", 1)
         assert found.values[coefficient][term] == pytest.approx(value, rel=0.02), derivative
@@ -182,31 +184,29 @@ def test_aero_term_adds_to_its_coefficient_only() -> None:
         "delta_e": record["delta_e"],
         "0": np.ones(len(record)),
     }
-    healthy = sum(value * terms[term] for term, value in regression("fokker50").values["Cm"].items())
+    healthy = sum(value * terms[term] for term, value in regression("fokker50")[1].values["Cm"].items())
     extra = coefficients(bare, record)["Cm"] - healthy
     assert np.polyfit(record["alpha"] ** 2, extra, 1)[0] == pytest.approx(6.0, rel=0.02)
 
 
 def test_gust_and_shear_move_the_air() -> None:
-    """Kinematics show a 1-cosine gust of 4 m/s, over after 2 s, and a wind that grows by 0.35 m/s per second."""
+    """Kinematics show a 1-cosine gust of 4 m/s, over after 2 s, and a wind that grows by 0.35 m/s2 for 2 s."""
     log = flown(Fault(kind="gust", target="z", size=4.0, onset_s=6.0, duration_s=2.0))
     wind = air_velocity(log)[:, 2]
     at = {s: int(np.searchsorted(log.t, s)) for s in (5.9, 6.5, 7.0, 8.1)}
     assert abs(wind[at[5.9]]) < 0.02 and abs(wind[at[8.1]]) < 0.05
     assert wind[at[7.0]] == pytest.approx(4.0, rel=0.02)
     assert wind[at[6.5]] == pytest.approx(2.0, rel=0.05)
-    log = flown(Fault(kind="wind_shear", target="x", size=0.35, onset_s=8.0))
-    assert air_velocity(log)[-1, 0] == pytest.approx(0.35 * 4.0, rel=0.03)
     log = flown(Fault(kind="wind_shear", target="x", size=0.35, onset_s=8.0, duration_s=2.0))
     assert air_velocity(log)[-1, 0] == pytest.approx(0.35 * 2.0, rel=0.03), "it stays when the ramp has ended"
 
 
 def test_turbulence_comes_from_the_seed() -> None:
     severe = Fault(kind="turbulence", size=3.0)
-    first, second = log_of(flight(severe, 5)).channels["turb_z"], log_of(flight(severe, 5)).channels["turb_z"]
-    np.testing.assert_array_equal(first, second)
+    first, again = flown(severe, 6).channels["turb_z"], log_of(flight(severe, 6)).channels["turb_z"]
+    np.testing.assert_array_equal(first, again)
     assert np.std(first) > 0.5
-    assert np.corrcoef(first, flown(severe, 6).channels["turb_z"])[0, 1] < 0.9
+    assert np.corrcoef(first, flown(severe, 5).channels["turb_z"])[0, 1] < 0.9
 
 
 @pytest.mark.parametrize(
@@ -293,10 +293,11 @@ def test_truth_speaks_the_vocabulary() -> None:
 
 def test_apriori_values_are_near_the_truth_but_not_it() -> None:
     """The aircraft file's derivatives are 10 to 20 % off what JSBSim's file gives (rounding: 1 % more)."""
-    guess = aircraft_file("fokker50", seed=3)
+    bare, found = regression("fokker50")
+    guess = guessed(bare, found, seed=3)
     for derivative, value in FILE_VALUES["fokker50"].items():
         coefficient, term = derivative.split("_", 1)
-        exact = regression("fokker50").values[coefficient][term]
+        exact = found.values[coefficient][term]
         assert 0.09 < abs(guess.derivatives[derivative] / exact - 1.0) < 0.21, (derivative, value)
 
 

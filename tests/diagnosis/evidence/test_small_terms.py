@@ -86,6 +86,7 @@ def test_an_event_that_takes_longer_keeps_its_middle() -> None:
     assert flap.with_values({"value": 0.2}).onsets == flap.onsets
 
 
+@pytest.mark.slow
 def test_a_nonlinear_lift_curve_hides_no_term_of_the_pitching_moment() -> None:
     """Lift nonlinear by more than is usual, in a way that is too small to matter, and 8 % of Cm from r^2."""
     bends = [("CL", "alpha^2", 8.0), ("CL", "beta^2", -1.4), ("CL", "delta_e^2", 5.0)]

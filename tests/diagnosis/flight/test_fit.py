@@ -49,7 +49,7 @@ def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linea
     assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
 
 
-@pytest.mark.parametrize("rest", [-0.8, 0.5])
+@pytest.mark.parametrize("rest", [-0.8, pytest.param(0.5, marks=pytest.mark.slow)])
 def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
     """Truth: the place that was flown. Held in the middle, the fit misses what the first movement takes up."""
     hidden = Attached(effect=backlash("delta_e"), values={"value": 0.01, "rest": rest})
@@ -153,7 +153,9 @@ def test_without_process_noise_the_fit_is_output_error() -> None:
         assert abs(shooting[name].value - value) < 0.1 * shooting[name].std, name
 
 
-@pytest.mark.parametrize("frequency_hz", [2.32, 3.69, 4.48, 5.87])
+@pytest.mark.parametrize(
+    "frequency_hz", [2.32, 5.87, *(pytest.param(one, marks=pytest.mark.slow) for one in (3.69, 4.48))]
+)
 def test_a_structural_mode_is_fitted_to_the_end_from_what_the_screening_tries(frequency_hz: float) -> None:
     """The truth is the mode that was flown, between the frequencies that are tried, with noisy surfaces.
 

@@ -60,7 +60,7 @@ def test_noise_alone_shows_none_nor_does_what_a_model_misses() -> None:
     assert not outliers(missing).any()
 
 
-@pytest.mark.parametrize("size", [8.0, 12.0, 20.0, 50.0])
+@pytest.mark.parametrize("size", [8.0, 50.0, *(pytest.param(one, marks=pytest.mark.slow) for one in (12.0, 20.0))])
 def test_one_per_cent_of_outliers_moves_no_size_by_its_interval(size: float) -> None:
     records, put_in = with_outliers(0.01, size)
     found, true = fitted(records), fitted(flown())

@@ -56,7 +56,15 @@ def test_vanes_that_wander_are_no_moving_air() -> None:
     assert not judge_kinematics(flight, [], [], refitted).turbulence.named
 
 
-@pytest.mark.parametrize(("sigma", "slow"), [(0.5, False), (0.5, True), (1.0, False), (1.0, True)])
+@pytest.mark.parametrize(
+    ("sigma", "slow"),
+    [
+        (0.5, True),
+        (1.0, False),
+        pytest.param(0.5, False, marks=pytest.mark.slow),
+        pytest.param(1.0, True, marks=pytest.mark.slow),
+    ],
+)
 def test_turbulence_is_named_with_its_size_beside_slow_noise_of_all_channels(sigma: float, slow: bool) -> None:
     flight = in_moving_air(sigma, slow)
     found = judge_kinematics(flight, [], [], fit(flight, [], flight.noise(), iterations=20)).turbulence
