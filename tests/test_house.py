@@ -84,7 +84,11 @@ def imported_modules(source: str, package: str = "") -> Iterator[tuple[int, str]
     `from casid import errors` is casid.errors, `from casid import Problem` is casid: a name counts as a
     module when there is such a file or folder.
     """
-    for node in ast.walk(ast.parse(source)):
+    yield from imports_in(ast.parse(source), package)
+
+
+def imports_in(tree: ast.Module, package: str) -> Iterator[tuple[int, str]]:
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -103,9 +107,13 @@ def sources(*folders: str) -> list[Path]:
 
 
 @cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports_of(path: Path) -> tuple[tuple[int, str], ...]:
-    package = ".".join(path.relative_to(REPO).parent.parts)
-    return tuple(imported_modules(path.read_text(encoding="utf-8"), package))
+    return tuple(imports_in(tree_of(path), ".".join(path.relative_to(REPO).parent.parts)))
 
 
 def test_layers_have_no_circle() -> None:
@@ -181,7 +189,7 @@ def test_casid_needs_only_its_declared_dependencies() -> None:
     allowed = declared | {"casid"} | set(sys.stdlib_module_names)
     wrong = []
     for path in sources("casid"):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in tree_of(path).body:
             modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             if isinstance(node, ast.ImportFrom) and node.level == 0:
                 modules = [str(node.module)]
@@ -199,7 +207,7 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 @cache
 def functions_of(path: Path) -> tuple[Function, ...]:
-    return tuple(node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, Function))
+    return tuple(node for node in ast.walk(tree_of(path)) if isinstance(node, Function))
 
 
 def functions(*folders: str) -> Iterator[tuple[str, Function]]:
@@ -252,7 +260,7 @@ def test_numbers_of_the_diagnosis_stand_among_its_criteria() -> None:
     """No file names a number at its top, not even in a table: as a field of a group it has a meaning and evidence."""
     found = []
     for path in sources("casid/diagnosis"):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        for node in tree_of(path).body:
             if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
                 inside = (one.value for one in ast.walk(node.value) if isinstance(one, ast.Constant))
                 if any(type(value) in (int, float) for value in inside):

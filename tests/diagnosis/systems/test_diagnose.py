@@ -22,7 +22,10 @@ HIDDEN = {
 }
 
 
-@pytest.mark.parametrize("name", HIDDEN)
+QUICK = ("DC motor", "two compartments", "Lotka-Volterra")  # an operator, one record alone, a term
+
+
+@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in HIDDEN])
 def test_a_hidden_fault_is_found_and_sized(name: str) -> None:
     system, fault = SYSTEMS[name], HIDDEN[name]
     records = system.fly(7, fault)
