@@ -57,7 +57,7 @@ def test_a_start_beyond_a_limit_is_said():
 def test_intervals_hold_the_truth(correlation, runs):
     """White and first-order noise: the binomial bounds of 95 % in five correlated parameters of `runs` records."""
     t = np.arange(0.0, 12.0, 0.04)
-    clean, inside, plain = flight(t=t), [], []
+    clean, model, inside, plain = flight(t=t), short_period(), [], []
     for run in range(runs):
         rng = np.random.default_rng([11, run])
         noisy = {}
@@ -65,7 +65,7 @@ def test_intervals_hold_the_truth(correlation, runs):
             white = rng.standard_normal(len(t) + 400)
             noise = lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], white)
             noisy[name] = clean[name] + sigma * np.asarray(noise)[400:]
-        fit = cs.solve(cs.Problem(short_period(), [clean.with_channels(**noisy)], free=["*"]))
+        fit = cs.solve(cs.Problem(model, [clean.with_channels(**noisy)], free=["*"]))
         inside.append([fit[n].interval[0] <= v <= fit[n].interval[1] for n, v in TRUTH.items()])
         plain.append([abs(fit[n].value - v) < 1.96 * fit[n].std_cramer_rao for n, v in TRUTH.items()])
         if correlation == 0.95:
@@ -125,10 +125,10 @@ def test_intervals_within_a_path_limit_hold_the_truth(runs):
     """The limit is the maximum of the true motion, which lies between two samples, so that it holds in about half of
     the runs: the binomial bounds of 95 % in the two parameters."""
     limit, inside, held = cs.limit_trajectory("x", upper=1.5), [], 0
-    truth = {"a": 1.0, "b": -1.0}
+    truth, model = {"a": 1.0, "b": -1.0}, ramp(False)
     for run in range(runs):
         record = ramp_record(run)
-        fit = cs.solve(cs.Problem(ramp(False), [record], free=list(truth), constraints=[limit]))
+        fit = cs.solve(cs.Problem(model, [record], free=list(truth), constraints=[limit]))
         assert fit.converged
         inside.append([fit[n].interval[0] <= v <= fit[n].interval[1] for n, v in truth.items()])
         held += any(remark.startswith("x: its limit holds") for remark in fit.remarks)

@@ -68,14 +68,15 @@ def test_a_reading_that_dominates_is_named():
     assert any(remark.startswith("q: one reading") and "t = 3.08 s" in remark for remark in fit.remarks)
 
 
-def test_standard_errors_are_the_scatter():
-    """300 lines with Student's noise: chi-square of the errors over the promised deviations."""
-    errors = []
-    for seed in range(300):
-        fit = cs.solve(cs.Problem(model(), [line(seed, 60)], free=["*"], noise=cs.StudentT(degrees=3.0)))
+@pytest.mark.parametrize("runs", [100, pytest.param(300, marks=pytest.mark.slow)])
+def test_standard_errors_are_the_scatter(runs):
+    """Lines with Student's noise: 1.96 promised deviations hold 95 % of the errors, within three deviations of that."""
+    errors, straight = [], model()
+    for seed in range(runs):
+        fit = cs.solve(cs.Problem(straight, [line(seed, 60)], free=["*"], noise=cs.StudentT(degrees=3.0)))
         errors.append([(fit[n].value - v) / fit[n].std_cramer_rao for n, v in (("a", 2.0), ("b", -0.5))])
     inside = np.abs(errors) < 1.96
-    assert 0.92 < inside.mean() < 0.98
+    assert abs(inside.mean() - 0.95) < (0.03 if runs == 300 else 0.05)
 
 
 def test_robust_noise_is_that_of_simulated_outputs():
