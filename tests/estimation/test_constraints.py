@@ -106,9 +106,18 @@ def limited(kind: str, price: float | None = None) -> tuple:
     }[kind]
 
 
-@pytest.mark.parametrize("noise", [NOISE, None])
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("kind", ["path", "paths", "function", "equation", "all"])
+KINDS = ("path", "paths", "function", "equation", "all")
+QUICK = (("path", 2), ("paths", 0), ("equation", 1))  # where the noise is estimated; the others are a campaign
+ESTIMATED = [
+    pytest.param(kind, method, None, marks=[] if (kind, i) in QUICK else pytest.mark.slow)
+    for kind in KINDS
+    for i, method in enumerate(METHODS)
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "method", "noise"), [*((kind, method, NOISE) for kind in KINDS for method in METHODS), *ESTIMATED]
+)
 def test_gauss_newton_and_ipopt_agree_under_constraints(kind, method, noise):
     given = problem(*limited(kind), noise=noise)
     found, other = solve(given, method, GaussNewton(tolerance=1e-9)), solve(given, method, Ipopt())

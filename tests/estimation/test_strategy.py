@@ -229,9 +229,9 @@ def test_seconds_bound_everything():
     """Collocation from where single shooting is lost, IPOPT and all: the budget is that of the whole."""
     problem = lorenz(3.0)
     cs.solve(problem, cs.SingleShooting())  # compiled
-    begin = time.perf_counter()
+    begin = time.process_time()  # of the processor: a busy machine takes longer for the same work
     fit = cs.solve(problem, cs.SingleShooting(), cs.Automatic(seconds=0.05))
-    assert time.perf_counter() - begin < 1.0
+    assert time.process_time() - begin < 1.0
     assert fit.converged or fit.result in cs.Results
 
 

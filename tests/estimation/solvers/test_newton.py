@@ -61,11 +61,14 @@ def test_a_maximum_is_no_solution():
     assert fit.converged and 2 * bend**2 * a**2 + 3 * bend * a + 2 == pytest.approx(2 * bend)
 
 
-@pytest.mark.parametrize("noise", ["range", "residuals"])
-def test_a_linear_model_of_a_nonlinear_aircraft(noise, load_script):
+@pytest.mark.parametrize(
+    ("noise", "samples"),
+    [("range", 125), *(pytest.param(noise, 250, marks=pytest.mark.slow) for noise in ("range", "residuals"))],
+)
+def test_a_linear_model_of_a_nonlinear_aircraft(noise, samples, load_script):
     """IPOPT with the exact Hessian from there: estimates equal to 1e-8 of their value or standard deviation."""
     whole = paper_problem(fly(Condition(case="H", manoeuvre=2, variant=3, seed=1)), OutputError(), noise=noise)
-    problem = cut(whole, 250)
+    problem = cut(whole, samples)
     alone = solve(problem, solver=GaussNewton())
     usual, fit = solve(problem), solve(problem, solver=Automatic(tolerance=1e-10))
     assert alone.solver == "GaussNewton" and not alone.converged
