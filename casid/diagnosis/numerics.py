@@ -139,6 +139,11 @@ class ProbabilityNumerics:
 class Numerics:
     """Resolution and extent of every search."""
 
+    samples_per_cycle: float = number(
+        25.0,
+        "samples per cycle of the highest frequency of the motion that records are averaged to",
+        "derived: sampling rate recommended by Klein and Morelli, Aircraft System Identification, chapter 9",
+    )
     fit: FitNumerics = FitNumerics()
     turbulence: TurbulenceNumerics = TurbulenceNumerics()
     missing_input: MissingInputNumerics = MissingInputNumerics()

@@ -12,6 +12,7 @@ class NoiseCriteria:
     """Which channels count as measured, and how strong their noise is."""
 
     present: float = number(0.1, "part of a record's samples above which a channel counts as measured")
+    complete: float = number(0.9, "part of a record's samples above which a channel is read at every sample")
     density_ratio: float = number(1.2, "ratio of noise densities that exceeds the scatter of a high band")
     common_filter: float = number(0.7, "part of the outputs that must show a filter common to all channels")
     smallest: float = number(

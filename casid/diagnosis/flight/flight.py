@@ -31,7 +31,7 @@ from casid.native.compiler import BUILDING
 from casid.records.noise import pooled_sigma, real_updates
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
-from casid.records.thinning import spaced
+from casid.records.thinning import averaged, spaced
 from casid.signals import SURFACES
 
 # If altitude were an output, a steady updraft, which is common, would appear as a bias of alpha.
@@ -54,6 +54,7 @@ class Flight:
                  (`NoiseModel.colour`)
     turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
     held         behaviour of inputs between samples (`Batch.held`), for records that do not state it
+    every        number of recorded samples of which each sample is the mean
     unknown      inputs that were never recorded: nothing that depends on them is judged
     criteria     the thresholds for all decisions made with this flight
     sizes        measure of the sizes of causes; None: by coefficients and channels of an aircraft
@@ -70,6 +71,7 @@ class Flight:
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
+    every: int = 1
     unknown: tuple[str, ...] = ()
     criteria: Criteria = Criteria()
     sizes: Sizes | None = None
@@ -235,7 +237,8 @@ class Flight:
                     read = spaced(record.t, Z[: len(record), j, i], self.spacing)
                     Z[: len(record), j, i] = np.where(read, Z[: len(record), j, i], np.nan)
             batch = replace(batch, Z=Z)
-        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held)) if self.held else batch
+        # The mean of inputs that are held over a sample interval acts half of that interval late.
+        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held / self.every))
 
     def measured(self, model: Model) -> np.ndarray:
         """(N, R, states) Measured motion; states that are not measured have the values of the trim."""
@@ -319,12 +322,17 @@ class Flight:
         Raises InputError if a record lacks inputs of the model or contains fewer than two of the outputs.
         """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
-        ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in ready)
+        ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in _averaged(ready, self.every))
         return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
 
 
 def prepare(
-    aircraft: Aircraft, records: Sequence[Record], criteria: Criteria | None = None, axes: str | None = None
+    aircraft: Aircraft,
+    records: Sequence[Record],
+    criteria: Criteria | None = None,
+    axes: str | None = None,
+    *,
+    average: bool = False,
 ) -> Flight:
     """Determine the outputs and their noise from the records, and the scope from the surfaces if it is not given.
 
@@ -340,6 +348,8 @@ def prepare(
         The thresholds; by default `Criteria()`.
     axes
         The scope: "longitudinal", "lateral" or "full".
+    average
+        Whether samples are averaged to the rate that the motion needs (`_every`).
 
     Returns
     -------
@@ -358,7 +368,10 @@ def prepare(
     moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
     ready = [as_updated(flight_inputs(aircraft, record, axes), moved) for record in records]
     outputs = tuple(o for o in moved if moves(ready, o, noise))
-    sigma = {o: aircraft.noise.get(o) or sigma_of([r[o] for r in that_have(ready, o, noise)], noise) for o in outputs}
+    edge, as_read = motion_edge(ready), ready
+    every = _every(ready, outputs, edge, criteria) if average else 1
+    ready, stated = _averaged(ready, every), {name: value / math.sqrt(every) for name, value in aircraft.noise.items()}
+    sigma = {o: stated.get(o) or sigma_of([r[o] for r in that_have(ready, o, noise)], noise) for o in outputs}
     rare = {o for o in moved if all(o in r and not has(r, o, noise) for r in ready)}
     left_out = {
         o: "too rarely read to tell of the motion" if o in rare else "constant in all records"
@@ -373,15 +386,14 @@ def prepare(
     ready = tuple(with_all(record, outputs, noise, left_out) for record in ready)
     inputs = {control(name): [r[name] for r in ready] for name in (*SURFACES, "thrust")}
     input_sigma = {
-        name: aircraft.noise.get(name[2:]) or pooled_sigma(series)
+        name: stated.get(name[2:]) or pooled_sigma(series)
         for name, series in inputs.items()
         if np.ptp(np.concatenate(series)) > 0.0
     }
     input_sigma = {name: value for name, value in input_sigma.items() if np.isfinite(value) and value > 0.0}
-    edge = motion_edge(ready)
     unsure = [o for o in outputs if not aircraft.noise.get(o)]
-    held = {o: high_band_holds(that_have(ready, o, noise), o, edge) for o in unsure}
-    doubted = tuple(o for o in unsure if not held[o] or hides_noise(that_have(ready, o, noise), o, noise))
+    held = {o: high_band_holds(that_have(as_read, o, noise), o, edge) for o in unsure}
+    doubted = tuple(o for o in unsure if not held[o] or hides_noise(that_have(as_read, o, noise), o, noise))
     if len(doubted) >= noise.common_filter * len(outputs):  # a filter common to all channels: none shows its noise
         doubted = tuple(unsure)
     return Flight(
@@ -392,8 +404,33 @@ def prepare(
         sigma=sigma,
         input_sigma=input_sigma,
         doubted=doubted,
+        every=every,
         criteria=criteria,
     )
+
+
+def _every(records: Sequence[Record], outputs: Sequence[str], edge: float, criteria: Criteria) -> int:
+    """How many samples are averaged into one, so that the rate stays above what motion up to the frequency `edge` [Hz]
+    needs.
+
+    One if the motion is not known, or if a channel has another rate: the mean of its time would be another one.
+    """
+    complete = all(np.isfinite(r[o]).mean() > criteria.noise.complete for r in records for o in outputs if o in r)
+    if edge == 0.0 or not complete:
+        return 1
+    needed = criteria.numerics.samples_per_cycle * edge
+    return max(1, int(min(1.0 / (record.dt * needed) for record in records) + 1e-6))
+
+
+def _averaged(records: Sequence[Record], every: int) -> list[Record]:
+    """The means of so many samples, with a note about it."""
+    if every == 1:
+        return list(records)
+    found = []
+    for record in records:
+        note = f"{every} samples averaged into one, {1.0 / (every * record.dt):.3g} Hz, as the motion needs no more"
+        found.append(averaged(record, every).with_notes(note))
+    return found
 
 
 _NOTHING: Mapping[str, str] = MappingProxyType({})

@@ -381,7 +381,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     nodes = criteria.numerics.missing_input.spacing
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records
-    flight = prepare(aircraft, powered.records, criteria, judged.name)
+    flight = prepare(aircraft, powered.records, criteria, judged.name, average=True)
     flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
     flight = replace(flight, unknown=powered.unknown)
     return Scope(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))
