@@ -6,7 +6,7 @@ further pass.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
 from typing import Literal
@@ -75,19 +75,27 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
     match
         Port -> (R, n) with the innovations.
     """
-    fit, k = evidence.fit, len(evidence.newton)
-    entering = [name for name in series if name in fit.model.disturbances]
-    index = [fit.model.disturbances.index(name) for name in entering]
-    channels = {name: fit.model.outputs.index(Station.at(name).name) for name in series if name not in entering}
-    both = {name: np.empty((fit.white.shape[1], k + 1, of.shape[2])) for name, of in series.items()}
-    turned = {name: np.ascontiguousarray(of.swapaxes(0, 1)) for name, of in series.items()}
+    R, k = evidence.fit.white.shape[1], len(evidence.newton)
+    both = {port: np.empty((R, k + 1, of.shape[2])) for port, of in series.items()}
+    for port, some, part in _entrances(evidence, list(series)):
+        both[port][:, some] = part.swapaxes(1, 2) @ series[port].swapaxes(0, 1)
+    return {port: (of[:, 1:], of[:, 0]) for port, of in both.items()}
+
+
+def _entrances(evidence: Evidence, ports: Sequence[str]) -> Iterator[tuple[str, slice, np.ndarray]]:
+    """(port, which columns of the evidence, (R, N, columns)) What the columns have in common with the response to a
+    unit at each sample of a port; the innovations are the first column.
+    """
+    fit = evidence.fit
+    entering = [port for port in ports if port in fit.model.disturbances]
+    index = [fit.model.disturbances.index(port) for port in entering]
+    channels = {port: fit.model.outputs.index(Station.at(port).name) for port in ports if port not in entering}
     for first, columns in evidence.columns(fit.criteria.numerics.screening.columns):
         some = slice(first, first + columns.shape[3])
         by_disturbance, by_output = fit.filter.entrances(index, columns, read=bool(channels))
-        read = ((name, by_output[i] * fit.seen[:, :, i].T[..., None]) for name, i in channels.items())
-        for name, part in chain(zip(entering, by_disturbance, strict=True), read):
-            both[name][:, some] = part.swapaxes(1, 2) @ turned[name]
-    return {name: (of[:, 1:], of[:, 0]) for name, of in both.items()}
+        read = ((port, by_output[i] * fit.seen[:, :, i].T[..., None]) for port, i in channels.items())
+        for port, part in chain(zip(entering, by_disturbance, strict=True), read):
+            yield port, some, part
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,8 +141,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     by_place: dict[str, list[_Row]] = {"disturbances": [], "readings": [], "equations": []}
     for row in rows:
         by_place[_acts_on(row[0])].append(row)
-    known = [*by_place["disturbances"], *by_place["readings"]]
-    found = _of_histories(evidence, known)
+    found = [one for place in ("disturbances", "readings") for one in _of_histories(evidence, by_place[place])]
     symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
     equations, together = by_place["equations"], base.criteria.numerics.screening.columns
     for some in (equations[at : at + together] for at in range(0, len(equations), together)):
@@ -173,27 +180,31 @@ def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]
 
         return [print_ for found in side_by_side(whole, parts) for print_ in found]
 
-    def squared(some: Sequence[_Row]) -> tuple[np.ndarray, dict[str, tuple[np.ndarray, np.ndarray]]]:
-        """Squares, and by port which rows enter there with which series (R, N, n)."""
-        histories = [_unit_history(base, *row) for row in some]
-        at = {port: [j for j, h in enumerate(histories) if port in h] for one in histories for port in one}
-        turned = {port: np.stack([histories[j][port].T for j in js], axis=2) for port, js in at.items()}
-        return _squares(base, histories), {port: (np.array(at[port]), turned[port]) for port in at}
+    # What enters where is the same for all rows of an effect.
+    shown = {row[0].name: row for row in rows}.values()
+    ports = dict.fromkeys(port for row in shown for port in _ports(base, row))
+    entering = {port: np.empty((*base.white.shape[1::-1], len(evidence.newton) + 1)) for port in ports}
+    for port, columns, part in _entrances(evidence, list(ports)):
+        entering[port][..., columns] = part
 
-    squares, entering = zip(*side_by_side(squared, parts), strict=True)
-    square = np.concatenate(squares, axis=1)
-    begins = np.cumsum([0, *(of.shape[1] for of in squares)])
-    ports = dict.fromkeys(port for one in entering for port in one)
-    at = {
-        p: np.concatenate([b + one[p][0] for b, one in zip(begins, entering, strict=False) if p in one]) for p in ports
-    }
-    # a port at a time, since the series are large
-    series = {p: np.concatenate([one.pop(p)[1] for one in entering if p in one], axis=2).swapaxes(0, 1) for p in ports}
-    cross, match = np.zeros((len(square), len(evidence.newton), len(rows))), np.zeros(square.shape)
-    for port, (by_column, by_innovation) in products_at(evidence, series).items():
-        cross[:, :, at[port]] += by_column
-        match[:, at[port]] += by_innovation
-    return _each(rows, square, cross, match)
+    def summed(some: Sequence[_Row]) -> list[Fingerprint]:
+        histories = [_unit_history(base, *row) for row in some]
+        both = np.zeros((base.white.shape[1], len(evidence.newton) + 1, len(some)))
+        for port, by_column in entering.items():
+            at = [j for j, one in enumerate(histories) if port in one]
+            if at:
+                series = np.stack([histories[j][port] for j in at], axis=2)
+                both[:, :, at] += by_column.swapaxes(1, 2) @ series.swapaxes(0, 1)
+        return _each(some, _squares(base, histories), both[:, 1:], both[:, 0])
+
+    return [print_ for found in side_by_side(summed, parts) for print_ in found]
+
+
+def _ports(base: FlightFit, row: _Row) -> Iterable[str]:
+    """The ports at which an effect may enter."""
+    if _acts_on(row[0]) == "readings":
+        return [reading(name) for name in base.model.outputs]
+    return _unit_history(base, *row)
 
 
 def _fingerprints(evidence: Evidence, rows: Sequence[_Row], white: np.ndarray) -> list[Fingerprint]:
