@@ -12,7 +12,7 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -155,6 +155,53 @@ class PointFunctions:
         return at_points(self._output, X, U, P, W)[0][..., 0]
 
 
+class ParameterFunctions:
+    """Sensitivities of the steps and outputs of a model to its `free` parameters, a stretch of samples at a time: those
+    of all samples take several times the memory of everything else that is linearised."""
+
+    def __init__(self, model: Model, free: Sequence[str]) -> None:
+        self.model, self.free = model, tuple(free)
+        index = [model.parameters.index(name) for name in self.free]
+        x, u, p, w = model.x, model.u, model.p, model.w
+        both, direction = ca.vertcat(model.f, model.h), ca.SX.sym("direction", len(index))
+        by_x = ca.densify(ca.jacobian(both, x).T)
+        by_p = ca.densify(ca.jacobian(both, p)[:, index].T) if index else ca.SX(0, both.shape[0])
+        among_all = ca.SX(p.shape[0], 1)
+        among_all[index] = direction
+        along = ca.densify(ca.jtimes(both, p, among_all).T)
+        self._each = Compilable(ca.Function("by_parameters", [x, u, p, w], ca.cse([by_x, by_p])))
+        self._along = Compilable(ca.Function("along_parameters", [x, u, p, w, direction], ca.cse([by_x, along])))
+
+    def __reduce__(self) -> tuple[type[ParameterFunctions], tuple[Model, tuple[str, ...]]]:
+        return ParameterFunctions, (self.model, self.free)
+
+    def in_stretches(
+        self, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray, direction: np.ndarray | None = None
+    ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
+        """(samples, Dp, Bp) of stretches about X (N, R, nx), as `linearise` makes them: over the samples, and over the
+        intervals between these and the next. With `direction` (R, n) one column, the sum along it."""
+        (N, R, nx), model = X.shape, self.model
+        kernel = filter_kernel(nx, len(model.outputs))
+        interval, columns = _interval if kernel is None else kernel.interval, len(self.free) if direction is None else 1
+        function, further = (self._each, ()) if direction is None else (self._along, (direction,))
+        seen, nothing = np.isfinite(batch.Z), np.zeros((R, 0))
+        together = max(_BLOCK // R - 1, 1)
+        for first in range(0, N, together):
+            here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only
+            X_, U_, W_ = X[here], batch.U[here], W[here]
+
+            def jacobians(some: slice, of: Sequence[np.ndarray] = (X_, U_, P, W_)) -> list[np.ndarray]:
+                at, inputs, parameters, disturbances = of
+                given = at[some], inputs[some], parameters, disturbances[some], *further
+                by_x, by_p = (turned.swapaxes(2, 3) for turned in at_points(function, *given))
+                return [by_x, by_p, np.zeros((*by_x.shape[:3], 0))]
+
+            sizes, dt = (nx, columns, 0), batch.dt[first : here.stop - 1]
+            _, Bp, _, _, _, Dp, _ = interval(jacobians, sizes, dt, batch.live[here], nothing, seen[here])
+            count = min(together, N - first)
+            yield slice(first, first + count), Dp[:count], Bp
+
+
 def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
     """A function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results (N, R, rows,
     columns). Threads take turns."""
@@ -206,12 +253,10 @@ def linearise(
     P: np.ndarray,
     X: np.ndarray,
     W: np.ndarray | None = None,
-    room: int = 0,
 ) -> Linear:
     """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
 
     The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
-    Bp and Dp have `room` for further columns.
     """
     model = functions.model
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
@@ -227,7 +272,7 @@ def linearise(
     def jacobians(samples: slice) -> list[np.ndarray]:
         return functions.jacobians(X[samples], batch.U[samples], P, W[samples])
 
-    sizes = len(model.states), len(functions.free), len(model.disturbances), len(functions.free) + room
+    sizes = len(model.states), len(functions.free), len(model.disturbances)
     interval = _interval if kernel is None else kernel.interval
     A, Bp, Bw0, Bw1, C, Dp, Dw = interval(jacobians, sizes, batch.dt, batch.live, held, seen)
     return Linear(
@@ -252,8 +297,7 @@ def linearise(
 def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
     by_x, by_p, by_w = jacobians(slice(None))
-    nx, n_p, _, wide = sizes
-    by_p = np.pad(by_p, ((0, 0), (0, 0), (0, 0), (0, wide - n_p)))
+    nx = sizes[0]
     inside, h = live[1:, :, None, None], dt[..., None, None]
     J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
     A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)

@@ -82,7 +82,26 @@ class Filter:
         Y (N, R, ny, nc), F (N-1, R, nx or n, nc): response of the model to a unit of the column's cause, output and
         state equation; first (R, n, nc) at the first sample. The residual is the column (residual, -defect); see
         `residual_column`. In memory the records are apart."""
-        return self.colouring.taken_off(self._columns(Y, F, first)[0]).swapaxes(0, 1)
+        return self.colouring.taken_off(self._columns(Y, F, self._begun(first))[0]).swapaxes(0, 1)
+
+    def whiten_in_stretches(
+        self, stretches: Iterable[tuple[slice, np.ndarray, np.ndarray]], columns: int, room: int = 0
+    ) -> np.ndarray:
+        """`whiten` of so many columns that are given as (samples, Y, F) of one stretch after the other, of which none
+        is kept: F over the intervals between these samples and the next. There is `room` for further columns."""
+        N, R, ny, n = self.C.shape
+        white, held = np.empty((R, N, ny, columns + room)), np.zeros((R, n, columns))
+        for at, Y, F in stretches if columns else ():
+            part = slice(at.start, at.stop + 1)  # with the first sample of the next one, whose states are `held`
+            if len(F) == len(Y):
+                Y = np.concatenate([Y, np.zeros((1, *Y.shape[1:]))])
+            parts = self.A[part], self.C[part], self.gain[part], self.inverse_root[part]
+            mine = replace(self, **dict(zip(("A", "C", "gain", "inverse_root"), parts, strict=True)))
+            found, _ = mine._columns(Y, F, held)
+            white[:, at, :, :columns] = found[:, : at.stop - at.start]
+        if self.colouring.stretches:
+            white[..., :columns] = self.colouring.taken_off(white[..., :columns])
+        return white.swapaxes(0, 1)
 
     def whiten_histories(
         self,
@@ -140,7 +159,7 @@ class Filter:
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Most likely deviation of states and coloured disturbances (N, R, nx + nc), and noise of the recorded inputs
         (N, R, ni), given one column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion."""
-        white, states = self._columns(Y, F, first, keep=True)
+        white, states = self._columns(Y, F, self._begun(first), keep=True)
         if self.kernel is not None:
             costates = self.kernel.costates(self.A, self.C, self.gain, self.inverse_root, white)
         else:
@@ -163,12 +182,17 @@ class Filter:
             found[k] += (self.C[k].swapaxes(1, 2) @ pull)[..., 0]
         return found
 
+    def _begun(self, first: np.ndarray | None) -> np.ndarray | None:
+        """(R, n, nc) predicted states at the first sample; of slow noise nothing is expected."""
+        if first is None:
+            return None
+        return np.pad(first, ((0, 0), (0, self.C.shape[3] - first.shape[1]), (0, 0)))
+
     def _columns(
         self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None, keep: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc)."""
-        if first is not None and self.noise.slow:  # of slow noise nothing is expected
-            first = np.pad(first, ((0, 0), (0, self.C.shape[3] - first.shape[1]), (0, 0)))
+        """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc). `first` has the
+        states at the last sample afterwards."""
         if self.kernel is not None:
             return self.kernel.whiten(self, Y, F, first, keep)
         return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
@@ -196,6 +220,8 @@ class Filter:
                 E -= self.gain[k] @ e
                 drive = forced(k)
                 E[:, : drive.shape[1]] += drive
+        if first is not None:
+            first[...] = E
         return white, states
 
 

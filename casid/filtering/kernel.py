@@ -50,10 +50,9 @@ class FilterKernel:
 
     def interval(self, jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
         """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from `jacobians` (samples) -> (samples, R, nx + ny, columns) of both
-        equations, for a stretch of samples at a time. Of `sizes` (nx, n_p, nw, wide) the last is the number of columns
-        of Bp and Dp, of which those behind the first n_p are left to the caller."""
-        (N, R, ny), (nx, n_p, nw, wide) = seen.shape, sizes
-        shapes = [(nx, nx), (nx, wide), (nx, nw), (nx, nw), (ny, nx), (ny, wide), (ny, nw)]
+        equations, for a stretch of samples at a time; `sizes` (nx, n_p, nw)."""
+        (N, R, ny), (nx, n_p, nw) = seen.shape, sizes
+        shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
         flags, shares = (live.view(np.uint8), seen.view(np.uint8)), held.astype(float)
         stretch = max(_POINTS // R - 1, _SAMPLES)
@@ -62,7 +61,7 @@ class FilterKernel:
             count = here.stop - first
             given = dt[here], flags[0][here], shares, flags[1][here]
             parts = count if here.stop == N else count - 1
-            of = (count, R, nx, ny, n_p, nw, wide)
+            of = (count, R, nx, ny, n_p, nw)
             _call(self._interval, parts, of, *jacobians(here), *given, *(one[first:] for one in made))
             if here.stop == N:
                 break
@@ -94,7 +93,7 @@ class FilterKernel:
 
     def whiten(self, of, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns Y, F, first; states (N, R, n, nc) when they are
-        to be kept."""
+        to be kept. `first` has the states at the last sample afterwards."""
         (N, R, ny, n), nc = of.C.shape, Y.shape[3]
         white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
         given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first)

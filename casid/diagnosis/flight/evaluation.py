@@ -12,7 +12,15 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import OFFSET, Attached, acting_noise, disturbance_series, prior, readings
-from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, inject, linearise
+from casid.filtering.innovations import (
+    Batch,
+    Linear,
+    NoiseModel,
+    ParameterFunctions,
+    PointFunctions,
+    inject,
+    linearise,
+)
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.path import STATES
 from casid.model.station import Station
@@ -23,7 +31,7 @@ from casid.model.system import Model
 Free = Literal["all", "effects", "offsets", "states"]
 
 # Sensitivities: most of the size of a fit. They are computed again on demand after `forget`.
-_ARRAYS = frozenset(["linear", "filter", "columns"])
+_ARRAYS = frozenset(["linear", "filter", "slopes", "columns"])
 # Attributes that a saved fit does not contain; they are computed again too. All fits of a model share the first three.
 _UNSAVED = _ARRAYS | frozenset(
     ["model", "batch", "functions", "output", "seen", "read", "disturbances", "errors", "white", "known", "regressors"]
@@ -61,6 +69,67 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class HistorySlope:
+    """Change of time histories per unit of a value: those at `stations`, or those of the readings where there are none.
+
+    stations  (n,) indices of disturbances
+    series    (N, R, n), or (N, R, ny) of the readings
+    """
+
+    stations: np.ndarray
+    series: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slopes:
+    """Slopes of the model by all slots: by its own parameters, which come first, and by values of histories.
+
+    parameters  (R, np) parameters of the model
+    moving      (N, R, nw) disturbances
+    present     (R, slots) 1 for a parameter that acts in a record, else 0
+    histories   those of the slots behind the parameters
+    """
+
+    functions: ParameterFunctions
+    batch: Batch
+    parameters: np.ndarray
+    moving: np.ndarray
+    present: np.ndarray
+    histories: tuple[HistorySlope, ...]
+
+    def whitened(self, kalman: Filter) -> np.ndarray:
+        """(N, R, ny, slots) Whitened sensitivities to all slots."""
+        linear, own = kalman.linear, len(self.functions.free)
+        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving)
+        columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
+        columns[..., :own] *= self.present[:, None, :own]
+        for i, slope in enumerate(self.histories, own):
+            if len(slope.stations):
+                columns[..., i] = kalman.whiten_histories(slope.stations, slope.series, [0])[..., 0]
+            elif slope.series.shape[2]:
+                nothing = np.zeros((*linear.defect.shape, 1))
+                columns[..., i] = kalman.whiten(slope.series[..., None], nothing)[..., 0]
+        return columns
+
+    def along(self, linear: Linear, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, R, ny, 1) and (N-1, R, nx, 1) Change of outputs and of steps for a change of all slots."""
+        own = len(self.functions.free)
+        read, driven = np.zeros((*linear.output.shape, 1)), np.zeros((*linear.defect.shape, 1))
+        by_parameters = self.present[:, :own] * change[:own]
+        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, by_parameters)
+        for at, Dp, Bp in stretches if own else ():
+            read[at], driven[at] = Dp, Bp
+        for slope, by in zip(self.histories, change[own:], strict=True):
+            if len(slope.stations):
+                y, f = inject(linear, slope.stations.tolist(), by * slope.series)
+                read[..., 0] += y.sum(axis=3)
+                driven[..., 0] += f.sum(axis=3)
+            elif slope.series.shape[2]:
+                read[..., 0] += by * slope.series
+        return read, driven
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
     """A fitted hypothesis. A saved fit contains its values and its motion; the rest is computed again on demand.
 
@@ -76,6 +145,7 @@ class FlightFit:
     seen           (N, R, ny) True for readings that are compared, at the time that they refer to
     disturbances   (N, R, nw) disturbances by attached effects
     motion         the point about which the model is linearised
+    slopes         slopes of the model by the slots
     errors         (N, R, ni) correction of the recorded inputs in `known`
     white          (N, R, ny) innovations
     columns        (N, R, ny, slots) whitened sensitivities
@@ -113,6 +183,7 @@ class FlightFit:
     motion: Motion
     errors: np.ndarray
     white: np.ndarray
+    slopes: Slopes
     columns: np.ndarray
     known: dict[str, np.ndarray]
     regressors: dict[str, np.ndarray]
@@ -229,7 +300,8 @@ class Work:
         offsets = [OFFSET + name for name in self.model.outputs]
         by_free = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "offsets": [*offsets, *symbolic]}
         names = by_free.get(free, [])
-        self.functions = flight.functions(self.model, names)
+        self.functions = flight.functions(self.model)
+        self.by_parameters = flight.by_parameters(self.model, names)
         self.regressors = flight.regressors(self.model)
         numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
         self.slots = (
@@ -240,7 +312,6 @@ class Work:
             ),
         )
         names = [slot.name if slot.attached is None else None for slot in self.slots]
-        self.numeric = len(numeric)
         self.mean, self.weight = prior(flight, self.model, names)
         nuisance = {a.name: flight.smallest_that_matters(a.effect) or np.inf for a in attached if a.nuisance}
         for i, slot in enumerate(self.slots):
@@ -311,17 +382,34 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seenearlier(late) if late.any() else batch
     moving_all = W + moving + _scattered(model, acting.inputs, errors)
-    linear = linearise(work.functions, moved, P, motion.X, moving_all, work.numeric)
+    linear = linearise(work.functions, moved, P, motion.X, moving_all)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
-    by = _sensitivities(work, attached, linear, made_of, late)
-    kalman: Filter = by["filter"]
-    white = kalman.whiten(*residual_about(linear, by["acting"], motion.coloured, errors, kalman.through))[..., 0]
+    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
+    acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
+    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
+    slopes = Slopes(
+        functions=work.by_parameters,
+        batch=moved,
+        parameters=P,
+        moving=moving_all,
+        present=_present(work, attached),
+        histories=_slopes_of_histories(work, attached, linear, made_of, late),
+    )
+    columns = slopes.whitened(kalman)
+    flat = columns.reshape(linear.residual.size, len(work.slots))
+    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     return FlightFit(
-        **by,
+        held=held,
+        reference=reference,
+        acting=acting,
+        filter=kalman,
+        slopes=slopes,
+        columns=columns,
+        covariance=scaled_inverse(flat.T @ flat + np.diag(work.weight)),
         flight=work.flight,
         attached=attached,
         free=work.free,
@@ -352,26 +440,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     )
 
 
-def _sensitivities(
-    work: Work, attached: tuple[Attached, ...], linear: Linear, made_of: dict[str, np.ndarray], late: np.ndarray
-) -> dict[str, Any]:
-    """The attributes of a fit from its linearisation: noise, filter, whitened sensitivities."""
-    held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
-    acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
-    kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    _columns(work, attached, linear, made_of, late)
-    columns = kalman.whiten(linear.Dp, linear.Bp)
-    flat = columns.reshape(linear.residual.size, len(work.slots))
-    return {
-        "held": held,
-        "reference": reference,
-        "acting": acting,
-        "filter": kalman,
-        "columns": columns,
-        "covariance": scaled_inverse(flat.T @ flat + np.diag(work.weight)),
-    }
-
-
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
     """Contribution to the deviance of the samples that late readings lose at the end of a record.
 
@@ -396,17 +464,23 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
     return np.linalg.pinv(information * row * column, rcond=rcond, hermitian=True) * row * column
 
 
-def _columns(work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray) -> None:
-    """Complete Bp and Dp for all slots: symbolic ones, which come first, are the model's Jacobians; numeric ones, for
-    which there is room behind these, are central differences.
-    """
-    batch, model = work.batch, work.model
-    symbolic = {a.name: a for a in attached if a.effect.symbolic}
+def _present(work: Work, attached: Sequence[Attached]) -> np.ndarray:
+    """(R, slots) 1 for a parameter that acts in a record, 0 for a symbolic effect that does not."""
+    effects = {a.name: a for a in attached if a.effect.symbolic}
+    found = np.ones((len(work.batch.names), len(work.slots)))
     for i, slot in enumerate(work.slots):
+        if slot.attached is None and slot.name in effects:
+            found[:, i] = [effects[slot.name].concerns(record) for record in work.batch.names]
+    return found
+
+
+def _slopes_of_histories(
+    work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
+) -> tuple[HistorySlope, ...]:
+    """Central differences of the time histories by the values of attached effects that are made of them."""
+    batch, model, found = work.batch, work.model, []
+    for slot in work.slots:
         if slot.attached is None:
-            if slot.name in symbolic:
-                absent = [not symbolic[slot.name].concerns(record) for record in batch.names]
-                linear.Dp[:, absent, :, i] = linear.Bp[:, absent, :, i] = 0.0
             continue
         one = attached[slot.attached]
         h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
@@ -415,21 +489,22 @@ def _columns(work: Work, attached: Sequence[Attached], linear: Linear, known: di
             plus, minus = (work.series([side], known) for side in sides)
             change = (plus - minus) / (2 * h)
             acting = np.flatnonzero(change.any(axis=(0, 1)))
-            y, f = inject(linear, [int(s) for s in acting], change[..., acting])
-            linear.Dp[..., i], linear.Bp[..., i] = y.sum(axis=3), f.sum(axis=3)
+            found.append(HistorySlope(stations=acting, series=change[..., acting]))  # of no stations if it does nothing
         else:
             chains = [[side if a is one else a for a in attached] for side in sides]
             plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
-            linear.Dp[..., i] = np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)
-            linear.Bp[..., i] = 0.0
+            read = np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)
+            found.append(HistorySlope(stations=np.zeros(0, dtype=int), series=read))
+    return tuple(found)
 
 
 def gauss_newton_step(now: FlightFit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
     Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
-    F[:, :, : len(now.model.states), 0] -= np.tensordot(now.linear.Bp, change, 1)
-    return change, smoothed(now, Y - np.tensordot(now.linear.Dp, change, 1)[..., None], F, first)
+    read, driven = now.slopes.along(now.linear, change)
+    F[:, :, : len(now.model.states)] -= driven
+    return change, smoothed(now, Y - read, F, first)
 
 
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:

@@ -16,7 +16,7 @@ from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.criteria import NoiseCriteria
 from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
 from casid.errors import InputError
-from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
+from casid.filtering.innovations import Batch, NoiseModel, ParameterFunctions, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
@@ -77,10 +77,16 @@ class Flight:
     sizes: Sizes | None = None
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _by_parameters: dict[tuple[Model, tuple[str, ...]], ParameterFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_models": {}, "_functions": {}, "_regressors": {}}  # built again on demand
+        return self.__dict__ | {
+            "_models": {},
+            "_functions": {},
+            "_by_parameters": {},
+            "_regressors": {},
+        }  # built again on demand
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -212,13 +218,21 @@ class Flight:
                 )
         return self._models[key]
 
-    def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
+    def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
         """The functions of one of its models, with derivatives by the `free` parameters."""
         key = model, tuple(free)
         with BUILDING:
             if key not in self._functions:
                 self._functions[key] = PointFunctions(model, free)
         return self._functions[key]
+
+    def by_parameters(self, model: Model, free: Sequence[str]) -> ParameterFunctions:
+        """The sensitivities of one of its models to the `free` parameters."""
+        key = model, tuple(free)
+        with BUILDING:
+            if key not in self._by_parameters:
+                self._by_parameters[key] = ParameterFunctions(model, free)
+        return self._by_parameters[key]
 
     def regressors(self, model: Model) -> Regressors:
         """The aerodynamic regressors of one of its models."""
@@ -301,7 +315,7 @@ class Flight:
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
         """The same records with a model whose air also rotates the aircraft."""
-        return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
+        return replace(self, turning=turning, _models={}, _functions={}, _by_parameters={}, _regressors={})
 
     def with_inputs_held(self, share: float) -> Flight:
         """The flight with inputs held over a share of the sample interval (`Batch.held`), and a note about it."""
@@ -323,7 +337,9 @@ class Flight:
         """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
         ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in _averaged(ready, self.every))
-        return replace(self, aircraft=aircraft, records=ready, _models={}, _functions={}, _regressors={})
+        return replace(
+            self, aircraft=aircraft, records=ready, _models={}, _functions={}, _by_parameters={}, _regressors={}
+        )
 
 
 def prepare(

@@ -30,7 +30,16 @@ from casid.diagnosis.systems.library import (
 )
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
-from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, at_points, linearise, make_batch
+from casid.filtering.innovations import (
+    Batch,
+    Linear,
+    NoiseModel,
+    ParameterFunctions,
+    PointFunctions,
+    at_points,
+    linearise,
+    make_batch,
+)
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.effect import Effect
 from casid.model.port import ModelPort as Port
@@ -129,6 +138,7 @@ class Plant:
     terms: tuple[tuple[str, str, str], ...] = ()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _by_parameters: dict[tuple[Model, tuple[str, ...]], ParameterFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Terms] = field(default_factory=dict, repr=False)
 
     @property
@@ -191,13 +201,21 @@ class Plant:
         )
         return with_ports(model, self.ports)
 
-    def functions(self, model: Model, free: Sequence[str]) -> PointFunctions:
+    def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
         """The functions of one of its models, with derivatives by the `free` parameters."""
         key = model, tuple(free)
         with BUILDING:
             if key not in self._functions:
                 self._functions[key] = PointFunctions(model, free)
         return self._functions[key]
+
+    def by_parameters(self, model: Model, free: Sequence[str]) -> ParameterFunctions:
+        """The sensitivities of one of its models to the `free` parameters."""
+        key = model, tuple(free)
+        with BUILDING:
+            if key not in self._by_parameters:
+                self._by_parameters[key] = ParameterFunctions(model, free)
+        return self._by_parameters[key]
 
     def regressors(self, model: Model) -> Terms:
         """The terms that effects of one of its models are made of."""
@@ -221,7 +239,16 @@ class Plant:
         """This plant with values of its parameters, and other records under its noise."""
         base = replace(self.base, nominal={**self.base.nominal, **values})
         paths = motions(base, records, self.sigma, self.criteria.systems.smoothed)
-        return replace(self, base=base, records=tuple(records), paths=paths, _models={}, _functions={}, _regressors={})
+        return replace(
+            self,
+            base=base,
+            records=tuple(records),
+            paths=paths,
+            _models={},
+            _functions={},
+            _by_parameters={},
+            _regressors={},
+        )
 
     def smallest_that_matters(self, effect: Effect) -> float | None:
         """None: the size of an effect is judged by what it does."""

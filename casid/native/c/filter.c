@@ -293,16 +293,16 @@ static inline void product_one(long rows, long inner, const double *a, const dou
         for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
 }
 
-/* `whiten` of one column, given as Y, F and E0; a part is a record */
+/* `whiten` of one column; a part is a record */
 void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, const double *A, const double *C,
-                const double *gain, const double *root, const double *Y, const double *F, const double *E0,
+                const double *gain, const double *root, const double *Y, const double *F, double *held,
                 double *white, double *states)
 {
     double E[MOST], e[MOST], next[MOST];
     BEGIN
     for (long r = from; r < to; r++) {
         memset(E, 0, sizeof E);
-        if (E0) memcpy(E, E0 + r * n, n * sizeof(double));
+        if (held) memcpy(E, held + r * n, n * sizeof(double));
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
             double *out = white + (r * N + k) * ny;
@@ -318,6 +318,7 @@ void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, co
             product_one(n, n, A + at * n * n, E, next, 1.0, 0);
             memcpy(E, next, n * sizeof(double));
         }
+        if (held) memcpy(held + r * n, E, n * sizeof(double));
     }
     END
 }

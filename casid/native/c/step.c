@@ -11,17 +11,16 @@ static void moved_by(long nx, long n, const double *K, const double *x, double *
     }
 }
 
-/* to (ny rows, `wide` apart) = rows of the output equation, 0 where it is not seen */
-static void outputs(long ny, long columns, long wide, const double *by, const unsigned char *seen, double *to)
+/* to (ny rows) = rows of the output equation, 0 where it is not seen */
+static void outputs(long ny, long columns, const double *by, const unsigned char *seen, double *to)
 {
     for (long i = 0; i < ny; i++)
-        if (seen[i]) memcpy(to + i * wide, by + i * columns, columns * sizeof(double));
-        else memset(to + i * wide, 0, columns * sizeof(double));
+        if (seen[i]) memcpy(to + i * columns, by + i * columns, columns * sizeof(double));
+        else memset(to + i * columns, 0, columns * sizeof(double));
 }
 
-/* Step matrices of `innovations.linearise` from Jacobians (N,R,nx+ny,columns) of state and output equations. Rows of Bp
-   and Dp are `wide` apart. */
-void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, long wide, const double *by_x,
+/* Step matrices of `innovations.linearise` from Jacobians (N,R,nx+ny,columns) of state and output equations. */
+void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, const double *by_x,
               const double *by_p, const double *by_w, const double *dt, const unsigned char *live,
               const double *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
               double *C, double *Dp, double *Dw)
@@ -31,15 +30,15 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
     for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
         long at = k * R + r, next = at + R;
         const double *J = by_x + at * rows * nx, *P = by_p + at * rows * np, *W = by_w + at * rows * nw;
-        outputs(ny, nx, nx, J + nx * nx, seen + at * ny, C + at * ny * nx);
-        outputs(ny, np, wide, P + nx * np, seen + at * ny, Dp + at * ny * wide);
-        outputs(ny, nw, nw, W + nx * nw, seen + at * ny, Dw + at * ny * nw);
+        outputs(ny, nx, J + nx * nx, seen + at * ny, C + at * ny * nx);
+        outputs(ny, np, P + nx * np, seen + at * ny, Dp + at * ny * np);
+        outputs(ny, nw, W + nx * nw, seen + at * ny, Dw + at * ny * nw);
         if (k == N - 1) continue;
-        double *a = A + at * nx * nx, *bp = Bp + at * nx * wide, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
+        double *a = A + at * nx * nx, *bp = Bp + at * nx * np, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
         if (!live[next]) {
             memset(a, 0, nx * nx * sizeof(double));
             for (long i = 0; i < nx; i++) a[i * nx + i] = 1.0;
-            memset(bp, 0, nx * wide * sizeof(double));
+            memset(bp, 0, nx * np * sizeof(double));
             memset(b0, 0, nx * nw * sizeof(double));
             memset(b1, 0, nx * nw * sizeof(double));
             continue;
@@ -50,8 +49,7 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
         for (long i = 0; i < nx * nx; i++) a[i] = h / 2 * (J[i] + K[i]) + h * h / 2 * moved[i];
         for (long i = 0; i < nx; i++) a[i * nx + i] += 1.0;
         moved_by(nx, np, K, P, moved);
-        for (long i = 0; i < nx; i++) for (long j = 0; j < np; j++)
-            bp[i * wide + j] = h / 2 * (P[i * np + j] + P1[i * np + j]) + h * h / 2 * moved[i * np + j];
+        for (long ij = 0; ij < nx * np; ij++) bp[ij] = h / 2 * (P[ij] + P1[ij]) + h * h / 2 * moved[ij];
         moved_by(nx, nw, K, W, moved);
         for (long i = 0; i < nx; i++) for (long j = 0; j < nw; j++) {
             long ij = i * nw + j;

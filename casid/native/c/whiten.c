@@ -32,11 +32,11 @@ static inline __attribute__((always_inline)) void tiles(long rows, long inner, l
 /* the first column of a tile */
 static long first_of(long b, long nc) { return nc >= TILE && (b + 1) * TILE > nc ? nc - TILE : b * TILE; }
 
-/* Innovations of columns given as Y (N,R,ny,nc), F (N-1,R,nx,nc) and, at the first sample, E0 (R,n,nc): white
-   (R,N,ny,nc). A part is a tile of columns, of the first record, the second, ...; all parts of a sample are done before
+/* Innovations of columns given as Y (N,R,ny,nc), F (N-1,R,nx,nc): white (R,N,ny,nc). Unless it is null, `held`
+   (R,n,nc) has the states at the first sample, and those at the last one afterwards. A part is a tile of columns, of the first record, the second, ...; all parts of a sample are done before
    the next, as they lie in memory. */
 void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
-            const double *gain, const double *root, const double *Y, const double *F, const double *E0, double *white)
+            const double *gain, const double *root, const double *Y, const double *F, double *held, double *white)
 {
     tile e[MOST], out[MOST], next[MOST];
     long count = (nc + TILE - 1) / TILE, width = nc < TILE ? nc : TILE;
@@ -44,8 +44,8 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
     BEGIN
     memset(e, 0, sizeof e); memset(next, 0, sizeof next);
     memset(states, 0, (to - from) * n * sizeof(tile));
-    if (E0) for (long part = from; part < to; part++) for (long i = 0; i < n; i++)
-        copy(states[(part - from) * n + i].d, E0 + (part / count * n + i) * nc + first_of(part % count, nc), width);
+    if (held) for (long part = from; part < to; part++) for (long i = 0; i < n; i++)
+        copy(states[(part - from) * n + i].d, held + (part / count * n + i) * nc + first_of(part % count, nc), width);
     for (long k = 0; k < N; k++) for (long part = from; part < to; part++) {
         long r = part / count, first = first_of(part % count, nc), at = k * R + r;
         tile *E = states + (part - from) * n;
@@ -61,6 +61,8 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
         tiles(n, n, n, A + at * n * n, E, next, 0, 0);
         memcpy(E, next, n * sizeof(tile));
     }
+    if (held) for (long part = from; part < to; part++) for (long i = 0; i < n; i++)
+        copy(held + (part / count * n + i) * nc + first_of(part % count, nc), states[(part - from) * n + i].d, width);
     END
     free(states);
 }
@@ -150,8 +152,7 @@ static void closed_loop(long n, long nx, long ny, long nw, long low, long among,
 /* Innovations of columns that are sums of time histories: column l of series (N,R,begin[nc]) from number begin[l] to
    begin[l + 1], which enter at the disturbance number station[h], one of the `among` from `low` on, through Dw, B0, B1;
    a column is zero as long as these are. white (R,N,ny,nc); or, when `squares` is not null, only their squares (R,nc),
-   summed over samples and outputs. Unless it is null, `held` (R,n,nc) has the states at the first sample, and those at
-   the last one afterwards. Parts as in `whiten`. */
+   summed over samples and outputs. `held` and parts as in `whiten`. */
 void whiten_histories(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A,
                       const double *C, const double *gain, const double *root, long nw, long low, long among,
                       const long *station, const long *begin, const double *series, const double *Dw, const double *B0,
