@@ -19,6 +19,7 @@ from casid.filtering.kernel import FilterKernel, filter_kernel
 from casid.filtering.slow import slow_states, with_slow_readings
 from casid.filtering.transposed import transposed
 
+_STRETCH = 256  # samples of all records whose covariances of the noise are in memory together
 _INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
 
 
@@ -254,10 +255,8 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
 
     plain  in numpy, as without a compiler. Raises numpy.linalg.LinAlgError when the innovations have no density.
     """
-    A, C, Q, M, S, P0 = augmented(linear, noise, plain)
-    kernel = None if plain else filter_kernel(C.shape[3], C.shape[2])
-    passed = kernel.covariance(A, C, Q, M, S, P0) if kernel is not None else _covariance_pass(A, C, Q, M, S, P0)
-    gain, inverse_root, P, log_determinant = passed
+    kernel = None if plain else filter_kernel(len(_names(linear, noise)), linear.C.shape[2])
+    A, C, gain, inverse_root, P, log_determinant = _covariances(linear, noise, kernel)
     return Filter(
         linear=linear,
         through=linear,
@@ -270,6 +269,41 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
         log_determinant=log_determinant + colouring(linear, noise.colour).log_determinant.sum(axis=2),
         kernel=kernel,
     )
+
+
+def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None) -> tuple[np.ndarray, ...]:
+    """(A, C, gain, inverse root, prediction covariance, log determinant), a stretch of samples at a time: the
+    covariances of the noise, which nothing needs afterwards, take as much memory as these."""
+    (N, R, ny, _), n = linear.C.shape, len(_names(linear, noise))
+    shapes = [(n, n), (ny, n), (n, ny), (ny, ny), (n, n), ()]
+    made = [np.empty((N - (i in (0, 2)), R, *shape)) for i, shape in enumerate(shapes)]
+    together = max(_STRETCH // R, 1) if kernel is not None and not noise.slow else N
+    begin: np.ndarray | None = None
+    for first in range(0, max(N - 1, 1), together):
+        before = min(first, 1)  # noise of inputs at a sample acts in the interval before it too
+        A, C, Q, M, S, P0 = augmented(_between(linear, first - before, first + together + 1), noise, kernel is None)
+        steps, samples = (slice(before, None),) * 2
+        given = (
+            A[steps],
+            C[samples],
+            Q[steps],
+            M[samples],
+            None if S is None else S[steps],
+            P0 if begin is None else begin,
+        )
+        passed = _covariance_pass(*given) if kernel is None else kernel.covariance(*given)
+        for to, part in zip(made, (given[0], given[1], *passed), strict=True):
+            to[first : first + len(part)] = part
+        begin = passed[2][-1]
+    return tuple(made)
+
+
+def _between(linear: Linear, first: int, stop: int) -> Linear:
+    """A linearised model between two samples."""
+    at, steps = slice(first, stop), slice(first, stop - 1)
+    by_step = {name: getattr(linear, name)[steps] for name in ("defect", "A", "Bp", "Bw0", "Bw1", "dt")}
+    by_sample = {name: getattr(linear, name)[at] for name in ("X", "output", "residual", "seen", "C", "Dp", "Dw")}
+    return replace(linear, **by_step, **by_sample)
 
 
 def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:

@@ -79,7 +79,9 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
         calm = fit(flight, known, flight.noise(), iterations=20)
     calm = as_inputs_run(in_colour(without_outliers(calm)))
     say("kinematics")
-    found = judge_kinematics(calm.flight, known, demanded_offsets(calm), calm)
+    offsets = demanded_offsets(calm)
+    calm.forget()
+    found = judge_kinematics(calm.flight, known, offsets, calm)
     say("refit of the file")
     return baseline_from(calm, found)
 

@@ -159,6 +159,8 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     """
     taken = {one.effect.key for one in state.fit.attached}
     effects = [one for one in catalogue if one.key not in taken]
+    if state.kinematic is not None:
+        state.kinematic.forget()  # until a fitted cause is checked
     screened = _screened(state, effects)
     state.evidence.forget()
     trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))

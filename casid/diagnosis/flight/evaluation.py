@@ -34,8 +34,10 @@ Free = Literal["all", "effects", "offsets", "states"]
 _ARRAYS = frozenset(["linear", "filter", "slopes", "columns"])
 # Attributes that a saved fit does not contain; they are computed again too. All fits of a model share the first three.
 _UNSAVED = _ARRAYS | frozenset(
-    ["model", "batch", "functions", "output", "seen", "read", "disturbances", "errors", "white", "known", "regressors"]
+    ["model", "batch", "functions", "output", "seen", "read", "disturbances", "errors", "white"]
 )
+# Time histories along the motion, which are computed again without the sensitivities.
+_HISTORIES = frozenset(["known", "regressors"])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -149,8 +151,6 @@ class FlightFit:
     errors         (N, R, ni) correction of the recorded inputs in `known`
     white          (N, R, ny) innovations
     columns        (N, R, ny, slots) whitened sensitivities
-    known          name -> (N, R) denoised motion and inputs, from which effects are computed
-    regressors     the same as the aerodynamics see them, with effects on surfaces and wind included
     prior_pull     (slots,) gradient of the prior
     prior_weight   (slots,) inverse variance of the prior
     readings       number of readings that are compared
@@ -185,8 +185,6 @@ class FlightFit:
     white: np.ndarray
     slopes: Slopes
     columns: np.ndarray
-    known: dict[str, np.ndarray]
-    regressors: dict[str, np.ndarray]
     prior_pull: np.ndarray
     prior_weight: np.ndarray
     readings: int
@@ -196,7 +194,7 @@ class FlightFit:
     left: float
 
     def __getstate__(self) -> dict[str, Any]:
-        return self._without(_UNSAVED)
+        return self._without(_UNSAVED | _HISTORIES)
 
     def _without(self, names: frozenset[str]) -> dict[str, Any]:
         """The attributes without some; a filter that is held is kept, for it belongs to another fit."""
@@ -205,16 +203,37 @@ class FlightFit:
 
     def forget(self) -> None:
         """Give up the sensitivities, which are computed again on demand."""
-        kept = self._without(_ARRAYS)
-        for name in _ARRAYS - kept.keys():
+        kept = self._without(_ARRAYS | _HISTORIES)
+        for name in (_ARRAYS | _HISTORIES) - kept.keys():
             self.__dict__.pop(name, None)
         self.__dict__.update(kept)
 
     def lighter(self) -> FlightFit:
         """The fit without its sensitivities, to save memory."""
+        return self._copied(self._without(_ARRAYS | _HISTORIES))
+
+    def ended(self, left: float) -> FlightFit:
+        """The converged fit that ends here; `left` is what may still change."""
+        return self._copied({**self.__dict__, "converged": True, "left": left})
+
+    @staticmethod
+    def _copied(attributes: Mapping[str, Any]) -> FlightFit:
         found = object.__new__(FlightFit)
-        found.__dict__.update(self._without(_ARRAYS))
+        found.__dict__.update(attributes)
         return found
+
+    @cached_property
+    def known(self) -> dict[str, np.ndarray]:
+        """Name -> (N, R) denoised motion and inputs, from which effects are computed."""
+        return along_motion(self.flight.regressors(self.model), self.model, self.acting, self.motion).known
+
+    @cached_property
+    def regressors(self) -> dict[str, np.ndarray]:
+        """The same as the aerodynamics see them, with effects on surfaces and wind included."""
+        quiet = disturbance_series(self.attached, self.batch.names, self.batch.t, self.known, self.model.disturbances)
+        if not quiet.any():
+            return self.known
+        return along_motion(self.flight.regressors(self.model), self.model, self.acting, self.motion, quiet).known
 
     if not TYPE_CHECKING:
 
@@ -366,22 +385,42 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
     return W
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AlongMotion:
+    """Time histories along the motion of a fit.
+
+    moving  (N, R, nw) coloured disturbances
+    inputs  (N, R, nu) denoised inputs
+    known   name -> (N, R) denoised motion and inputs
+    """
+
+    moving: np.ndarray
+    inputs: np.ndarray
+    known: dict[str, np.ndarray]
+
+
+def along_motion(
+    regressors: Any, model: Model, acting: NoiseModel, motion: Motion, further: np.ndarray | float = 0.0
+) -> AlongMotion:
+    """The time histories along a motion, with `further` disturbances (N, R, nw)."""
+    moving = _scattered(model, acting.coloured, motion.coloured) + further
+    inputs = regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
+    return AlongMotion(moving=moving, inputs=inputs, known=regressors.along(motion.X, moving, inputs))
+
+
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
     """The hypothesis at given values of its parameters, along a motion."""
     batch, model = work.batch, work.model
     acting = acting_noise(work.noise, attached, work.dt)
-    moving = _scattered(model, acting.coloured, motion.coloured)
-    inputs = work.regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
+    along = along_motion(work.regressors, model, acting, motion)
     at = [model.inputs.index(Station.at(name).name) for name in acting.inputs]
-    errors = inputs[..., at] - batch.U[..., at]
-    known = work.regressors.along(motion.X, moving, inputs)
-    made_of = work.with_recorded(known)
+    errors = along.inputs[..., at] - batch.U[..., at]
+    made_of = work.with_recorded(along.known)
     W = work.series(attached, made_of)
-    quiet = disturbance_series(attached, batch.names, batch.t, known, model.disturbances)
     P = work.parameters(values, attached)
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seenearlier(late) if late.any() else batch
-    moving_all = W + moving + _scattered(model, acting.inputs, errors)
+    moving_all = W + along.moving + _scattered(model, acting.inputs, errors)
     linear = linearise(work.functions, moved, P, motion.X, moving_all)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
@@ -402,7 +441,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
-    return FlightFit(
+    found = FlightFit(
         held=held,
         reference=reference,
         acting=acting,
@@ -428,8 +467,6 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         motion=motion,
         errors=errors,
         white=white,
-        known=known,
-        regressors=work.regressors.along(motion.X, moving + quiet, inputs) if quiet.any() else known,
         prior_pull=work.weight * deviation,
         prior_weight=work.weight,
         readings=int(linear.seen.sum()),
@@ -438,6 +475,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         converged=False,
         left=np.inf,
     )
+    found.__dict__["known"] = along.known
+    return found
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:

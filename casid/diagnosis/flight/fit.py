@@ -207,7 +207,7 @@ class _Point:
 
     def converged(self, gained: float) -> FlightFit:
         """The fit that ends here, after a step that `gained`."""
-        return replace(self.fit, converged=True, left=self.left(gained))
+        return self.fit.ended(self.left(gained))
 
     def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
         """Whether the point `now` is nearer to the maximum than this one, or equally near within `tolerance`.
