@@ -11,14 +11,21 @@ import numpy as np
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import OFFSET, Attached, acting_noise, disturbance_series, prior, readings
+from casid.diagnosis.flight.hypothesis import (
+    OFFSET,
+    Attached,
+    HistorySlope,
+    Slopes,
+    acting_noise,
+    disturbance_series,
+    prior,
+    readings,
+)
 from casid.filtering.innovations import (
     Batch,
     Linear,
     NoiseModel,
-    ParameterFunctions,
     PointFunctions,
-    inject,
     linearise,
 )
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
@@ -68,67 +75,6 @@ class Motion:
             coloured=self.coloured + length * step.coloured,
             inputs=self.inputs + length * step.inputs,
         )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HistorySlope:
-    """Change of time histories per unit of a value: those at `stations`, or those of the readings where there are none.
-
-    stations  (n,) indices of disturbances
-    series    (N, R, n), or (N, R, ny) of the readings
-    """
-
-    stations: np.ndarray
-    series: np.ndarray
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Slopes:
-    """Slopes of the model by all slots: by its own parameters, which come first, and by values of histories.
-
-    parameters  (R, np) parameters of the model
-    moving      (N, R, nw) disturbances
-    present     (R, slots) 1 for a parameter that acts in a record, else 0
-    histories   those of the slots behind the parameters
-    """
-
-    functions: ParameterFunctions
-    batch: Batch
-    parameters: np.ndarray
-    moving: np.ndarray
-    present: np.ndarray
-    histories: tuple[HistorySlope, ...]
-
-    def whitened(self, kalman: Filter) -> np.ndarray:
-        """(N, R, ny, slots) Whitened sensitivities to all slots."""
-        linear, own = kalman.linear, len(self.functions.free)
-        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving)
-        columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
-        columns[..., :own] *= self.present[:, None, :own]
-        for i, slope in enumerate(self.histories, own):
-            if len(slope.stations):
-                columns[..., i] = kalman.whiten_histories(slope.stations, slope.series, [0])[..., 0]
-            elif slope.series.shape[2]:
-                nothing = np.zeros((*linear.defect.shape, 1))
-                columns[..., i] = kalman.whiten(slope.series[..., None], nothing)[..., 0]
-        return columns
-
-    def along(self, linear: Linear, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N, R, ny, 1) and (N-1, R, nx, 1) Change of outputs and of steps for a change of all slots."""
-        own = len(self.functions.free)
-        read, driven = np.zeros((*linear.output.shape, 1)), np.zeros((*linear.defect.shape, 1))
-        by_parameters = self.present[:, :own] * change[:own]
-        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, by_parameters)
-        for at, Dp, Bp in stretches if own else ():
-            read[at], driven[at] = Dp, Bp
-        for slope, by in zip(self.histories, change[own:], strict=True):
-            if len(slope.stations):
-                y, f = inject(linear, slope.stations.tolist(), by * slope.series)
-                read[..., 0] += y.sum(axis=3)
-                driven[..., 0] += f.sum(axis=3)
-            elif slope.series.shape[2]:
-                read[..., 0] += by * slope.series
-        return read, driven
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,8 +136,8 @@ class FlightFit:
     readings: int
     deviance: float
     data_deviance: float
-    converged: bool
-    left: float
+    converged: bool = False
+    left: float = np.inf
 
     def __getstate__(self) -> dict[str, Any]:
         return self._without(_UNSAVED | _HISTORIES)
@@ -377,6 +323,29 @@ class Work:
                 P[:, index] *= [one.concerns(record) for record in self.batch.names]
         return P
 
+    def slopes(
+        self,
+        attached: Sequence[Attached],
+        batch: Batch,
+        P: np.ndarray,
+        moving: np.ndarray,
+        histories: tuple[HistorySlope, ...],
+    ) -> Slopes:
+        """The slopes by all slots; a symbolic effect has none in records in which it does not act."""
+        effects = {a.name: a for a in attached if a.effect.symbolic}
+        present = np.ones((len(batch.names), len(self.slots)))
+        for i, slot in enumerate(self.slots):
+            if slot.attached is None and slot.name in effects:
+                present[:, i] = [effects[slot.name].concerns(record) for record in batch.names]
+        return Slopes(
+            functions=self.by_parameters,
+            batch=batch,
+            parameters=P,
+            moving=moving,
+            present=present,
+            histories=histories,
+        )
+
 
 def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
     """(N, R, nw) Histories (N, R, names) of named disturbances in their places among all."""
@@ -428,16 +397,9 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     held, reference = held_noise(work.noise, linear, work.reference, work.flight.criteria.significance.sigmas)
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
-    slopes = Slopes(
-        functions=work.by_parameters,
-        batch=moved,
-        parameters=P,
-        moving=moving_all,
-        present=_present(work, attached),
-        histories=_slopes_of_histories(work, attached, linear, made_of, late),
-    )
+    histories = _slopes_of_histories(work, attached, linear, made_of, late)
+    slopes = work.slopes(attached, moved, P, moving_all, histories)
     columns = slopes.whitened(kalman)
-    flat = columns.reshape(linear.residual.size, len(work.slots))
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
@@ -448,7 +410,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         filter=kalman,
         slopes=slopes,
         columns=columns,
-        covariance=scaled_inverse(flat.T @ flat + np.diag(work.weight)),
+        covariance=_covariance(columns, work.weight),
         flight=work.flight,
         attached=attached,
         free=work.free,
@@ -472,11 +434,15 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         readings=int(linear.seen.sum()),
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
-        converged=False,
-        left=np.inf,
     )
     found.__dict__["known"] = along.known
     return found
+
+
+def _covariance(columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """(slots, slots) Covariance from whitened sensitivities (N, R, ny, slots) and the inverse variance of the prior."""
+    flat = columns.reshape(int(np.prod(columns.shape[:3])), len(weight))
+    return scaled_inverse(flat.T @ flat + np.diag(weight))
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
@@ -501,16 +467,6 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
     scale = np.where(diagonal > 1e-30, 1.0 / np.sqrt(np.maximum(diagonal, 1e-30)), 0.0)
     row, column = scale[..., :, None], scale[..., None, :]
     return np.linalg.pinv(information * row * column, rcond=rcond, hermitian=True) * row * column
-
-
-def _present(work: Work, attached: Sequence[Attached]) -> np.ndarray:
-    """(R, slots) 1 for a parameter that acts in a record, 0 for a symbolic effect that does not."""
-    effects = {a.name: a for a in attached if a.effect.symbolic}
-    found = np.ones((len(work.batch.names), len(work.slots)))
-    for i, slot in enumerate(work.slots):
-        if slot.attached is None and slot.name in effects:
-            found[:, i] = [effects[slot.name].concerns(record) for record in work.batch.names]
-    return found
 
 
 def _slopes_of_histories(

@@ -1,4 +1,4 @@
-"""A hypothesis: the effects that are added to the aircraft file, with their sizes and records."""
+"""A hypothesis: the effects that are added to the aircraft file, with their sizes and records, and its slopes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria, PriorCriteria
-from casid.filtering.innovations import NoiseModel, at_points, make_batch
+from casid.filtering.innovations import Batch, Linear, NoiseModel, ParameterFunctions, at_points, inject, make_batch
+from casid.filtering.kalman import Filter
 from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.causes import sensor_bias
@@ -346,3 +347,64 @@ def readings(
                     if channel in outputs:
                         read[:, j, outputs.index(channel)] = series
     return read
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HistorySlope:
+    """Change of time histories per unit of a value: those at `stations`, or those of the readings where there are none.
+
+    stations  (n,) indices of disturbances
+    series    (N, R, n), or (N, R, ny) of the readings
+    """
+
+    stations: np.ndarray
+    series: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Slopes:
+    """Slopes of the model by all slots: by its own parameters, which come first, and by values of histories.
+
+    parameters  (R, np) parameters of the model
+    moving      (N, R, nw) disturbances
+    present     (R, slots) 1 for a parameter that acts in a record, else 0
+    histories   those of the slots behind the parameters
+    """
+
+    functions: ParameterFunctions
+    batch: Batch
+    parameters: np.ndarray
+    moving: np.ndarray
+    present: np.ndarray
+    histories: tuple[HistorySlope, ...]
+
+    def whitened(self, kalman: Filter) -> np.ndarray:
+        """(N, R, ny, slots) Whitened sensitivities to all slots."""
+        linear, own = kalman.linear, len(self.functions.free)
+        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving)
+        columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
+        columns[..., :own] *= self.present[:, None, :own]
+        for i, slope in enumerate(self.histories, own):
+            if len(slope.stations):
+                columns[..., i] = kalman.whiten_histories(slope.stations, slope.series, [0])[..., 0]
+            elif slope.series.shape[2]:
+                nothing = np.zeros((*linear.defect.shape, 1))
+                columns[..., i] = kalman.whiten(slope.series[..., None], nothing)[..., 0]
+        return columns
+
+    def along(self, linear: Linear, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, R, ny, 1) and (N-1, R, nx, 1) Change of outputs and of steps for a change of all slots."""
+        own = len(self.functions.free)
+        read, driven = np.zeros((*linear.output.shape, 1)), np.zeros((*linear.defect.shape, 1))
+        by_parameters = self.present[:, :own] * change[:own]
+        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, by_parameters)
+        for at, Dp, Bp in stretches if own else ():
+            read[at], driven[at] = Dp, Bp
+        for slope, by in zip(self.histories, change[own:], strict=True):
+            if len(slope.stations):
+                y, f = inject(linear, slope.stations.tolist(), by * slope.series)
+                read[..., 0] += y.sum(axis=3)
+                driven[..., 0] += f.sum(axis=3)
+            elif slope.series.shape[2]:
+                read[..., 0] += by * slope.series
+        return read, driven

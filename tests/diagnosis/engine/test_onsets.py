@@ -54,7 +54,7 @@ def test_a_shear_that_ends_is_found_to_end() -> None:
     flight = prepare(do328(), flights([shear], seed=3, count=2))
     fitted = fit(flight, [endless], flight.noise())
     ended = trials._ended(fitted)
-    assert fitted.attached[-1].values["duration"] == 1000.0
+    assert fitted.attached[-1].values["duration"] > 900.0
     assert ended.attached[-1].values == pytest.approx(shear.values, rel=0.03)
 
 
