@@ -77,7 +77,7 @@ def test_the_best_pulse_of_a_static_gain_is_as_large_and_as_long_as_it_may_be():
     assert begin == pytest.approx(2 * 0.12, abs=0.01) and begin + length == pytest.approx(4.0, abs=0.01)
 
 
-@pytest.mark.parametrize("shape", [StepInput(pulses=4), Multisine(lines=5)])
+@pytest.mark.parametrize("shape", [StepInput(pulses=4), Multisine(lines=3)])
 def test_the_bound_is_that_of_an_estimation_on_the_record(shape):
     design = design_input(experiment(), shape, starts=1)
     fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE))
