@@ -218,6 +218,7 @@ def aircraft_model(
     effects: Iterable[Effect] | None = None,
     known: Iterable[str] = (),
     turning: Mapping[str, float] = MappingProxyType({}),
+    equations: bool = True,
 ) -> Model:
     """The aircraft of an aircraft file, or of the file of that name, as a symbolic model.
 
@@ -242,6 +243,8 @@ def aircraft_model(
         Axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`). By the
         sense of the axes it is -1 and 1; some simulators have them otherwise. These are further states, behind all
         others.
+    equations
+        Whether it has the equation-error form, which takes half of the time to build.
 
     Returns
     -------
@@ -264,10 +267,9 @@ def aircraft_model(
     aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "aircraft_model")
-    moving, chosen = MOVING[axes], _outputs(aircraft, axes, outputs)
-    values = _effect_values(aircraft)
+    moving, chosen, moved = MOVING[axes], _outputs(aircraft, axes, outputs), moved_coefficients(aircraft, axes)
+    values, aerodynamic = _effect_values(aircraft), _aerodynamic_values(aircraft)
     symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
-    aerodynamic = _aerodynamic_values(aircraft)
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
     nominal = aerodynamic | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
@@ -309,7 +311,7 @@ def aircraft_model(
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
         prior_std=_prior_std(aircraft, aerodynamic),
-        equation=equation_error(aircraft, p, tuple(nominal), moved_coefficients(aircraft, axes), symbolic, given),
+        equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if equations else None,
         units=parameter_units(nominal, symbolic, aircraft.tables),
     )
 

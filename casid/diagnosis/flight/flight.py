@@ -213,9 +213,8 @@ class Flight:
         key = tuple(effect.name for effect in symbolic)
         with BUILDING:
             if key not in self._models:
-                self._models[key] = aircraft_model(
-                    self.aircraft, axes=self.axes, outputs=self.outputs, effects=symbolic, turning=self.turning
-                )
+                scope = {"axes": self.axes, "outputs": self.outputs, "turning": self.turning}
+                self._models[key] = aircraft_model(self.aircraft, effects=symbolic, equations=False, **scope)
         return self._models[key]
 
     def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
@@ -337,9 +336,8 @@ class Flight:
         """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
         ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in _averaged(ready, self.every))
-        return replace(
-            self, aircraft=aircraft, records=ready, _models={}, _functions={}, _by_parameters={}, _regressors={}
-        )
+        built = {} if aircraft is self.aircraft else {"_models": {}, "_functions": {}, "_by_parameters": {}}
+        return replace(self, aircraft=aircraft, records=ready, _regressors={}, **built)
 
 
 def prepare(
@@ -381,7 +379,8 @@ def prepare(
     noise, axes = criteria.noise, axes or axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
-    moved = (*aircraft_model(aircraft, axes=axes).outputs, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
+    modelled = aircraft_model(aircraft, axes=axes, equations=False).outputs
+    moved = (*modelled, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
     ready = [as_updated(flight_inputs(aircraft, record, axes), moved) for record in records]
     outputs = tuple(o for o in moved if moves(ready, o, noise))
     edge, as_read = motion_edge(ready), ready
