@@ -377,7 +377,10 @@ def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: floa
         off = series[2:-2] - np.convolve(series, _CUBIC, mode="valid")
         size = np.abs(off)
         floor = max(0.5 * 1.4826 * float(np.median(size)), 0.3 * resolution)
-        far = size > np.maximum(sigmas * np.maximum(1.4826 * _local_median(size), floor), least)
+        far = size > max(sigmas * floor, least)
+        if not far.any():
+            break
+        far &= size > sigmas * 1.4826 * _local_median(size)
         before, after = series[2:-2] - series[1:-3], series[2:-2] - series[3:-1]
         far &= together & (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.6 * size)
         far[: _EDGE - 2], far[2 - _EDGE :] = False, False
