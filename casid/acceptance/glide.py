@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import minimize_scalar, root
+import scipy
 
 from casid.acceptance.parameters import Known
 from casid.acceptance.steady import SETTINGS, Implicit, Solved, SteadyFlight
@@ -34,7 +34,7 @@ def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quant
     flattest = flight.once(("glide",), lambda: _Flattest(flight))
     z, held = flight.at(GLIDE, at)
     held = [value for name, value in zip(_HELD, held, strict=True) if name != "V"]
-    found = root(
+    found = scipy.optimize.root(
         lambda y: flattest.residual(y, held, known.values)[0].full()[:, 0],
         np.r_[z, V, flattest.multipliers(z, V, held, known.values)],
         jac=lambda y: flattest.residual(y, held, known.values)[1].full(),
@@ -96,7 +96,9 @@ def _search(flight: SteadyFlight, known: Known, level: Solved) -> tuple[float, S
             return np.pi
 
     low, high = (share * base["V"] for share in _RANGE)
-    found = minimize_scalar(steepness, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * base["V"]})
+    found = scipy.optimize.minimize_scalar(
+        steepness, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * base["V"]}
+    )
     V = float(found.x)
     if not 0.0 < found.fun < 1.0 or min(V - low, high - V) < _EDGE * base["V"]:
         raise InputError(f"none between {low:.3g} and {high:.3g} m/s; look at the drag of the file")

@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtr, ndtri
 
 from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
 from casid.arguments import names, numbers_by_name, require
@@ -270,7 +270,7 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     that cosine with its own."""
     size = np.abs(cosine)
     u, v = (a * np.sqrt(np.maximum(0.5 * (1.0 + sign * size), 0.0)) for sign in (1.0, -1.0))
-    return norm.cdf(u) * norm.cdf(-v) + norm.cdf(-u) * norm.cdf(v)
+    return ndtr(u) * ndtr(-v) + ndtr(-u) * ndtr(v)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -303,7 +303,7 @@ class _Judged:
                 unit=self.units[i],
                 matters=float(self.matters[i]),
                 smallest=float(self.matters[i] * enough / self.shows[i]) if self.shows[i] > 0.0 else float("inf"),
-                detection=float(norm.cdf(self.shows[i] - (enough - norm.ppf(_POWER)))),
+                detection=float(ndtr(self.shows[i] - (enough - ndtri(_POWER)))),
                 confusion={rival: p for rival, p in rivals.items() if p > 0.01},
             )
         return found

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from casid.acceptance.smoothing import smooth
 
@@ -108,7 +108,9 @@ def oscillation(t: np.ndarray, responses: Sequence[np.ndarray]) -> Oscillation |
     def residuals(z: np.ndarray) -> np.ndarray:
         return _left(t, Y, z).ravel()
 
-    found = least_squares(residuals, start, x_scale=np.maximum(np.abs(start), 0.1 / duration), xtol=1e-12, ftol=1e-12)
+    found = scipy.optimize.least_squares(
+        residuals, start, x_scale=np.maximum(np.abs(start), 0.1 / duration), xtol=1e-12, ftol=1e-12
+    )
     decay, frequency = found.x
     if not found.success or not frequency > 0.0 or frequency * duration < 2.0 * math.pi * _LEAST_CYCLES:
         return None
@@ -241,7 +243,7 @@ def time_constant(t: np.ndarray, response: np.ndarray) -> Quantity:
 
     rates = np.geomspace(0.2 / duration, 0.2 * len(t) / duration, _FREQUENCIES)
     start = min(rates, key=lambda rate: float((residuals(np.array([rate])) ** 2).sum()))
-    found = least_squares(residuals, [start], x_scale=[start], xtol=1e-12, ftol=1e-12)
+    found = scipy.optimize.least_squares(residuals, [start], x_scale=[start], xtol=1e-12, ftol=1e-12)
     rate = float(found.x[0])
     if not found.success or not rate > 0.0:
         return UNKNOWN

@@ -11,8 +11,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.linalg import solveh_banded
-from scipy.optimize import minimize_scalar
 
 from casid.records.noise import pooled_sigma
 
@@ -58,7 +58,7 @@ def smooth(t: np.ndarray, values: np.ndarray) -> Smooth:
         trace = (1.0 / (1.0 + 10.0**log_weight * eigenvalues)).mean()
         return float(np.log(left @ left + _TINY) - 2.0 * np.log(1.0 - trace + _TINY))
 
-    best = minimize_scalar(score, bounds=_WEIGHTS, method="bounded", options={"xatol": 0.05})
+    best = scipy.optimize.minimize_scalar(score, bounds=_WEIGHTS, method="bounded", options={"xatol": 0.05})
     curve = curve_of(float(best.x))  # pyright: ignore[reportAttributeAccessIssue]
     reach = np.nan_to_num(_SIGMAS * pooled_sigma([values]), nan=np.inf)
     curve = np.where(there, np.clip(curve, data - reach, data + reach), curve)

@@ -12,7 +12,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import root
+import scipy
 
 from casid.errors import InputError
 from casid.model import station
@@ -118,7 +118,7 @@ class SteadyFlight:
         """The steady flight with these settings held. Raises InputError when there is none."""
         values = [held[name] for name in SETTINGS if name not in unknown]
         f = self.once(("solve", *unknown), lambda: _residual_function(self.equations(unknown), self.p))
-        found = root(
+        found = scipy.optimize.root(
             lambda z: f(z, values, p)[0].full()[:, 0],
             np.array([_START[name] for name in unknown] + [0.0] * len(self.further)),
             jac=lambda z: f(z, values, p)[1].full(),

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from casid.arguments import names as argument_names
 from casid.arguments import number, require
@@ -173,7 +173,7 @@ class _ProfileSearch:
         self.points = [(fit[name].value, 0.0)]
 
     def interval(self, level: float) -> ProfileInterval:
-        reach = math.sqrt(float(chi2.ppf(level, 1)))
+        reach = math.sqrt(float(chdtri(1, 1.0 - level)))
         ends, words = zip(*(self._end(sign, reach) for sign in (-1.0, 1.0)), strict=True)
         return ProfileInterval(
             name=self.name,

@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import brentq, minimize
+import scipy
 
 from casid.errors import EstimationError
 from casid.estimation.fit import Fit
@@ -140,7 +140,7 @@ class _Seen:
 
     def most_likely_spreads(self, scale: np.ndarray) -> np.ndarray:
         """(distributions,) the mode; zero where the data show no spread."""
-        found = minimize(
+        found = scipy.optimize.minimize(
             lambda x: self.misfit(self.size * np.sqrt(np.maximum(x, 0.0)), scale),
             np.full(len(scale), 0.25),
             method="L-BFGS-B",
@@ -169,10 +169,10 @@ class _Seen:
             return self.misfit(moved, scale) - self.misfit(spread, scale) - _RISE
 
         best, high = float(spread[which]), float(max(spread[which], self.size[which]))
-        low = brentq(above, 0.0, best) if best > 0.0 and above(0.0) > 0.0 else 0.0
+        low = scipy.optimize.brentq(above, 0.0, best) if best > 0.0 and above(0.0) > 0.0 else 0.0
         for _ in range(60):
             if above(high) > 0.0:
-                return float(low), float(brentq(above, best, high))  # pyright: ignore[reportArgumentType]
+                return float(low), float(scipy.optimize.brentq(above, best, high))  # pyright: ignore[reportArgumentType]
             high *= 2.0
         return float(low), np.inf  # pyright: ignore[reportArgumentType]
 

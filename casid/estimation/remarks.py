@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from casid.estimation.cost import OutputError, RangeWeights
 from casid.estimation.fitted import ChannelFit, Estimate
@@ -73,7 +73,7 @@ def _readings(fit: Any) -> Iterator[str]:
         seen = every[np.isfinite(every)]
         if len(seen) < _FEW:
             continue
-        limit = _NORMAL * float(np.median(np.abs(seen))) * float(norm.isf(0.5 * _CHANCE / len(seen)))
+        limit = -_NORMAL * float(np.median(np.abs(seen))) * float(ndtri(0.5 * _CHANCE / len(seen)))
         squares, count = float(seen @ seen), len(seen)
         for record, residuals in simulated.items():
             own = residuals[:, c]

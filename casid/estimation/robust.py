@@ -14,8 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gammaln
-from scipy.stats import norm
+from scipy.special import gammaln, ndtr
 
 from casid.arguments import number
 from casid.estimation.fit import Fit
@@ -51,9 +50,10 @@ def _law(noise: StudentT | Huber) -> _Law:
             slope=lambda u: (v + 1) * (v - u**2) / (v + u**2) ** 2,
             log_density=lambda u: constant - 0.5 * (v + 1) * np.log1p(u**2 / v),
         )
-    k, tail = noise.threshold, float(norm.sf(noise.threshold))
-    mass = math.sqrt(2 * math.pi) * (1 - 2 * tail) + 2 / k * math.exp(-0.5 * k**2)
-    expected = 1 - 2 * tail - 2 * k * float(norm.pdf(k)) + 2 * k**2 * tail  # of psi^2 under normal noise
+    k, tail = noise.threshold, float(ndtr(-noise.threshold))
+    beside = math.exp(-0.5 * k**2)  # density of normal noise there over that at zero
+    mass = math.sqrt(2 * math.pi) * (1 - 2 * tail) + 2 / k * beside
+    expected = 1 - 2 * tail - 2 * k * beside / math.sqrt(2 * math.pi) + 2 * k**2 * tail  # of psi^2 under normal noise
     return _Law(
         growth=lambda u: np.minimum(np.abs(u), k) ** 2 / expected,
         weight=lambda u: k / np.maximum(np.abs(u), k),

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.stats import norm, qmc
+import scipy
+from scipy.special import ndtri
 
 from casid.errors import InputError
 from casid.estimation.attempt import MET
@@ -28,7 +29,7 @@ def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
     rules = [_rule(problem, i, *limits.get(name, (-math.inf, math.inf))) for i, name in enumerate(problem.parameters)]
     if count < 1:
         return []
-    sobol = qmc.Sobol(len(rules), rng=np.random.default_rng(seed))
+    sobol = scipy.stats.qmc.Sobol(len(rules), rng=np.random.default_rng(seed))
     shares = sobol.random(2 ** math.ceil(math.log2(count)))[:count]
     return [
         {name: rule(float(u)) for name, rule, u in zip(problem.parameters, rules, row, strict=True)} for row in shares
@@ -58,7 +59,7 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
             return lambda u: float(low * (high / low) ** u)
         return lambda u: low + (high - low) * u
     if math.isfinite(std):
-        return lambda u: float(np.clip(centre + std * norm.ppf(_TAIL + (1 - 2 * _TAIL) * u), low, high))
+        return lambda u: float(np.clip(centre + std * ndtri(_TAIL + (1 - 2 * _TAIL) * u), low, high))
     if start == 0.0:
         raise InputError(
             f"solve: starts has no range for '{name}', which begins at 0 and has no prior; give both limits, like "

@@ -27,8 +27,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.stats import chi2, norm
-from scipy.stats import t as student
+from scipy.special import chdtri, ndtri, stdtrit
 
 from casid.estimation.residual_colour import (
     ORDER,
@@ -55,7 +54,7 @@ from casid.native.threads import single_threaded
 from casid.views import brief
 
 _CHANCE = 1e-3  # that white residuals are called coloured
-_Z95 = float(norm.ppf(0.975))
+_Z95 = float(ndtri(0.975))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,7 +122,7 @@ class Uncertainty:
         if not self._in_time:
             return ()
         names, chance = self.objective.channel_names, _CHANCE / max(len(self._scores.colours), 1)
-        return tuple(names[c] for c, gain in self._scores.gains.items() if gain > chi2.isf(chance, ORDER))
+        return tuple(names[c] for c, gain in self._scores.gains.items() if gain > chdtri(ORDER, chance))
 
     @property
     def _in_time(self) -> bool:
@@ -139,7 +138,7 @@ class Uncertainty:
             return np.full((2, len(self.objective.problem.parameters)), np.nan)
         if not self.is_coloured:
             return np.sqrt(self._squares(*self._cramer_rao))
-        wider = (student.ppf(0.975, self._freedom_of_colour) / _Z95) ** 2
+        wider = (stdtrit(self._freedom_of_colour, 0.975) / _Z95) ** 2
         coloured = wider[: self._count] * self._squares(*self._coloured)
         return np.sqrt(np.maximum(coloured, self._squares(*self._cramer_rao)))  # as of `honest`
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from casid.filtering.innovations import Linear
 
@@ -94,7 +94,7 @@ def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float,
         return float(np.log(square)) + log
 
     bounds = np.log(_SHORTEST * shortest), np.log(_LONGEST * longest)
-    lowest: Any = minimize_scalar(deviance, bounds=bounds, method="bounded")
+    lowest: Any = scipy.optimize.minimize_scalar(deviance, bounds=bounds, method="bounded")
     tau = float(np.exp(lowest.x))
     return float(np.sqrt(variance(tau)[0])), tau
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize
+import scipy
 
 from casid.arguments import require
 from casid.errors import EstimationError, unknown
@@ -401,7 +401,7 @@ def _best_noise(
 
     reach = math.log(_NOISE_REACH)
     low, high = np.maximum(limits[0], log_sigma - reach), np.minimum(limits[1], log_sigma + reach)
-    found = minimize(
+    found = scipy.optimize.minimize(
         cost,
         log_sigma,
         jac=True,

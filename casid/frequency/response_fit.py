@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from scipy.optimize import least_squares
+import scipy
 
 from casid.errors import EstimationError, InputError
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
@@ -245,7 +245,7 @@ def fit_responses(
     for start in np.unique(starts, axis=0):
         if not np.isfinite(_rows(model, measured, start)[0]).all():
             continue
-        found = least_squares(
+        found = scipy.optimize.least_squares(
             lambda p: np.nan_to_num(_rows(model, measured, p)[0], nan=_FAR, posinf=_FAR, neginf=-_FAR),
             start,
             jac=lambda p: np.nan_to_num(_rows(model, measured, p)[1]),  # pyright: ignore[reportArgumentType]

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from casid.model.system import Model
 from casid.records.record import Record
@@ -49,7 +49,7 @@ def splined(record: Record, names: Sequence[str]) -> Record:
         coefficients = np.zeros((3, count))
         how = record.hold_of(name)
         if how == "cubic" and count > 2:
-            coefficients[:, :-1] = CubicSpline(t, record[name]).c[2::-1]
+            coefficients[:, :-1] = scipy.interpolate.CubicSpline(t, record[name]).c[2::-1]
         elif how != "held" and count > 1:
             coefficients[0, :-1] = np.diff(record[name]) / np.diff(t)
         added |= {_coefficient(name, k): coefficients[k - 1] for k in _DEGREES}

@@ -11,7 +11,7 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from casid.arguments import given, number, require
 from casid.arguments import names as argument_names
@@ -143,7 +143,7 @@ def _knots(axis: Sequence[float]) -> np.ndarray:
 
 def _to_basis(axis: Sequence[float]) -> np.ndarray:
     """(n, n) from values at the breakpoints to coefficients in B-splines."""
-    return np.asarray(make_interp_spline(axis, np.eye(len(axis)), k=_DEGREE, t=_knots(axis)).c)
+    return np.asarray(scipy.interpolate.make_interp_spline(axis, np.eye(len(axis)), k=_DEGREE, t=_knots(axis)).c)
 
 
 def _b_splines(x: Any, axis: Sequence[float]) -> list[Any]:

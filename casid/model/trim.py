@@ -7,7 +7,7 @@ from pathlib import Path
 
 import casadi as ca
 import numpy as np
-from scipy.optimize import root
+import scipy
 
 from casid.arguments import number
 from casid.errors import InputError
@@ -141,7 +141,7 @@ def trim(
         derivative = f(at.state, inputs, p, calm).full()[:, 0]
         return derivative[[model.states.index(s) for s in ("u", "w", "q")]]
 
-    solution = root(imbalance, np.array([0.05, 0.0, 1.0]), tol=1e-13)
+    solution = scipy.optimize.root(imbalance, np.array([0.05, 0.0, 1.0]), tol=1e-13)
     if np.abs(imbalance(solution.x)).max() > 1e-8:
         raise InputError(f"trim: '{aircraft.name}' has no steady flight at V = {V:g} m/s ({solution.message})")
     return point(solution.x)

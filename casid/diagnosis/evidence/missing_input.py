@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
 from casid.diagnosis.evidence.fingerprints import Projection, products_at, white_at
@@ -139,9 +139,11 @@ def _peak_frequency(fit: FlightFit) -> float | None:
 def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
     """Logarithm of the probability that a chi-square variable is larger.
 
-    Far in the tail, where the probability of scipy is zero, the leading term of its expansion is used.
+    Far in the tail, where that is zero in double precision, the leading term of its expansion is used.
     """
-    near, half = stats.chi2.logsf(power, dof), np.maximum(power, 1.0) / 2.0
+    with np.errstate(divide="ignore"):
+        near = np.log(special.chdtrc(dof, power))
+    half = np.maximum(power, 1.0) / 2.0
     far = (dof / 2.0 - 1.0) * np.log(half) - half - special.gammaln(dof / 2.0)
     return np.where(np.isfinite(near), near, far)
 

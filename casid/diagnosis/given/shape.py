@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import BSpline
+import scipy
 
 from casid.criterion import number
 from casid.diagnosis.evidence.evidence import weigh
@@ -187,7 +187,7 @@ class _Basis:
         step = (self.high - self.low) / _BY.pieces
         knots = self.low + step * np.arange(-_BY.degree, _BY.pieces + _BY.degree + 1)
         inside = np.clip(x, self.low, self.high - 1e-9 * step)
-        return BSpline.design_matrix(inside, knots, _BY.degree).toarray()
+        return scipy.interpolate.BSpline.design_matrix(inside, knots, _BY.degree).toarray()
 
     def equations(self, one: Points) -> Equations:
         """Those of a record; it has a mean of its own, which is taken off."""

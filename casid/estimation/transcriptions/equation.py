@@ -8,7 +8,7 @@ from typing import Protocol, runtime_checkable
 
 import casadi as ca
 import numpy as np
-from scipy.signal import savgol_filter
+import scipy
 
 from casid.errors import EstimationError
 from casid.estimation.problem import Problem
@@ -89,7 +89,7 @@ def smoothed_derivative(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     window = min(2 * half + 1, len(grid) - (len(grid) + 1) % 2)
     if window < 5:
         return np.full(len(t), np.nan)
-    smooth = savgol_filter(np.interp(grid, t[good], values[good]), window, 3, deriv=1, delta=dt)
+    smooth = scipy.signal.savgol_filter(np.interp(grid, t[good], values[good]), window, 3, deriv=1, delta=dt)
     return np.where(good, np.interp(t, grid, np.asarray(smooth)), np.nan)
 
 
