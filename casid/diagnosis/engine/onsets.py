@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.diagnosis.cause import Gate, at_least
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
@@ -221,15 +221,18 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > criteria.always]
     if not acting:
         return at_least("gain of the jump over a slow change", np.inf, 1.0 / criteria.sudden, "events.sudden")
-    jump = _gain_of(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
-    slow = np.zeros((*whole.shape[:2], len(rows), len(acting), powers))
-    for i, r in enumerate(rows):
+    jump = Projection.shared(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
+    slow = np.zeros((*whole.shape[:2], len(acting), powers))
+    for r in rows:
         own = base.batch.live[:, r]
         shapes = np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, int(own.sum())), powers - 1)
-        slow[own, r, i] = whole[own, r][:, acting, None] * shapes[:, None]
-    stations = [station for _ in rows for station in acting for _ in range(powers)]
-    slower = _gain_of(evidence, base.filter.whiten_histories(stations, slow.reshape(*whole.shape[:2], -1)))
-    over = jump / max(slower, 1e-300)
+        slow[own, r] = whole[own, r][:, acting, None] * shapes[:, None]
+    white = base.filter.whiten_histories(np.repeat(acting, powers), slow.reshape(*whole.shape[:2], -1))
+    products = products_at(evidence, {base.model.disturbances[s]: slow[:, :, i] for i, s in enumerate(acting)})
+    cross, match = zip(*products.values(), strict=True)
+    grams = np.stack([gram_of(white[:, r].reshape(-1, white.shape[3])) for r in range(white.shape[1])])
+    slower = Projection.by_record(evidence, grams, (np.concatenate(cross, axis=2), np.concatenate(match, axis=1)))
+    over = _gain_of(jump) / max(_gain_of(slower), 1e-300)
     return at_least("gain of the jump over a slow change", over, 1.0 / criteria.sudden, "events.sudden")
 
 
@@ -238,9 +241,8 @@ def _mean_part(series: np.ndarray) -> float:
     return float(np.mean(series)) ** 2 / max(float(np.mean(series**2)), 1e-300)
 
 
-def _gain_of(evidence: Evidence, white: np.ndarray) -> float:
-    """Predicted decrease of the deviance by independent columns of white (N, R, ny, k)."""
-    left = Projection.shared(evidence, white)
+def _gain_of(left: Projection) -> float:
+    """Predicted decrease of the deviance by independent responses."""
     return float(left.match @ scaled_inverse(left.gram, rcond=1e-8) @ left.match)
 
 

@@ -164,6 +164,9 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     screened = _screened(state, effects)
     state.evidence.forget()
     trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
+    for one in (state.evidence, state.kinematic):
+        if one is not None:
+            one.forget()
     trials, equivalents = ranked(trials, fits, state.criteria)
     named = any(trial.meaningful for trial in fits)
     this = Round(

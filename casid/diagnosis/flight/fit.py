@@ -159,6 +159,7 @@ def relaxed(fitted: FlightFit) -> FlightFit:
     for _ in range(numerics.relaxations if fitted.filter_held else 1):
         before = fitted
         attached = [replace(one, passes=True) for one in before.attached]
+        before.forget()
         fitted = fit(before.flight, attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
         if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break

@@ -347,7 +347,8 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     begin, unknown = numerics.first_velocity, criteria.scale_length
 
     def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, iterations: int = 2) -> FlightFit:
-        return reconstruct(flight, calm.attached, gusts(flight, sigma, length=length, axes=axes), start, iterations)
+        moving = gusts(flight, sigma, length=length, axes=axes)
+        return reconstruct(flight, calm.attached, moving, start, iterations).lighter()
 
     def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
         """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
@@ -371,12 +372,12 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
     along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
-    still, moving, *others = side_by_side(with_offsets, [calm, found, *along[:1]])
+    still, moving, *others = side_by_side(lambda one: with_offsets(one).lighter(), [calm, found, *along[:1]])
     beyond = others[0].deviance - moving.deviance
     judged = _in_air(flight, best, best, still.deviance - moving.deviance, beyond)
     if not judged.along_all_axes:
         return judged
-    others += side_by_side(with_offsets, along[1:])
+    others += side_by_side(lambda one: with_offsets(one).lighter(), along[1:])
     judged = replace(
         judged,
         beyond_one_axis=min(one.deviance for one in others) - moving.deviance,
