@@ -172,7 +172,10 @@ def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray |
         if function(*(ctypes.c_long(size) for size in (first, last, *sizes)), *given):
             failed.append(first)
 
-    share_out(parts, run)
+    if sizes[0] * sizes[1] <= 2 * _POINTS:  # to begin a thread would take longer
+        run(0, parts)
+    else:
+        share_out(parts, run)
     return not failed
 
 

@@ -85,18 +85,21 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
 
 
 def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, ChannelStatistics]:
-    """Statistics of every output that some record measures, over all records."""
-    table, lags = {}, fit.criteria.numerics.fit.whiteness_lags
+    """Statistics of every output that some record measures, over all records.
+
+    Noise and error are those of the samples as recorded: the white noise that averaging removed is added again.
+    """
+    table, lags, every = {}, fit.criteria.numerics.fit.whiteness_lags, fit.flight.every
     for i, name in enumerate(fit.model.outputs):
         error = simulated.residual[..., i]
         if not fit.seen[..., i].any() or np.isnan(error).all():
             continue
         # Use the measured samples. A late reading is compared at other samples.
         measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
-        flown = channel_fit(measured.ravel(), (measured - error).ravel())
+        flown, noise = channel_fit(measured.ravel(), (measured - error).ravel()), fit.noise.measurement[name]
         table[name] = ChannelStatistics(
-            rms=flown.rms,
-            noise=fit.noise.measurement[name],
+            rms=math.hypot(flown.rms, noise * math.sqrt(every - 1)),
+            noise=noise * math.sqrt(every),
             whiteness_p=whiteness(fit.white[..., i], fit.seen[..., i], lags),
             theil=flown.theil,
             R2=flown.R2,

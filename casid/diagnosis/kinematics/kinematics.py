@@ -362,6 +362,7 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
                 break
         return best, best_sigma
 
+    calm.forget()  # its deviance and its motion are needed
     first = at(begin, unknown, calm)
     faster = [sigma for sigma in numerics.velocities if sigma > begin]
     slower = [sigma for sigma in reversed(numerics.velocities) if sigma < begin]

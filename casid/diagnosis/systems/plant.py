@@ -115,6 +115,7 @@ class Plant:
     sigma     1-sigma of the noise of each output
     paths     record -> (N, states) start of a fit; otherwise the model's own first guess
     effects   the causes that are considered;  sizes  their measures of size
+    every     number of recorded samples of which each sample is the mean
     """
 
     base: Model
@@ -127,6 +128,7 @@ class Plant:
     paths: Mapping[str, np.ndarray] = field(default_factory=dict)
     effects: list[Effect] = field(default_factory=list)
     sizes: Sizes | None = None
+    every: int = 1
     input_sigma: dict[str, float] = field(default_factory=dict)
     doubted: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
