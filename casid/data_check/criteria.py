@@ -29,14 +29,12 @@ class DataCriteria:
         "largest log odds of a fault that are reported",
         "derived: 1e6 to 1; what healthy records do is not known better",
     )
-    file_said: float = number(
-        3.0,
-        "log posterior odds from which a unit of the file is reported, where nothing is changed",
-        "derived: 20 to 1; measured: -1.4 at most in real flights that are well",
-    )
     alone: float = number(4.6, "log odds to the next explanation from which it is corrected", "derived: 100 to 1")
     against: float = number(
-        -3.0, "log likelihood ratio below which a record contradicts a fault", "derived: 20 to 1", signed=True
+        3.0,
+        "log odds at which a record contradicts a fault, and from which a unit of the file is reported, as nothing is "
+        "changed",
+        "derived: 20 to 1; measured: units reach -1.4 at most in real flights that are well",
     )
     load_factor: float = number(0.15, "1-sigma of the logarithm of the mean load factor of a test flight")
     unknown_attitude: float = number(
@@ -51,10 +49,11 @@ class DataCriteria:
     climb: float = number(20.0, "1-sigma of the change of the rate of climb in a record", unit="m/s")
     path_known: float = number(0.05, "1-sigma of theta - alpha against the climb, by biases", unit="rad")
     path_unknown: float = number(0.15, "1-sigma of the angle of climb where no altitude is recorded", unit="rad")
-    trim_speed: float = number(
-        0.2, "1-sigma of the logarithm of V over that of the trim", "chosen: one set of derivatives holds no farther"
+    trim: float = number(
+        0.2,
+        "1-sigma of the logarithm of V, and of rho, over that of the trim",
+        "derived: one set of derivatives holds no farther; 2 km are 0.2",
     )
-    trim_density: float = number(0.25, "1-sigma of the logarithm of rho over that of the trim; 2 km are 0.2")
     trim_thrust: float = number(1.0, "1-sigma of the logarithm of thrust over that of the trim")
     trim_drag: float = number(
         0.3,
@@ -71,22 +70,24 @@ class DataCriteria:
     atmosphere: float = number(
         0.08, "1-sigma of the logarithm of rho over the standard one", "derived: 25 K from the standard temperature"
     )
-    lift: float = number(0.3, "1-sigma of the logarithm of a file's lift at zero angle, and of its slope")
     trim_lift: float = number(
         0.1, "1-sigma of the logarithm of lift in the file's trim over weight", "chosen: fuel, thrust, tail"
     )
     angle: float = number(0.02, "1-sigma of the mean of a flow angle, by bias and upwash", unit="rad")
-    derivative: float = number(0.35, "1-sigma of a file's derivative, as a part of it")
+    derivative: float = number(
+        0.35, "1-sigma of a file's derivative, as a part of it, and of the logarithm of lift and of its slope"
+    )
     minor: float = number(
         0.2,
         "1-sigma of a derivative beside that, as the part of its coefficient's variation that it makes, for units",
         "measured: 0.21 r.m.s. of minor ones in seven real flights; CZ_q of one is off by a factor of 2",
     )
-    usual_speed: float = number(0.8, "1-sigma of the logarithm of V over 100 m/s; 20 to 500 m/s are two")
-    usual_density: float = number(
-        0.7, "1-sigma of the logarithm of rho over 0.7 kg/m3", "derived: sea level and 16 km are 0.8 and 2.1 sigmas"
+    usual: float = number(
+        0.8,
+        "1-sigma of the logarithm of V over `usual_v`, and of rho over `usual_rho`",
+        "derived: 20 to 500 m/s, and sea level to 16 km, are within two",
     )
-    usual_rho: float = number(0.7, "density that `usual_density` is about", unit="kg/m3")
+    usual_rho: float = number(0.7, "density that `usual` is about", unit="kg/m3")
     usual_thrust: float = number(1.5, "1-sigma of the logarithm of thrust over weight, over a tenth")
     usual_thrust_ratio: float = number(0.1, "thrust over weight that `usual_thrust` is about")
     slope: float = number(0.3, "smallest resolved slope over a flow angle, as a part of a force's variation")
@@ -97,7 +98,7 @@ class DataCriteria:
         0.5, "1-sigma of what biases leave of a mean acceleration", "measured: 1.1 in a raw Twin Otter", unit="m/s2"
     )
     level_bank: float = number(0.5, "bank up to which the climb angle is theta - alpha", unit="rad")
-    usual_v: float = number(100.0, "airspeed that `usual_speed` is about", unit="m/s")
+    usual_v: float = number(100.0, "airspeed that `usual` is about", unit="m/s")
     vane_ahead: float = number(8.0, "1-sigma of the place of a vane ahead of the c.g.", unit="m")
     vane_across: float = number(2.0, "1-sigma of the place of a vane across", unit="m")
     upwash: float = number(0.1, "1-sigma of a flow angle's error by the other flow angle, as a part of that")
@@ -117,30 +118,22 @@ class DataCriteria:
     close: float = number(
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
-    own_scale: float = number(1.25, "scale error of an instrument up to which it is no question of units")
+    own_scale: float = number(1.25, "factor up to which a scale error or a stretched time is no question of units")
     smallest_deflection: float = number(
         0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"
     )
     most_deflection: float = number(3.0, "range of a surface that none has", "chosen: 170 deg", unit="rad")
     quick: float = number(0.5, "window of rates of rotation", unit="s")
     slow: float = number(4.0, "window of what gravity and drag change", unit="s")
-    fewest: int = number(7, "samples of a window at least")
-    windows: int = number(6, "windows in a record at least")
-    instants: int = number(6, "instants of a window that are kept")
+    fewest: int = number(6, "samples of a window at least, of which as many are kept, and windows in a record")
     present: float = number(0.5, "part of a window's samples that must be there")
     smallest: float = number(0.2, "part of a file's derivative by a surface that is there at least, with its sign")
     least: float = number(0.1, "part of a coefficient's variation that a linear model leaves at least")
     faults: int = number(8, "faults of one set of records at most")
-    hopeless: float = number(
-        -20.0, "log likelihood ratio at which the rest of an explanation is not computed", signed=True
-    )
     impossible: float = number(
         -60.0, "log likelihood of a level at least: beyond, it is impossible anyhow", signed=True
     )
-    impossible_sign: float = number(-40.0, "the same of the sign of a derivative", signed=True)
     one_factor: float = number(0.1, "difference of logarithms up to which two factors are one")
     time_steps: int = number(3, "iterations to a delay and a drift between channels", "measured: two settle them")
     error_steps: int = number(12, "iterations to the least errors of a lift curve", "measured: four settle it")
-    largest_error: float = number(20.0, "error of a lift curve in its 1-sigmas beyond which none is looked for")
-    stretch: float = number(1.3, "factor between rates from which time may be stretched")
     telling: float = number(0.7, "what two sides of a relation have unlike, up to which it tells of time")

@@ -74,13 +74,13 @@ def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) 
     zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
     if not {zero, slope} <= aircraft.derivatives.keys():
         return 0.0
-    known, spread, at = sign * aircraft.derivatives[zero], criteria.lift, 0.0
+    known, spread, at = sign * aircraft.derivatives[zero], criteria.derivative, 0.0
     trim, area = aircraft.trim, aircraft.area
     if {"V", "rho", "alpha"} <= trim.keys():
         known, spread, at = _balanced(aircraft, trim["rho"], trim["V"], g), criteria.trim_lift, trim["alpha"]
     wanted = -_mean(c, "az") * aircraft.mass / (0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0)
     curve = known, sign * aircraft.derivatives[slope], _mean(c, "alpha") - at
-    return _least_errors(*curve, wanted, (spread, criteria.lift, criteria.angle, criteria.load_factor), criteria)
+    return _least_errors(*curve, wanted, (spread, criteria.derivative, criteria.angle, criteria.load_factor), criteria)
 
 
 def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
@@ -96,14 +96,14 @@ def _least_errors(
     `sigmas` are those of the logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`.
     """
     of_known, of_slope, of_angle, of_wanted = sigmas
-    errors = np.zeros(4)
+    errors, largest = np.zeros(4), math.sqrt(-2.0 * criteria.impossible)
     for _ in range(criteria.error_steps):
         here, steep = known * math.exp(of_known * errors[0]), slope * math.exp(of_slope * errors[1])
         there, turned = wanted * math.exp(of_wanted * errors[3]), angle + of_angle * errors[2]
         off = here + steep * turned - there
         along = np.array([of_known * here, of_slope * steep * turned, of_angle * steep, -of_wanted * there])
         errors = along * (along @ errors - off) / max(along @ along, 1e-300)
-        errors = np.clip(errors, -criteria.largest_error, criteria.largest_error)
+        errors = np.clip(errors, -largest, largest)
     return max(-0.5 * float(errors @ errors), criteria.impossible)
 
 
@@ -175,11 +175,11 @@ def trimmed_density(aircraft: Aircraft) -> float | None:
 
 
 def _usual_speed(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual_speed, criteria)
+    return _ratio(_mean(c, "V"), criteria.usual_v, criteria.usual, criteria)
 
 
 def _usual_density(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    return _ratio(_mean(c, "rho"), criteria.usual_rho, criteria.usual_density, criteria)
+    return _ratio(_mean(c, "rho"), criteria.usual_rho, criteria.usual, criteria)
 
 
 def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -248,9 +248,9 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("az",), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
     (("theta", "alpha"), ("theta", "alpha", "altitude", "V", "t"), _flight_path),
     (("alpha", "V", "rho", "az"), ("alpha", "V", "rho", "az"), _lift),
-    (("V",), ("V",), _trimmed("V", lambda c: c.trim_speed)),
+    (("V",), ("V",), _trimmed("V", lambda c: c.trim)),
     (("V",), ("V",), _usual_speed),
-    (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim_density)),
+    (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim)),
     (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
     (("rho",), ("rho",), _usual_density),
     (("thrust",), ("thrust",), _usual_thrust),

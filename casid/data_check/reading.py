@@ -45,7 +45,7 @@ class Smooth:
 def smooth(record: Record, window: float, criteria: DataCriteria, density: float | None = None) -> Smooth:
     """The record on a uniform grid of its median interval, every channel by a mean over a `window` [s]."""
     dt = record.dt
-    count = max(criteria.fewest, min(round(window / dt), len(record) // criteria.windows)) | 1
+    count = max(criteria.fewest, min(round(window / dt), len(record) // criteria.fewest)) | 1
     weights = np.hanning(count + 2)[1:-1]
     weights /= weights.sum()
     t = np.arange(record.t[0], record.t[-1] + 0.5 * dt, dt)
@@ -62,7 +62,7 @@ def smooth(record: Record, window: float, criteria: DataCriteria, density: float
         nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * own
         known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
         known[name][: count // 2], known[name][-(count // 2) :] = False, False
-    every = slice(None, None, max(1, count // criteria.instants))
+    every = slice(None, None, max(1, count // criteria.fewest))
     kept = ({name: series[every] for name, series in table.items()} for table in (values, rates, known))
     values, rates, known = kept
     independent = max(2.0, len(t) / count)

@@ -375,7 +375,7 @@ def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCrit
         if term in SURFACES:
             above = (1.0 - criteria.smallest) * abs(value) / sigma
             posterior = (above + np.sign(value) * shift[i]) / np.sqrt(inverse[i, i])
-            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), criteria.impossible_sign)
+            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), criteria.impossible)
     return evidence
 
 

@@ -143,7 +143,7 @@ class Weighing:
             gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
             odds.append((gain + self._criteria.fault, unit))
         best = max(one for one, _ in odds)
-        if best < self._criteria.file_said:
+        if best < self._criteria.against:
             return best, []
         ranked = sorted(odds, key=lambda row: -row[0])
         return best, [one for log_odds, one in ranked if log_odds > best - self._criteria.alone]
@@ -201,7 +201,7 @@ class Weighing:
         if len(factors) < 2:
             return None
         middle, spread = float(np.median(factors)), float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
-        far = abs(middle) > np.log(self._criteria.stretch)
+        far = abs(middle) > np.log(self._criteria.own_scale)
         return float(np.exp(middle)) if far and spread < self._criteria.one_factor else None
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
@@ -230,7 +230,7 @@ class Weighing:
         for slow, term, now, room in terms:
             hope -= room
             gain += (term(self._read(j, slow, other)) or 0.0) - now
-            if gain + hope < self._criteria.hopeless:
+            if gain + hope < -self._criteria.against:
                 return gain + hope
         return gain
 
@@ -275,13 +275,13 @@ class Weighing:
 
     def _total(self, gains: Sequence[float]) -> float:
         """Gain in all records, or in some of them, of which there are many choices."""
-        if min(gains) > self._criteria.against:
+        if min(gains) > -self._criteria.against:
             return sum(gains)
         return sum(g for g in gains if g > 0.0) - math.log(max(2.0 ** len(gains) - 2.0, 1.0))
 
     def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
-        everywhere = min(gains) > self._criteria.against
-        return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > -self._criteria.against)
+        everywhere = min(gains) > -self._criteria.against
+        return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > self._criteria.against)
 
 
 def _clash(one: Weighed, other: Weighed) -> bool:

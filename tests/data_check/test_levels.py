@@ -51,12 +51,12 @@ def test_a_derivative_of_the_other_sign_costs_as_much_as_the_criterion_says(flow
     def likelihood(criteria: DataCriteria) -> float:
         return Response(turned, criteria).likelihood([read(one, Reading(), criteria) for one in records])
 
-    much, more = (likelihood(DataCriteria(impossible_sign=one)) for one in (-1.0, -2.0))
+    much, more = (likelihood(DataCriteria(impossible=one)) for one in (-1.0, -2.0))
     assert much - more == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_errors_of_a_lift_curve_settle(flown: Flown) -> None:
-    """Twice as many iterations change nothing; one is not enough, nor are errors of a tenth of their 1-sigmas."""
+    """Twice as many iterations change nothing; one is not enough."""
     aircraft, (record, _) = flown
     heavy = replace(aircraft, mass=2.0 * aircraft.mass, trim={})  # by the constants of the file it does not fly
 
@@ -66,7 +66,6 @@ def test_the_errors_of_a_lift_curve_settle(flown: Flown) -> None:
     settled = likelihood(DataCriteria())
     assert likelihood(DataCriteria(error_steps=24)) == pytest.approx(settled, rel=1e-6)
     assert likelihood(DataCriteria(error_steps=1)) != pytest.approx(settled, rel=1e-3)
-    assert likelihood(DataCriteria(largest_error=0.1)) > settled
 
 
 def test_factors_of_time_agree_within_the_criterion(flown: Flown) -> None:
