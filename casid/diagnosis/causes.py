@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy import special
 
 from casid.diagnosis.cause import (
     IN_A_SET,
@@ -168,7 +169,7 @@ def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInpu
     """
     found = [cause_of(trial, state) for trial in minor_trials(state, seen)]
     if missing:
-        part = state.criteria.verdict.minor_part
+        part = state.criteria.naming.rival
         return tuple(c for c in found[:1] if c.share < 1.0 and c.statistic > part * missing[0].gain)
     return (*found, *_small_terms(state.evidence, {(c.target, c.term) for c in (*seen, *found)}))
 
@@ -246,7 +247,7 @@ def onset_intervals(evidence: Evidence, one: Attached, intervals: Intervals) -> 
     longest = max(record.duration for record in evidence.fit.flight.records)
     lasting = {f"{one.name}.{key}" for key, value in one.values.items() if key in _LASTING and value < longest}
     half = [0.5 * deviation(evidence, slot.name) for slot in evidence.fit.slots if slot.name in lasting]
-    room = evidence.criteria.structure.confidence * sum(half)
+    room = float(special.ndtri(0.5 * (1.0 + evidence.criteria.priors.holds))) * sum(half)
     return {record: (round(low - room, 3), round(high + room, 3)) for record, (low, high) in intervals.items()}
 
 
@@ -344,7 +345,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
             )
         )
-    return sorted(found, key=lambda c: -c.statistic)[: evidence.criteria.numerics.naming.small_terms]
+    return sorted(found, key=lambda c: -c.statistic)[: evidence.criteria.numerics.naming.listed]
 
 
 def still_missing(
@@ -361,7 +362,7 @@ def still_missing(
     Its size must exceed a `share` of the variation at its port; by default the share from which a cause matters.
     """
     by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
-    rough = sum((by.approximate if one.onset_s else by.left_by_a_cause) * one.statistic for one in causes)
+    rough = sum((by.approximate if one.onset_s else by.left_to_others) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]

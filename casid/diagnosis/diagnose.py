@@ -86,7 +86,7 @@ def diagnose_aircraft(
         split(both[: len(records)], both[len(records) :], criteria.held_out)
         for both in (checked.records, checked.recorded)
     )
-    with named_in_errors(checked.findings, checked.doubts, criteria.verdict.stated):
+    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
         scope = scope_of(aircraft, mended, criteria, axes)
         known = attached_effects(scope.flight)
         flight = with_noise_level(scope.flight, known)

@@ -337,7 +337,7 @@ def concluded(
     Diagnosis
         The complete diagnosis.
     """
-    criteria, most = found.criteria.given, found.criteria.verdict.stated
+    criteria, most = found.criteria.given, found.criteria.numerics.naming.listed
     names = {one.parameter for one in against}
     factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}

@@ -259,7 +259,7 @@ def _context(
         "name": diagnosis.part.name,
         "of_aircraft": diagnosis.of_aircraft,
         "colour": COLOURS[diagnosis.verdict],
-        "account": account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.verdict.stated),
+        "account": account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.numerics.naming.listed),
         "headline": _headline(diagnosis),
         "shares": shares(diagnosis),
         "claims": claimed,

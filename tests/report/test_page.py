@@ -152,7 +152,7 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
 
 def test_page_opens_with_account_verdict_and_channels_in_engineering_units(folder: Path, diagnosis: Diagnosis) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    opening = account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.verdict.stated)
+    opening = account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.numerics.naming.listed)
     at = [pretty(opening), pretty(diagnosis.headline), "<nav", 'id="figure-tracks_', "What it gains</h2>"]
     assert sorted(page.index(one) for one in at) == [page.index(one) for one in at]
 

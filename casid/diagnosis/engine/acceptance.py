@@ -118,10 +118,10 @@ def size_gates(
     gates = (*matters(share, gain, clear, fitted.criteria, alone), *plausible_size(one))
     if not one.onsets:
         return gates
-    edge, within = fitted.criteria.screening.edge, fitted.criteria.events.at_start
+    edge, within = fitted.criteria.screening.edge, fitted.criteria.numerics.events.fine
     first = {record.name: record.t[0] + edge for record in fitted.flight.records}
     latest = max(onset - first[record] for record, onset in one.onsets.items())
-    return (*gates, at_least("onset after the beginning of a record", latest, within, "events.at_start"))
+    return (*gates, at_least("onset after the beginning of a record", latest, within, "numerics.events.fine"))
 
 
 def matters(

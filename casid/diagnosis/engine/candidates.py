@@ -113,7 +113,7 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
         ]
         if effect.quasi_steady and len(terms) >= numerics.terms:
             near = terms[0].net - candidate.net < equivalence(terms[0].net, base.criteria)
-            if len(terms) < numerics.equivalent_terms and near:
+            if len(terms) < numerics.trials and near:
                 alike.append(candidate)
             else:
                 rank = at_least("places left among terms of its coefficient", numerics.terms - len(terms), 1.0)

@@ -126,11 +126,11 @@ def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
         fitted = evidence.fit
         before = fitted.attached[which]
         onsets = _together(evidence, before)
-        if all(abs(onsets[r] - t) < numerics.stays for r, t in before.onsets.items()):
+        if all(abs(onsets[r] - t) < numerics.fine / 2 for r, t in before.onsets.items()):
             break
         attached = [replace(one, onsets=onsets) if one is before else one for one in fitted.attached]
         other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
-        if other.deviance > fitted.deviance - numerics.helps:
+        if other.deviance > fitted.deviance:
             break
         evidence = weigh(other, discrepancy=free == "all")
     return evidence
@@ -202,7 +202,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
 
 def _members(strength: np.ndarray, criteria: Criteria) -> list[int]:
     """Indices of the coefficients that take part, by their size in standard deviations."""
-    strong = np.flatnonzero(strength > max(criteria.significance.sigmas, criteria.events.member * strength.max()))
+    strong = np.flatnonzero(strength > max(criteria.significance.sigmas, criteria.size.share * strength.max()))
     return [int(c) for c in strong] or [int(np.argmax(strength))]
 
 
@@ -344,7 +344,7 @@ def further_records(evidence: Evidence, one: Attached) -> Attached:
         inside = [print_ for print_ in prints if edge <= (print_.onset or 0.0) <= record.duration - edge]
         drops = [judge.drop(print_, r) for print_ in inside]
         best = int(np.argmax(drops)) if drops else 0
-        if 0 < best < len(drops) - 1 and drops[best] > criteria.events.further_price * judge.price:
+        if 0 < best < len(drops) - 1 and drops[best] > criteria.significance.search:
             onsets[record.name] = float(record.t[0] + (inside[best].onset or 0.0))
     return replace(one, onsets=onsets)
 

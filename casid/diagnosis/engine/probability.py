@@ -18,13 +18,12 @@ import numpy as np
 from scipy.special import expit, logit
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criteria import Criteria, ProbabilityNumerics
 from casid.diagnosis.engine.acceptance import distance, possible_rivals, required_gain
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
-from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
 
@@ -103,7 +102,7 @@ class Scale:
         """Log odds of a statistic `gain`, where `required` is the threshold."""
         priors = self.criteria.priors
         beyond = (gain - required) / equivalence(gain, self.criteria)
-        return float(np.log(priors.wrong / priors.missed)) + self.per_distance * beyond
+        return float(np.log(priors.wrong)) + self.per_distance * beyond
 
     def of_missing(self, one: MissingInput) -> float:
         """Probability that a latent input is present."""

@@ -275,7 +275,7 @@ def _tried(
             trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + state.criteria.naming.give_up * abs(trial.gain.raw))
+                give_up = min(give_up, fitted.deviance + (1.0 - state.criteria.naming.rival) * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial):
@@ -295,7 +295,7 @@ def _left_behind(state: State) -> list[Candidate]:
     by, taken = state.criteria.naming, {one.effect.key for one in state.fit.attached}
     apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key not in taken]
     return [
-        t.candidate for t in apart if t.gain.total > by.left_behind * best.gain.total and sine(best, t) > by.unrelated
+        t.candidate for t in apart if t.gain.total > (1.0 - by.rival) * best.gain.total and sine(best, t) > by.unrelated
     ][:1]
 
 

@@ -91,7 +91,7 @@ def no_terms(fit: FlightFit) -> SmallTerms:
 
 def small_terms(fit: FlightFit) -> SmallTerms:
     """All terms that symmetry allows and the model of the fit lacks."""
-    criteria = fit.criteria.structure
+    prior, numerics = fit.criteria.structure.small, fit.criteria.numerics.structure
     present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
@@ -105,14 +105,15 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         whole = series_of(fit, allowed)
         left = unlike_derivatives(fit, coefficient, whole)[fit.batch.live]
         spread = np.std(left, axis=0)
-        rests = np.array([criteria.resting ** parse_term(term).degree for term in allowed])
-        rests = np.maximum(rests, criteria.rounding * np.abs(whole[fit.batch.live]).max(axis=0))
-        varies = np.flatnonzero(spread > np.maximum(criteria.dependent * np.std(whole[fit.batch.live], axis=0), rests))
+        rests = np.array([numerics.rounding ** parse_term(term).degree for term in allowed])
+        varies = np.flatnonzero(
+            spread > np.maximum(numerics.rounding * np.abs(whole[fit.batch.live]).max(axis=0), rests)
+        )
         unit = left[:, varies] / spread[varies]
         names += [(coefficient, allowed[i]) for i in varies]
-        factors.append(criteria.small * size / spread[varies])
+        factors.append(prior * size / spread[varies])
         series.append(whole[..., varies] * factors[-1])
-        ridge = criteria.ridge
+        ridge = numerics.ridge
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
         return no_terms(fit)

@@ -16,10 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import special
 
+from casid.diagnosis.criteria import MissingInputNumerics
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
 from casid.diagnosis.evidence.fingerprints import Projection, products_at, white_at
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
 from casid.native.processors import side_by_side
 
@@ -114,11 +114,11 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
 
 def _peak_frequency(fit: FlightFit) -> float | None:
     """Frequency [Hz] of the highest peak, if white innovations are very unlikely to have such a peak; else None."""
-    criteria, numerics = fit.criteria.screening, fit.criteria.numerics.missing_input
+    numerics, significant = fit.criteria.numerics.missing_input, fit.criteria.significance.search
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
     highest = numerics.highest_frequency
-    frequency = frequency[(frequency > 0.5 / numerics.spacing) & (frequency < highest / steps.min())]
+    frequency = frequency[(frequency > 0.5 / numerics.times[0]) & (frequency < highest / steps.min())]
     if not len(frequency):
         return None
     power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
@@ -133,7 +133,8 @@ def _peak_frequency(fit: FlightFit) -> float | None:
         dof[below] += 2.0
     chance = _log_chance(power, dof[:, None]) + np.log(power.size)
     at, _ = np.unravel_index(np.argmin(chance), chance.shape)
-    return float(frequency[at]) if chance.min() < np.log(criteria.by_chance) else None
+    likely = -0.5 * significant  # log probability that a chi-square variable of two degrees of freedom is larger
+    return float(frequency[at]) if chance.min() < likely else None
 
 
 def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
@@ -186,7 +187,7 @@ class _Grid:
 def _grid(evidence: Evidence, slow: bool) -> _Grid:
     """The grid for a reading (`slow`), or for the motion."""
     fit, numerics = evidence.fit, evidence.criteria.numerics.missing_input
-    spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.spacing, numerics.times)
+    spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.times[0], numerics.times)
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
     nodes = np.arange(0.0, longest + spacing, spacing)

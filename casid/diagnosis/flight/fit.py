@@ -132,10 +132,10 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     This happens if the model misses something large. The new fit starts from a fit under wider noise, which has fewer
     local minima.
     """
-    numerics = fitted.criteria.numerics.fit
-    if fitted.converged or fitted.deviance < numerics.far * fitted.readings:
+    far = fitted.criteria.given.fails
+    if fitted.converged or fitted.deviance < far**2 * fitted.readings:
         return None
-    wide = replace(fitted.noise, measurement={name: numerics.wider * s for name, s in fitted.noise.measurement.items()})
+    wide = replace(fitted.noise, measurement={name: far * s for name, s in fitted.noise.measurement.items()})
     first = fit(fitted.flight, fitted.attached, wide, iterations=20)
     return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
 
@@ -156,7 +156,7 @@ def all_free(fitted: FlightFit) -> FlightFit:
 def relaxed(fitted: FlightFit) -> FlightFit:
     """The fit of everything that is free, converged under its own noise of inputs and its own filter."""
     numerics = fitted.criteria.numerics.fit
-    for _ in range(numerics.relaxations if fitted.filter_held else 1):
+    for _ in range(numerics.repeats if fitted.filter_held else 1):
         before = fitted
         attached = [replace(one, passes=True) for one in before.attached]
         before.forget()

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.flight.bounds import possible
-from casid.diagnosis.flight.criteria import NoiseCriteria
 from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, ParameterFunctions, PointFunctions, make_batch
@@ -530,11 +529,12 @@ def is_derived(
     reach = criteria.differentiator
     pairs = [_pair(record, rate, acceleration, reach) for record in records]
     around, values = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    if len(values) < criteria.differentiator_samples * around.shape[1]:
-        return False
     columns = np.column_stack([around, np.ones(len(values))])
+    more = len(values) - columns.shape[1]
+    if more <= 0:
+        return False
     h = np.linalg.lstsq(columns, values, rcond=None)[0]
-    left = float(np.std(values - columns @ h))
+    left = float(np.linalg.norm(values - columns @ h)) / math.sqrt(more)
     return left < criteria.differentiated * sigma[rate] * float(np.linalg.norm(h[:-1]))
 
 
@@ -546,7 +546,7 @@ def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCr
     own, of_rate = (pooled_sigma([r[name] for r in both]) for name in (acceleration, RATE_OF[acceleration]))
     varies = float(np.nanstd(np.concatenate([r[acceleration] for r in both])))
     differences = of_rate / (math.sqrt(2.0) * float(np.median([r.dt for r in both])))
-    return own < criteria.smallest * varies and own < criteria.smoothed * differences
+    return own < criteria.smallest * varies and own < criteria.differentiated * differences
 
 
 def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:

@@ -187,12 +187,12 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
     numerics = fitted.criteria.numerics.fit
     if not fitted.flight.noise_by_fit:
         return fitted
-    for _ in range(numerics.noise_level_fits):
+    for _ in range(numerics.repeats):
         before, level = fitted.flight.sigma, level_of(fitted)
         fitted = _under(fitted, before | level, {}, free)
         if all(abs(np.log(level[o] / before[o])) < numerics.noise_stays for o in level):
             break
-    for _ in range(numerics.colour_fits):
+    for _ in range(numerics.repeats):
         before, colour = fitted.noise.colour, colour_of(fitted, fitted.flight.doubted)
         fitted = _under(fitted, fitted.flight.sigma, colour, free)
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.noise_stays for o in colour):
@@ -282,7 +282,7 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
 def _put_in(fitted: FlightFit) -> np.ndarray:
     """(R, ny) Offsets of readings due to attached effects: their constant contributions."""
     batch, output = fitted.batch, fitted.output
-    found, rounding = np.zeros(output.shape[1:]), fitted.criteria.structure.rounding
+    found, rounding = np.zeros(output.shape[1:]), fitted.criteria.numerics.structure.rounding
     for one in fitted.attached:
         if one.effect.output is not None:
             added = readings([one], batch.names, batch.t, output, fitted.model.outputs, fitted.known) - output
@@ -323,18 +323,19 @@ def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
     """The flight with the noise of doubted outputs estimated with the model."""
     if not flight.doubted:
         return flight
-    criteria, numerics = flight.criteria.noise, flight.criteria.numerics.fit
+    numerics = flight.criteria.numerics.fit
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}
-    first = {o: max(flight.sigma[o], criteria.first * v) for o, v in variation.items()}
+    first = {o: max(flight.sigma[o], numerics.first_noise * v) for o, v in variation.items()}
     now = replace(flight, sigma=flight.sigma | first)
     fitted = None
-    for _ in range(numerics.noise_fits):
-        tolerance = numerics.noise_tolerance
-        fitted = fit(now, attached, now.noise(), fitted, iterations=numerics.noise_iterations, tolerance=tolerance)
+    for _ in range(numerics.repeats):
+        before, fitted = now.sigma, fit(now, attached, now.noise(), fitted)
         residual = free_simulation(fitted).residual
         now = flight.with_noise_above(
             [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]
         )
+        if all(abs(np.log(now.sigma[o] / before[o])) < numerics.noise_stays for o in flight.doubted):
+            break
     return now
 
 
@@ -345,7 +346,7 @@ def _left(flight: Flight, record: Record, residual: np.ndarray) -> Record:
 
 def without_outliers(fitted: FlightFit) -> FlightFit:
     """The fit without the outliers that it shows, repeated until there are none."""
-    for _ in range(fitted.criteria.numerics.fit.outlier_fits):
+    for _ in range(fitted.criteria.numerics.fit.repeats):
         at, outputs = outliers(fitted), fitted.model.outputs
         if not at.any():
             break
@@ -398,14 +399,9 @@ def _moving(fitted: FlightFit) -> np.ndarray:
 
 
 def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
-    """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better.
-
-    Beside causes that are `named` already, the change must be large enough to require another search.
-    """
-    criteria, share = fitted.criteria.input_timing, held_share(fitted, named=named)
-    late = 2.0 * criteria.change_s / float(np.median(fitted.batch.dt))
-    worth = min(criteria.change, late) if named else criteria.step
-    if abs(share - fitted.flight.held) < worth:
+    """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better."""
+    share = held_share(fitted, named=named)
+    if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
         return fitted
     flight = fitted.flight.with_inputs_held(share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, iterations=20)
@@ -421,7 +417,7 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     """
     shares, stds, gains = surface_shares(fitted)
     criteria = fitted.criteria.input_timing
-    clear = stds < criteria.std
+    clear = stds < criteria.step / 2
     needed = min(criteria.surfaces, int(clear.sum()) if named else len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held

@@ -250,9 +250,7 @@ def _flown(flight: Flight, known: Sequence[Attached]) -> View:
 
 
 def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
-    by = flight.criteria.numerics.fit
-    tolerance, iterations = by.states_tolerance, by.states_iterations
-    return fit(flight, known, flight.noise(), free="states", iterations=iterations, tolerance=tolerance)
+    return fit(flight, known, flight.noise(), free="states")
 
 
 def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:

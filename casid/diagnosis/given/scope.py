@@ -341,7 +341,7 @@ class Scope:
 
     def ready(self, recorded: Split) -> Split:
         """Records before they were corrected, prepared like these."""
-        nodes = self.flight.criteria.numerics.missing_input.spacing
+        nodes = self.flight.criteria.numerics.missing_input.times[0]
         fitted, held = (with_thrust(self.flight.aircraft, some, self.flight.axes, nodes).records for some in recorded)
         return fitted, held
 
@@ -378,7 +378,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     """
     fitted, held = records
     judged = axes_that_tell(fitted, axes, criteria.given, aircraft)
-    nodes = criteria.numerics.missing_input.spacing
+    nodes = criteria.numerics.missing_input.times[0]
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records
     flight = prepare(aircraft, powered.records, criteria, judged.name, average=True)

@@ -327,7 +327,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
     if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
         return kinematics.still_air(flight)
     in_moving_air = [moved(calm)]
-    for _ in range(criteria.numerics.turbulence.repairs):
+    for _ in range(criteria.numerics.naming.trials):
         taken = {a.effect.key for a in faulty.attached}
         ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
         if not ranked or ranked[0].net < criteria.kinematics.refuted * (evidence.deviance - in_moving_air[-1]):

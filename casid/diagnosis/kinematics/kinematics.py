@@ -83,9 +83,9 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
         if name in MOMENTS:
             size = _angular_acceleration(flight, _RATES[name], criteria) * inertia[name]
             size /= qS * lengths.get(name, aircraft.moment_length_lateral)
-            free[station.coefficient(name)] = (size, criteria.moment_time)
+            free[station.coefficient(name)] = (size, criteria.time)
         else:
-            free[station.coefficient(name)] = (criteria.force * aircraft.mass / qS, criteria.force_time)
+            free[station.coefficient(name)] = (criteria.force * aircraft.mass / qS, criteria.time)
     return free
 
 
@@ -103,7 +103,7 @@ def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria
     """
     if rate not in flight.outputs:
         return criteria.unmeasured_moment
-    squares, lasts, time = [], [], criteria.moment_time
+    squares, lasts, time = [], [], criteria.time
     for record in flight.records:
         there = np.isfinite(record[rate])
         t, values = record.t[there], record[rate][there]
@@ -264,8 +264,7 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
     if they explain more than the approximate model of turbulence leaves.
     """
 
-    numerics = flight.criteria.numerics.turbulence
-    scales, signs = numerics.rolling, dict(zip(_TURNED, numerics.turning, strict=True))
+    scales, signs = flight.criteria.numerics.turbulence.rolling, {"q": -1.0, "r": 1.0}
 
     def turned_about(*axes: str) -> Mapping[str, float]:
         """The rotation of the air with the opposite sign about some axes."""
@@ -344,7 +343,8 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.
     """
     criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
-    begin, unknown = numerics.first_velocity, criteria.scale_length
+    velocities, unknown, worse = numerics.velocities, criteria.scale_length, flight.criteria.significance.search
+    begin = velocities[len(velocities) // 2]
 
     def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, iterations: int = 2) -> FlightFit:
         moving = gusts(flight, sigma, length=length, axes=axes)
@@ -358,14 +358,14 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
             last = at(sigma, unknown, last)
             if last.deviance < best.deviance:
                 best, best_sigma = last, sigma
-            if last.deviance > best.deviance + numerics.worse:
+            if last.deviance > best.deviance + worse:
                 break
         return best, best_sigma
 
     calm.forget()  # its deviance and its motion are needed
     first = at(begin, unknown, calm)
-    faster = [sigma for sigma in numerics.velocities if sigma > begin]
-    slower = [sigma for sigma in reversed(numerics.velocities) if sigma < begin]
+    faster = [sigma for sigma in velocities if sigma > begin]
+    slower = [sigma for sigma in reversed(velocities) if sigma < begin]
     ends = side_by_side(best_along, (faster, slower))
     found, best = min(ends, key=lambda end: end[0].deviance)
     gain = max(calm.deviance - found.deviance, 0.0)
@@ -392,7 +392,7 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, iterations=1).deviance, factors.tolist())
     factor, spread = _lowest(factors, by_length, numerics.beyond)
     length, middle = factor * unknown, best * factor**0.5
-    sigmas = middle * np.array([numerics.velocity_ratio**-0.5, 1.0, numerics.velocity_ratio**0.5])
+    sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, iterations=1).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
     std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))

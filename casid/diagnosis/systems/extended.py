@@ -49,10 +49,9 @@ def _flown(plant: Plant, records: Sequence[Record], otherwise: Mapping[str, floa
 
 
 def _of_states(plant: Plant) -> FlightFit:
-    flight, by = as_flight(plant), plant.criteria.numerics.fit
-    iterations, tolerance = by.states_iterations, by.states_tolerance
+    flight = as_flight(plant)
     with np.errstate(all="ignore"):
-        return fit(flight, (), flight.noise(), free="states", iterations=iterations, tolerance=tolerance)
+        return fit(flight, (), flight.noise(), free="states")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

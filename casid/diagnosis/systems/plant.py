@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 
 from casid.criterion import in_time
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
@@ -20,7 +20,6 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, Sizes, disturbance_series, readings
 from casid.diagnosis.systems.library import (
     Library,
-    SystemCriteria,
     as_read,
     as_term,
     effects_of,
@@ -240,7 +239,7 @@ class Plant:
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
         """This plant with values of its parameters, and other records under its noise."""
         base = replace(self.base, nominal={**self.base.nominal, **values})
-        paths = motions(base, records, self.sigma, self.criteria.systems.smoothed)
+        paths = motions(base, records, self.sigma, self.criteria.numerics.systems.smoothed)
         return replace(
             self,
             base=base,
@@ -315,8 +314,7 @@ def plant_of(
         prior_std={name: std for name, std in model.prior_std.items() if std > 0.0},
         state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
     )
-    by = criteria.systems
-    sigma = noise_of(base, records, by)
+    sigma = noise_of(base, records, criteria.noise)
     return Plant(
         base=base,
         freed=free,
@@ -325,8 +323,8 @@ def plant_of(
         sigma=sigma,
         terms_of=library.terms(base),
         criteria=_for_systems(criteria, float(np.median([record.duration for record in records]))),
-        paths=motions(base, records, sigma, by.smoothed),
-        effects=effects_of(library, base, ports, records, free, by),
+        paths=motions(base, records, sigma, criteria.numerics.systems.smoothed),
+        effects=effects_of(library, base, ports, records, free, criteria.systems),
         sizes=PlantSizes(),
     )
 
@@ -334,18 +332,12 @@ def plant_of(
 def _for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
-    by = criteria.systems
-    naming = {
-        "trials": by.trials,
-        "further_trials": by.further_trials,
-        "terms": by.terms,
-        "trial_iterations": by.iterations,
-    }
-    wider = in_time(criteria, duration / by.record)
-    return wider.with_values({"numerics": {"naming": naming}, "naming": {"give_up": by.give_up}})
+    by, wider = criteria.numerics.naming, criteria.numerics.systems.wider
+    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials", "terms", "trial_iterations")}
+    return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": {"naming": more}})
 
 
-def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) -> dict[str, float]:
+def noise_of(model: Model, records: Sequence[Record], criteria: NoiseCriteria) -> dict[str, float]:
     """Output -> 1-sigma, from the band above the motion; for records that are too short for that, from a fit of the
     model.
 
@@ -359,7 +351,7 @@ def noise_of(model: Model, records: Sequence[Record], criteria: SystemCriteria) 
             raise InputError(
                 f"no record has the output '{name}' of '{model.name}'; add the channel, or drop the output"
             )
-        least = max(criteria.smallest_noise * float(np.std(np.concatenate(there))), 1e-12)
+        least = max(criteria.smallest * float(np.std(np.concatenate(there))), 1e-12)
         sigma = pooled_sigma(there)
         found[name] = max(sigma, least) if np.isfinite(sigma) else np.nan
     if not np.isfinite(list(found.values())).all():

@@ -44,7 +44,7 @@ def test_thrust_that_moves_is_told_from_drag_by_its_motion() -> None:
     assert "thrust" not in drag_off([level(np.linspace(6000.0, 10000.0, 100))], 10000.0)
 
 
-NODES = Criteria().numerics.missing_input.spacing
+NODES = Criteria().numerics.missing_input.times[0]
 
 
 @pytest.mark.parametrize("trimmed", [True, False])
