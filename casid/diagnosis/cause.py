@@ -96,7 +96,7 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry that `to_dict` made; a number that JSON cannot hold becomes NaN.
+        """The gate of an entry that `to_dict` made; JSON has no infinite numbers, of which the outcome tells the sign.
 
         Parameters
         ----------
@@ -108,10 +108,16 @@ class Gate:
         Gate
             The gate.
         """
-        numbers = {k: math.nan if entry[k] is None else float(entry[k]) for k in ("value", "threshold")}
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
+        least, holds = entry.get("least", True), entry["passed"] and not any(other.passed for other in others)
+        infinite = math.inf if holds == least else -math.inf
         return cls(
-            gate=entry["gate"], criterion=entry["criterion"], least=entry.get("least", True), or_else=others, **numbers
+            gate=entry["gate"],
+            value=infinite if entry["value"] is None else float(entry["value"]),
+            threshold=-infinite if entry["threshold"] is None else float(entry["threshold"]),
+            criterion=entry["criterion"],
+            least=least,
+            or_else=others,
         )
 
 
