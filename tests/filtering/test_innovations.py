@@ -10,7 +10,15 @@ import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 from filter_cases import DT, GUSTY, filtered, gusty_flight, gusty_short_period
 
-from casid.filtering.innovations import NoiseModel, PointFunctions, _interval, inject, linearise, make_batch
+from casid.filtering.innovations import (
+    NoiseModel,
+    ParameterFunctions,
+    PointFunctions,
+    _interval,
+    inject,
+    linearise,
+    make_batch,
+)
 from casid.filtering.kalman import augmented, kalman_filter, residual_about, residual_column
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
@@ -37,6 +45,24 @@ def test_innovations_of_the_right_model_are_white_with_unit_variance():
                 assert abs(autocorrelation(series, lag)) < 4.0 / np.sqrt(len(series))
     _, _, coloured = filtered(gusty_short_period(), records, NoiseModel(measurement=NOISE))
     assert np.mean(coloured[20:] ** 2) > 2.0 and autocorrelation(coloured[20:, 0, 0], 1) > 0.5
+
+
+def test_sensitivities_in_stretches_are_those_of_the_whole_record():
+    """Whitened one stretch after the other, and along a direction, as from the matrices of all samples at once."""
+    model, records = gusty_short_period(), [gusty_flight(11, samples=400), gusty_flight(12, "m2", samples=300)]
+    batch, P = make_batch(model, records), np.tile(model.nominal_vector(), (2, 1))
+    X = 0.01 * np.random.default_rng(3).standard_normal((400, 2, 2))
+    W = 0.01 * np.random.default_rng(4).standard_normal((400, 2, len(model.disturbances)))
+    linear = linearise(PointFunctions(model, model.parameters), batch, P, X, W)
+    kalman, sensitive = kalman_filter(linear, GUSTY), ParameterFunctions(model, model.parameters)
+    count = len(model.parameters)
+    found = kalman.whiten_in_stretches(sensitive.in_stretches(batch, P, X, W), count)
+    assert found == pytest.approx(kalman.whiten(linear.Dp, linear.Bp), rel=1e-9, abs=1e-9)
+    direction = np.random.default_rng(5).standard_normal((2, count))
+    for at, Dp, Bp in sensitive.in_stretches(batch, P, X, W, direction):
+        assert Dp[..., 0] == pytest.approx(np.einsum("krip,rp->kri", linear.Dp[at], direction), abs=1e-12)
+        whole = np.einsum("krip,rp->kri", linear.Bp[at], direction)
+        assert Bp[..., 0] == pytest.approx(whole, abs=1e-12)
 
 
 def test_likelihood_is_that_of_the_dense_gaussian():

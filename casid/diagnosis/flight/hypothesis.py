@@ -352,6 +352,7 @@ def readings(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HistorySlope:
     """Change of time histories per unit of a value: those at `stations`, or those of the readings where there are none.
+    A value without any effect has neither.
 
     stations  (n,) indices of disturbances
     series    (N, R, n), or (N, R, ny) of the readings
@@ -390,6 +391,8 @@ class Slopes:
             elif slope.series.shape[2]:
                 nothing = np.zeros((*linear.defect.shape, 1))
                 columns[..., i] = kalman.whiten(slope.series[..., None], nothing)[..., 0]
+            else:
+                columns[..., i] = 0.0
         return columns
 
     def along(self, linear: Linear, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
