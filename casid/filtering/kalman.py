@@ -274,9 +274,10 @@ def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Fil
 def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None) -> tuple[np.ndarray, ...]:
     """(A, C, gain, inverse root, prediction covariance, log determinant), a stretch of samples at a time: the
     covariances of the noise, which nothing needs afterwards, take as much memory as these."""
-    (N, R, ny, _), n = linear.C.shape, len(_names(linear, noise))
-    shapes = [(n, n), (ny, n), (n, ny), (ny, ny), (n, n), ()]
-    made = [np.empty((N - (i in (0, 2)), R, *shape)) for i, shape in enumerate(shapes)]
+    (N, R, ny, nx), n = linear.C.shape, len(_names(linear, noise))
+    of_noise = [(N - 1, R, n, ny), (N, R, ny, ny), (N, R, n, n), (N, R)]
+    made = [linear.A, linear.C] if n == nx else [np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n))]
+    made += [np.empty(shape) for shape in of_noise]
     together = max(_STRETCH // R, 1) if kernel is not None and not noise.slow else N
     begin: np.ndarray | None = None
     for first in range(0, max(N - 1, 1), together):
@@ -293,7 +294,8 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
         )
         passed = _covariance_pass(*given) if kernel is None else kernel.covariance(*given)
         for to, part in zip(made, (given[0], given[1], *passed), strict=True):
-            to[first : first + len(part)] = part
+            if to is not linear.A and to is not linear.C:  # without further states the filter has those of the model
+                to[first : first + len(part)] = part
         begin = passed[2][-1]
     return tuple(made)
 
