@@ -43,8 +43,9 @@ def _decisions() -> tuple[Decision, ...]:
 
 
 def test_a_trace_survives_json() -> None:
-    """Numbers that JSON cannot hold come back as NaN, and a gate on them does not pass."""
-    odd = Decision(cause="gust(z)", round=2, outcome="refused", gates=(at_least("a", math.nan, 1.0),))
+    """JSON has no infinite numbers; they come back with the sign that the outcome of their gate tells."""
+    gates = (at_most("a", math.inf, 1.0), at_least("b", -math.inf, 1.0), at_least("c", math.inf, 1.0))
+    odd = Decision(cause="gust(z)", round=2, outcome="refused", gates=gates)
     wanted = (*_decisions(), odd)
     text = json.dumps(plain({"decisions": [one.to_dict() for one in wanted]}))
     back = trace_of(json.loads(text)).decisions
