@@ -268,8 +268,9 @@ class Diagnosis:
 
     @property
     def noise(self) -> dict[str, float]:
-        """Output -> 1-sigma of its noise."""
-        return dict(self.extended.fit.noise.measurement)
+        """Output -> 1-sigma of the noise of its samples as recorded."""
+        fit = self.extended.fit
+        return {name: sigma * math.sqrt(fit.flight.every) for name, sigma in fit.noise.measurement.items()}
 
     @property
     def criteria(self) -> Criteria:

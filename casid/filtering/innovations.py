@@ -22,7 +22,7 @@ from casid.errors import InputError
 from casid.filtering.kernel import filter_kernel
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
-from casid.native.compiler import Compilable
+from casid.native.compiler import BUILDING, Compilable
 from casid.records.record import Record
 
 _BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay in the processor's cache
@@ -133,6 +133,15 @@ class PointFunctions:
         self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e.T) for e in values])))
         self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
         self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
+        self._by_parameters: dict[tuple[str, ...], ParameterFunctions] = {}
+
+    def by_parameters(self, free: Sequence[str]) -> ParameterFunctions:
+        """The sensitivities of the same model to `free` parameters, built once."""
+        key = tuple(free)
+        with BUILDING:
+            if key not in self._by_parameters:
+                self._by_parameters[key] = ParameterFunctions(self.model, key)
+        return self._by_parameters[key]
 
     def __reduce__(self) -> tuple[type[PointFunctions], tuple[Model, tuple[str, ...]]]:
         return PointFunctions, (self.model, self.free)

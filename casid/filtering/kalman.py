@@ -96,8 +96,8 @@ class Filter:
             part = slice(at.start, at.stop + 1)  # with the first sample of the next one, whose states are `held`
             if len(F) == len(Y):
                 Y = np.concatenate([Y, np.zeros((1, *Y.shape[1:]))])
-            parts = self.A[part], self.C[part], self.gain[part], self.inverse_root[part]
-            mine = replace(self, **dict(zip(("A", "C", "gain", "inverse_root"), parts, strict=True)))
+            root = self.inverse_root[part]
+            mine = replace(self, A=self.A[part], C=self.C[part], gain=self.gain[part], inverse_root=root)
             found, _ = mine._columns(Y, F, held)
             white[:, at, :, :columns] = found[:, : at.stop - at.start]
         if self.colouring.stretches:
@@ -283,17 +283,10 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
     for first in range(0, max(N - 1, 1), together):
         before = min(first, 1)  # noise of inputs at a sample acts in the interval before it too
         A, C, Q, M, S, P0 = augmented(_between(linear, first - before, first + together + 1), noise, kernel is None)
-        steps, samples = (slice(before, None),) * 2
-        given = (
-            A[steps],
-            C[samples],
-            Q[steps],
-            M[samples],
-            None if S is None else S[steps],
-            P0 if begin is None else begin,
-        )
+        A, C, Q, M = (part[before:] for part in (A, C, Q, M))
+        given = (A, C, Q, M, None if S is None else S[before:], P0 if begin is None else begin)
         passed = _covariance_pass(*given) if kernel is None else kernel.covariance(*given)
-        for to, part in zip(made, (given[0], given[1], *passed), strict=True):
+        for to, part in zip(made, (A, C, *passed), strict=True):
             if to is not linear.A and to is not linear.C:  # without further states the filter has those of the model
                 to[first : first + len(part)] = part
         begin = passed[2][-1]

@@ -69,7 +69,7 @@ def next_flights(diagnosis: Diagnosis) -> NextFlights:
     """A proposal for each question that a manoeuvre can answer, within the limits of what the records flew."""
     flown = [thinned(record, _RATE_HZ) for record in diagnosis.refitted.fit.flight.records]
     aircraft, limits = _at_trim(diagnosis.extended_aircraft, flown), _limits(flown)
-    noise = diagnosis.extended.fit.noise.measurement
+    noise = diagnosis.noise
     found: list[Proposal] = []
     beyond: list[str] = []
     for said, first, second in islice(_questions(diagnosis), _TRIED):
@@ -259,7 +259,7 @@ def _std(value: float) -> str:
 
 def _for_untold(diagnosis: Diagnosis, aircraft: Aircraft, limits: Limits, count: int) -> Iterator[Proposal]:
     """A 3-2-1-1 for the derivatives that these records did not excite, plane by plane."""
-    noise, least = diagnosis.extended.fit.noise.measurement, diagnosis.criteria.given.from_records
+    noise, least = diagnosis.noise, diagnosis.criteria.given.from_records
     unmoved = {one.name: one for one in _untold(diagnosis) if one.unmoved(least)}
     resting = dict.fromkeys(diagnosis.extended.fit.flight.resting, _DEFLECTION)
     limits = replace(limits, surfaces={**resting, **limits.surfaces})

@@ -81,6 +81,12 @@ class State:
     def fit(self) -> FlightFit:
         return self.evidence.fit
 
+    def forget(self) -> None:
+        """Give up the arrays of both evidences, which are computed again on demand."""
+        for one in (self.evidence, self.kinematic):
+            if one is not None:
+                one.forget()
+
     @property
     def named(self) -> list[Round]:
         """The rounds that named a cause."""
@@ -164,9 +170,7 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     screened = _screened(state, effects)
     state.evidence.forget()
     trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
-    for one in (state.evidence, state.kinematic):
-        if one is not None:
-            one.forget()
+    state.forget()
     trials, equivalents = ranked(trials, fits, state.criteria)
     named = any(trial.meaningful for trial in fits)
     this = Round(

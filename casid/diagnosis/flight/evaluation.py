@@ -266,7 +266,7 @@ class Work:
         by_free = {"all": [*aerodynamic, *symbolic], "effects": symbolic, "offsets": [*offsets, *symbolic]}
         names = by_free.get(free, [])
         self.functions = flight.functions(self.model)
-        self.by_parameters = flight.by_parameters(self.model, names)
+        self.by_parameters = self.functions.by_parameters(names)
         self.regressors = flight.regressors(self.model)
         numeric = [] if free == "states" else [(i, key) for i, a in enumerate(attached) for key in a.numeric]
         self.slots = (
@@ -435,7 +435,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
     )
-    found.__dict__["known"] = along.known
+    found.__dict__["known"] = along.known  # at hand; computed again where it was given up
     return found
 
 

@@ -15,7 +15,7 @@ from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
 from casid.errors import InputError
-from casid.filtering.innovations import Batch, NoiseModel, ParameterFunctions, PointFunctions, make_batch
+from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
@@ -52,7 +52,7 @@ class Flight:
     colour       output -> (1-sigma, correlation time) of its innovations, for noise that is estimated with the model
                  (`NoiseModel.colour`)
     turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
-    held         behaviour of inputs between samples (`Batch.held`), for records that do not state it
+    held         behaviour of inputs between recorded samples (`Batch.held`), for records that do not state it
     every        number of recorded samples of which each sample is the mean
     unknown      inputs that were never recorded: nothing that depends on them is judged
     criteria     the thresholds for all decisions made with this flight
@@ -76,16 +76,10 @@ class Flight:
     sizes: Sizes | None = None
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
-    _by_parameters: dict[tuple[Model, tuple[str, ...]], ParameterFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {
-            "_models": {},
-            "_functions": {},
-            "_by_parameters": {},
-            "_regressors": {},
-        }  # built again on demand
+        return self.__dict__ | {"_models": {}, "_functions": {}, "_regressors": {}}  # built again on demand
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -224,14 +218,6 @@ class Flight:
                 self._functions[key] = PointFunctions(model, free)
         return self._functions[key]
 
-    def by_parameters(self, model: Model, free: Sequence[str]) -> ParameterFunctions:
-        """The sensitivities of one of its models to the `free` parameters."""
-        key = model, tuple(free)
-        with BUILDING:
-            if key not in self._by_parameters:
-                self._by_parameters[key] = ParameterFunctions(model, free)
-        return self._by_parameters[key]
-
     def regressors(self, model: Model) -> Regressors:
         """The aerodynamic regressors of one of its models."""
         with BUILDING:
@@ -249,8 +235,8 @@ class Flight:
                     read = spaced(record.t, Z[: len(record), j, i], self.spacing)
                     Z[: len(record), j, i] = np.where(read, Z[: len(record), j, i], np.nan)
             batch = replace(batch, Z=Z)
-        # The mean of inputs that are held over a sample interval acts half of that interval late.
-        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held / self.every))
+        # Inputs that are held over a recorded interval act half of that interval late, and so do their means.
+        return replace(batch, held=np.where(batch.held == 0.0, self.held, batch.held) / self.every)
 
     def measured(self, model: Model) -> np.ndarray:
         """(N, R, states) Measured motion; states that are not measured have the values of the trim."""
@@ -313,11 +299,11 @@ class Flight:
 
     def turned_by_air(self, turning: Mapping[str, float]) -> Flight:
         """The same records with a model whose air also rotates the aircraft."""
-        return replace(self, turning=turning, _models={}, _functions={}, _by_parameters={}, _regressors={})
+        return replace(self, turning=turning, _models={}, _functions={}, _regressors={})
 
     def with_inputs_held(self, share: float) -> Flight:
         """The flight with inputs held over a share of the sample interval (`Batch.held`), and a note about it."""
-        late = 0.5e3 * share * float(np.median([record.dt for record in self.records]))
+        late = 0.5e3 * share * float(np.median([record.dt for record in self.records])) / self.every
         note = f"inputs: taken to act {abs(late):.2g} ms {'after' if late > 0.0 else 'before'} the straight line"
         note += f" between their samples, as the surfaces agree: held over {share:.0%} of an interval"
         others = (tuple(n for n in record.notes if not n.startswith("inputs: ")) for record in self.records)
@@ -335,7 +321,7 @@ class Flight:
         """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
         ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in _averaged(ready, self.every))
-        built = {} if aircraft is self.aircraft else {"_models": {}, "_functions": {}, "_by_parameters": {}}
+        built = {} if aircraft is self.aircraft else {"_models": {}, "_functions": {}}
         return replace(self, aircraft=aircraft, records=ready, _regressors={}, **built)
 
 

@@ -409,7 +409,7 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
 
 
 def held_share(fitted: FlightFit, *, named: bool = False) -> float:
-    """Share of a sample interval over which inputs are held (`Batch.held`), in steps.
+    """Share of an interval between recorded samples over which inputs are held (`Batch.held`), in steps.
 
     Two surfaces that determine it well must agree; otherwise the present share is returned. A single surface may be
     late for other reasons. It is sufficient for inputs that are held over the complete interval, and beside causes that
@@ -451,8 +451,8 @@ def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     covariance = scaled_inverse(information)[k:]
     change, variance = covariance @ (both.T @ left.reshape(-1)), np.diag(covariance[:, k:])
     acts = variance > 0.0  # a surface of an axis out of scope has no information, or a negative rounding error
-    change, variance = change[acts], variance[acts]
-    return fitted.flight.held + change, np.sqrt(variance), change**2 / variance
+    change, variance, every = change[acts], variance[acts], fitted.flight.every
+    return fitted.flight.held + every * change, every * np.sqrt(variance), change**2 / variance
 
 
 def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -33,7 +33,6 @@ from casid.filtering.innovations import (
     Batch,
     Linear,
     NoiseModel,
-    ParameterFunctions,
     PointFunctions,
     at_points,
     linearise,
@@ -139,7 +138,6 @@ class Plant:
     terms: tuple[tuple[str, str, str], ...] = ()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
-    _by_parameters: dict[tuple[Model, tuple[str, ...]], ParameterFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Terms] = field(default_factory=dict, repr=False)
 
     @property
@@ -210,14 +208,6 @@ class Plant:
                 self._functions[key] = PointFunctions(model, free)
         return self._functions[key]
 
-    def by_parameters(self, model: Model, free: Sequence[str]) -> ParameterFunctions:
-        """The sensitivities of one of its models to the `free` parameters."""
-        key = model, tuple(free)
-        with BUILDING:
-            if key not in self._by_parameters:
-                self._by_parameters[key] = ParameterFunctions(model, free)
-        return self._by_parameters[key]
-
     def regressors(self, model: Model) -> Terms:
         """The terms that effects of one of its models are made of."""
         with BUILDING:
@@ -247,7 +237,6 @@ class Plant:
             paths=paths,
             _models={},
             _functions={},
-            _by_parameters={},
             _regressors={},
         )
 

@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_flights import flights
+from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import view_of
 from casid.model.causes import actuator_lag, wind_shear
 from casid.records.record import Record
 from casid.records.thinning import averaged
@@ -50,6 +51,16 @@ def test_a_lag_is_as_large_and_as_certain_in_averages(hold: str) -> None:
     assert one == 1 and every > 1
     assert lag == pytest.approx(0.12, abs=4.0 * std)
     assert std < 1.1 * std_of_all
+
+
+def test_noise_and_error_are_reported_for_samples_as_recorded() -> None:
+    """Truth: the noise that was flown. It is all that the right model leaves."""
+    flight = prepare(do328(), flights(seed=4, count=2, rate_hz=100.0), average=True)
+    found = view_of(fit(flight, [], flight.noise(), iterations=20)).channels
+    assert flight.every > 1
+    for name in ("V", "q", "phi"):
+        assert found[name].noise == pytest.approx(NOISE[name], rel=0.1)
+        assert found[name].rms == pytest.approx(NOISE[name], rel=0.15)
 
 
 def test_a_channel_of_a_slower_rate_is_not_averaged() -> None:

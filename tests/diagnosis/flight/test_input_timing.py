@@ -55,6 +55,15 @@ def test_the_share_that_was_flown_is_found(share):
     assert len(notes) == (3 if share else 0)
 
 
+@pytest.mark.parametrize("axes", ["full", "longitudinal"])
+def test_a_hold_from_one_recorded_sample_to_the_next_is_found_in_averages(axes: str) -> None:
+    """By all surfaces, and by the elevator alone."""
+    records = flights(seed=3, count=2, rate_hz=100.0, hold="held")
+    flight = prepare(rough_file(), records, axes=axes, average=True)
+    assert flight.every > 1
+    assert held_share(fit(flight, [], flight.noise(), iterations=20)) == 1.0
+
+
 @pytest.mark.parametrize(
     "late",
     [
