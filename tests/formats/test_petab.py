@@ -154,7 +154,7 @@ def test_a_fit_from_twice_the_published_parameters_is_never_below_its_start(peta
     problem = times(cs.read_petab(petab_data / name / f"{name}.yaml"), 2.0)
     by_lsoda = Likelihood(problem, 1e-8)
     begun = by_lsoda(dict(zip(problem.parameters, problem.start_vector, strict=True)))
-    fit = cs.solve(problem, solver=cs.Automatic(seconds=3.0))
+    fit = cs.solve(problem, solver=cs.Automatic(seconds=8.0))
     ended = by_lsoda(fit.values)
     assert ended < begun and -fit.log_likelihood < begun
     assert not fit.converged or ended == pytest.approx(-fit.log_likelihood, abs=0.01)
