@@ -160,8 +160,8 @@ class _Scatter:
         self._rows += len(u)
         once = u
         if order:
-            once, self._once = lfilter([1.0], a, u, axis=0, zi=self._once)
-            twice, self._twice = lfilter([1.0], a, once, axis=0, zi=self._twice)
+            once, self._once = _through(a, u, self._once)
+            twice, self._twice = _through(a, once, self._twice)
             both = np.concatenate([self._last, twice])
             for j in range(1, order + 1):
                 self.slopes[j - 1] += (once * both[order - j : order - j + len(u)]).sum(axis=0)
@@ -401,6 +401,11 @@ def _stationary(a: np.ndarray) -> bool:
     return True
 
 
+def _through(a: np.ndarray, rows: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows run through 1/A, and the state of the filter after them. scipy leaves that of no rows unset."""
+    return lfilter([1.0], a, rows, axis=0, zi=state) if len(rows) else (rows, state)
+
+
 class _Filter:
     """X' R X of one channel and record: R = variance (A' A)^-1 with the filter A of the autoregression. So it is the
     Gram matrix of the rows run through 1/A, also of what rings on after the last."""
@@ -413,7 +418,7 @@ class _Filter:
         self._gram = np.zeros((width, width))
 
     def add(self, rows: np.ndarray) -> None:
-        run, self._memory = lfilter([1.0], self.colour.a, rows, axis=0, zi=self._memory)
+        run, self._memory = _through(self.colour.a, rows, self._memory)
         self._gram += run.T @ run
         self._recent = np.concatenate([self._recent, run])[-len(self._recent) :]
 

@@ -215,7 +215,7 @@ def test_what_a_fit_absorbs_of_slow_noise_is_put_back():
     assert (plain < 0.85).all() and (counted > plain + 0.08).all() and (counted < 1.1).all()
 
 
-@pytest.mark.parametrize("size", [37, 400])
+@pytest.mark.parametrize("size", [1, 37, 400])  # pieces shorter than a block complete none
 def test_the_scatter_of_a_variance_is_that_of_its_autoregression(size):
     """Slopes of the variances by differences, with the covariance of coefficients that Yule and Walker's have."""
     rng, count = np.random.default_rng(4), 400
