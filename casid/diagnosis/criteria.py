@@ -490,7 +490,7 @@ class Numerics:
     samples_per_cycle: float = number(
         25.0,
         "samples per cycle of the highest frequency of the motion that records are averaged to",
-        "derived: sampling rate recommended by Klein and Morelli, Aircraft System Identification, chapter 9",
+        "measured: a lag of 0.12 s keeps 96 % of its statistic with 36 samples, 85 % with 24 (docs/diagnosis.md)",
     )
     fit: FitNumerics = FitNumerics()
     turbulence: TurbulenceNumerics = TurbulenceNumerics()

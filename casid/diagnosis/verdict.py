@@ -248,10 +248,9 @@ def judged(
     belief = believed(causes, unexplained, state, left)
     causes = belief.causes
     faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
-    bare = begun.without_causes({c.key for c in causes})
-    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
-    flight = flight_values(kept.evidence)
+    bare, flight = begun.without_causes({c.key for c in causes}), flight_values(kept.evidence)
     kept.evidence.forget()
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
     added = part(kept, causes, minor)

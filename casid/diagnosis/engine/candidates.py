@@ -13,12 +13,12 @@ from casid.diagnosis.engine.acceptance import clear_gain, look_alike, size_gates
 from casid.diagnosis.engine.onsets import Intervals, at_peak, further_records, sudden, weak_members
 from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
-from casid.diagnosis.flight.evaluation import FlightFit, as_read, lateness
+from casid.diagnosis.flight.evaluation import FlightFit, as_read, lateness, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
+from casid.diagnosis.kinematics.check import kinematic_check
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Values
@@ -180,7 +180,7 @@ def _reversed(values: Values) -> Values:
 
 
 def try_cause(
-    evidence: Evidence, candidate: Candidate, kinematic: Evidence | None, give_up: float
+    evidence: Evidence, candidate: Candidate, seen: Gate | None, give_up: float
 ) -> tuple[Trial, Evidence, Intervals]:
     """Fit a candidate together with the effects of the present model.
 
@@ -190,23 +190,21 @@ def try_cause(
         Evidence of the present model.
     candidate
         The cause to be fitted, with its predicted values.
-    kinematic
-        Evidence of the kinematics, or None. If they reject the cause at half of its predicted size, they reject it at
-        any larger size, and it is not fitted.
+    seen
+        The gate of the kinematics on its predicted size (`worth_fitting`). If it failed, the cause is not fitted.
     give_up
         Deviance that the fit must come below. The fit stops as soon as that is impossible.
 
     Returns
     -------
     trial
-        The result.
+        The result, before it is `checked`.
     joint
         Evidence of the model with the cause; of the present model if it was not fitted.
     interval
         95 % intervals of the onsets [s], by record.
     """
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
-    seen = worth_fitting(kinematic, attached)
     if seen is not None and not seen.passed:
         return _given_up(base, candidate, seen), evidence, {}
     interval: Intervals = {}
@@ -229,30 +227,37 @@ def try_cause(
         joint = _without_weak(base, joint)
     fitted = joint.fit
     one = fitted.attached[-1]
-    raw = evidence.deviance - joint.deviance
-    spared = evidence.deviance_at_scales(joint.scales) - evidence.deviance
-    # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
-    clear = raw + spared if one.effect.regressor else raw
-    share, print_ = meaningful_share(fitted, one), _fingerprint(fitted, base, one)
-    joint.forget()
-    check = kinematic_check(kinematic, one)
+    gain = Gain(
+        raw=evidence.deviance - joint.deviance,
+        price=candidate.statistic - candidate.net,
+        spared=evidence.deviance_at_scales(joint.scales) - evidence.deviance,
+        exact=base.deviance - fitted.deviance,
+    )
     trial = Trial(
         candidate=replace(candidate, attached=one),
         std=_std(fitted, one),
-        fingerprint=print_,
-        gain=Gain(
-            raw=raw,
-            price=candidate.statistic - candidate.net,
-            spared=spared,
-            exact=base.deviance - fitted.deviance,
-        ),
-        size=size_gates(fitted, one, share, clear, clear_gain(base), check.confirmed),
-        share=share,
-        check=check,
+        fingerprint=_fingerprint(fitted, base, one),
+        gain=gain,
+        share=meaningful_share(fitted, one),
     )
+    joint.forget()
+    return trial, joint, interval
+
+
+def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evidence | None) -> Trial:
+    """The trial of a cause that was `fitted` beside the model of `evidence`, with the gates on its size, for which the
+    kinematics are asked; None if the forces cannot be left free with these records."""
+    if trial.given_up is not None:
+        return trial
+    gain, one = trial.gain, trial.candidate.attached
+    # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
+    clear = gain.raw + gain.spared if one.effect.regressor else gain.raw
+    check = kinematic_check(kinematic, one)
+    size = size_gates(fitted, one, trial.share, clear, clear_gain(evidence.fit), check.confirmed)
+    trial = replace(trial, size=size, check=check)
     if trial.meaningful and one.effect.recurring:
         trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
-    return trial, joint, interval
+    return trial
 
 
 def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
@@ -282,11 +287,13 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     """(samples,) Whitened sensitivity to the cause, less its projection on the parameters of the model without it."""
     late = lateness(fitted.attached, fitted.flight, fitted.model)
     flat = as_read(late, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
-    own = flat[:, [slot.name for slot in fitted.slots].index(one.name)]
     known = {slot.name for slot in base.slots}
-    basis = flat[:, [i for i, slot in enumerate(fitted.slots) if slot.name in known]]
-    basis = basis / np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    return (own - basis @ np.linalg.lstsq(basis, own, rcond=None)[0]).astype(np.float32)
+    beside = np.array([slot.name in known for slot in fitted.slots])
+    own = [slot.name for slot in fitted.slots].index(one.name)
+    gram, direction = gram_of(flat), np.zeros(len(beside))
+    direction[beside] = -scaled_inverse(gram[np.ix_(beside, beside)]) @ gram[beside, own]
+    direction[own] = 1.0
+    return (flat @ direction).astype(np.float32)
 
 
 def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str, Intervals]]:

@@ -33,7 +33,14 @@ from casid.diagnosis.engine.acceptance import (
     sine,
 )
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
-from casid.diagnosis.engine.candidates import is_same, settled, try_cause, with_look_alikes, worth_trying
+from casid.diagnosis.engine.candidates import (
+    checked,
+    is_same,
+    settled,
+    try_cause,
+    with_look_alikes,
+    worth_trying,
+)
 from casid.diagnosis.engine.onsets import Intervals, configuration_changes
 from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.engine.trial import Round, Trial
@@ -45,7 +52,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.check import without_turbulence
+from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 
@@ -166,11 +173,9 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     taken = {one.effect.key for one in state.fit.attached}
     effects = [one for one in catalogue if one.key not in taken]
     if state.kinematic is not None:
-        state.kinematic.forget()  # until a fitted cause is checked
+        state.kinematic.forget()  # until the fits are begun
     screened = _screened(state, effects)
-    state.evidence.forget()
     trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
-    state.forget()
     trials, equivalents = ranked(trials, fits, state.criteria)
     named = any(trial.meaningful for trial in fits)
     this = Round(
@@ -267,14 +272,19 @@ def _tried(
     fits: dict[Trial, FlightFit] = {}
     intervals, give_up = dict[str, Intervals](), np.inf
     earlier, required = [one.leader for one in state.named], state.baseline.required
+    seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
+    state.forget()  # the arrays of the fits that are tried are enough to hold
 
-    def run(candidate: Candidate) -> tuple[Trial, FlightFit, Intervals]:
-        trial, joint, interval = try_cause(state.evidence, candidate, state.kinematic, give_up)
+    def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
+        trial, joint, interval = try_cause(state.evidence, *one, give_up)
         return trial, joint.fit, interval
 
     at_once = state.criteria.numerics.naming.side_by_side
-    for first in range(0, len(candidates), at_once):
-        for tried, fitted, interval in side_by_side(run, candidates[first : first + at_once]):
+    for first in range(0, len(seen), at_once):
+        results = side_by_side(run, seen[first : first + at_once])
+        together = [checked(trial, fitted, state.evidence, state.kinematic) for trial, fitted, _ in results]
+        state.forget()
+        for tried, (_, fitted, interval) in zip(together, results, strict=True):
             enough = gains_enough(tried, earlier, required, state.criteria) if tried.given_up is None else None
             trial = replace(tried, enough=enough)
             trials.append(trial)

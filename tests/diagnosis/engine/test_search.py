@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from diagnosis_flights import flights, trial_of
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.baseline import baseline_from
-from casid.diagnosis.engine.candidates import try_cause
+from casid.diagnosis.engine.candidates import checked, try_cause
 from casid.diagnosis.engine.search import State, dropped, swapped
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
@@ -60,7 +61,8 @@ def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> 
     flight = prepare(do328(), flights([LATE.with_values({"value": 0.06}), BIAS], 3))
     base = weigh(fit(flight, (), flight.noise(), iterations=20))
     other = LATE if named is LAGGED else LAGGED
-    tried = [try_cause(base, trial_of(one).candidate, None, float("inf"))[0] for one in (named, other, BIAS)]
+    fitted = [try_cause(base, trial_of(one).candidate, None, np.inf)[:2] for one in (named, other, BIAS)]
+    tried = [checked(trial, joint.fit, base, None) for trial, joint in fitted]
     rounds = tuple(
         Round(candidates=(), trials=tuple(some), equivalents=(), named=True) for some in (tried[:2], tried[2:])
     )
