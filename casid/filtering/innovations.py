@@ -13,7 +13,7 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import casadi as ca
 import numpy as np
@@ -68,6 +68,11 @@ class Batch:
     @property
     def samples(self) -> int:
         return int(self.live.sum())
+
+    def of_records(self, some: slice) -> Batch:
+        """The same of some records, as views."""
+        arrays = {name: getattr(self, name)[:, some] for name in ("t", "dt", "U", "Z", "live")}
+        return replace(self, names=self.names[some], held=self.held[some], **arrays)
 
     def held_at(self, model: Model) -> np.ndarray:
         """(R, nw) the same of disturbances: those of recorded inputs run as these do, and all others linearly."""
@@ -254,6 +259,10 @@ class Linear:
     Dp: np.ndarray
     Dw: np.ndarray
     dt: np.ndarray
+
+    def of_records(self, some: slice) -> Linear:
+        """The same of some records, as views."""
+        return replace(self, **{name: of[:, some] for name, of in vars(self).items() if isinstance(of, np.ndarray)})
 
 
 def linearise(

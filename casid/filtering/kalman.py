@@ -51,6 +51,13 @@ class Filter:
         """What makes innovations white that the noise model says are not."""
         return colouring(self.linear, self.noise.colour)
 
+    def of_records(self, some: slice) -> Filter:
+        """The same of some records, as views."""
+        arrays = {name: of[:, some] for name, of in vars(self).items() if isinstance(of, np.ndarray)}
+        linear = self.linear.of_records(some)
+        through = linear if self.through is self.linear else self.through.of_records(some)
+        return replace(self, linear=linear, through=through, **arrays)
+
     def along(self, linear: Linear, noise: NoiseModel) -> Filter:
         """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
         state that it does not know no sample moves.

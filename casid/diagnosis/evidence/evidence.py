@@ -8,7 +8,7 @@ is still found.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import Any
@@ -247,6 +247,19 @@ class Evidence:
             self.__dict__.pop(name, None)
         self.fit.forget()
 
+    def in_records(self) -> Iterator[tuple[slice, Evidence]]:
+        """(records, evidence of their time histories) A few records at a time, so many that their arrays are small
+        beside those of the fit; estimates and sums are those of all records.
+        """
+        N, R = self.fit.batch.live.shape
+        together = max(1, _SAMPLES // N)
+        if together >= R:
+            yield slice(None), self
+            return
+        for first in range(0, R, together):
+            some = slice(first, first + together)
+            yield some, replace(self, fit=self.fit.of_records(some))
+
     def columns(self, together: int) -> Iterator[tuple[int, np.ndarray]]:
         """(number of the first, (R, N, ny, columns)) Whitened innovations and sensitivities to the fitted parameters,
         then to the small terms, so many at a time.
@@ -300,6 +313,8 @@ class Evidence:
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
         return self.fit.deviance + self.sums.posterior(least)[2]
 
+
+_SAMPLES = 4096  # of records that are gone through at a time, for sums that need all columns of a sample together
 
 # Fit -> with or without discrepancy -> all of its evidence but the fit, which several stages ask for.
 _WEIGHED: WeakKeyDictionary[FlightFit, dict[bool, dict[str, Any]]] = WeakKeyDictionary()

@@ -7,7 +7,7 @@ further pass.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import Literal
 
@@ -77,8 +77,9 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
     """
     R, k = evidence.fit.white.shape[1], len(evidence.newton)
     both = {port: np.empty((R, k + 1, of.shape[2])) for port, of in series.items()}
-    for port, some, part in _entrances(evidence, list(series)):
-        both[port][:, some] = part.swapaxes(1, 2) @ series[port].swapaxes(0, 1)
+    for here, own in evidence.in_records():
+        for port, columns, part in _entrances(own, list(series)):
+            both[port][here, columns] = part.swapaxes(1, 2) @ series[port][:, here].swapaxes(0, 1)
     return {port: (of[:, 1:], of[:, 0]) for port, of in both.items()}
 
 
@@ -138,6 +139,19 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
             at = onset_grid(evidence, length=values.get("length", np.inf)) if onsets is None else onsets
             rows += [(effect, values, float(onset)) for onset in at]
     rows.sort(key=lambda row: row[2] or 0.0)  # samples before the first onset of a group need no work
+    by_records = [_of_rows(own, rows) for _, own in evidence.in_records()]
+    return by_records[0] if len(by_records) == 1 else [_together(parts) for parts in zip(*by_records, strict=True)]
+
+
+def _together(parts: Sequence[Fingerprint]) -> Fingerprint:
+    """The fingerprint with the sums of all records, from those of some records after the other."""
+    sums = {name: np.concatenate([getattr(one, name) for one in parts]) for name in ("square", "cross", "match")}
+    return replace(parts[0], **sums)
+
+
+def _of_rows(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
+    """The fingerprints of rows, by place."""
+    base = evidence.fit
     by_place: dict[str, list[_Row]] = {"disturbances": [], "readings": [], "equations": []}
     for row in rows:
         by_place[_acts_on(row[0])].append(row)

@@ -69,6 +69,10 @@ class Motion:
     coloured: np.ndarray
     inputs: np.ndarray
 
+    def of_records(self, some: slice) -> Motion:
+        """The same of some records, as views."""
+        return Motion(X=self.X[:, some], coloured=self.coloured[:, some], inputs=self.inputs[:, some])
+
     def moved(self, step: Motion, length: float = 1.0) -> Motion:
         return Motion(
             X=self.X + length * step.X,
@@ -157,6 +161,15 @@ class FlightFit:
     def lighter(self) -> FlightFit:
         """The fit without its sensitivities, to save memory."""
         return self._copied(self._without(_ARRAYS | _HISTORIES))
+
+    def of_records(self, some: slice) -> FlightFit:
+        """The time histories, filter and sensitivities of some records, as views; estimates are those of all."""
+        names = ("output", "read", "seen", "disturbances", "errors", "white", "columns")
+        arrays = {name: getattr(self, name)[:, some] for name in names}
+        along = {name: {key: of[:, some] for key, of in getattr(self, name).items()} for name in _HISTORIES}
+        parts = {name: getattr(self, name).of_records(some) for name in ("batch", "linear", "filter", "motion")}
+        here = {**self.__dict__, **arrays, **along, **parts, "parameters": self.parameters[some]}
+        return self._copied({name: value for name, value in here.items() if name != "slopes"})
 
     def ended(self, left: float) -> FlightFit:
         """The converged fit that ends here; `left` is what may still change."""

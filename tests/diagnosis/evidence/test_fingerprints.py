@@ -9,7 +9,7 @@ import pytest
 from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.fingerprints import fingerprints, products_at
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
@@ -22,6 +22,7 @@ from casid.model.causes import structural_mode
 from casid.model.dynamics import aircraft_model
 from casid.model.effects import catalogue, effect_of
 from casid.model.simulate import simulate
+from casid.model.station import coefficient
 from casid.model.trim import trim
 from casid.records.record import Record
 from casid.records.thinning import thinned
@@ -108,3 +109,18 @@ def test_a_fit_of_an_oscillation_stays_where_the_samples_tell_of_it(damping: flo
     start = Attached(effect=structural_mode("q"), values={"value": 0.05, "frequency_hz": 20.0, "damping": damping})
     found = fit(flight, [start], base.noise, base, iterations=15).attached[0].values
     assert 0.0 < found["frequency_hz"] <= 50.0 and found["damping"] >= 0.0
+
+
+def test_records_gone_through_one_by_one_give_the_same_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums over long records are gathered from a few records at a time."""
+    evidence, found = weigh(baseline(MEMORY)[0]), []
+    series = {coefficient("Cm"): np.random.default_rng(1).standard_normal((*evidence.fit.batch.live.shape, 2))}
+    for samples in (10**6, 1):
+        monkeypatch.setattr("casid.diagnosis.evidence.evidence._SAMPLES", samples)
+        assert len(list(evidence.in_records())) == (1 if samples > 1 else 2)
+        prints = fingerprints(evidence, evidence.fit.flight.effects)
+        sums = [np.concatenate([one.square, one.cross.ravel(), one.match]) for one in prints]
+        cross, match = products_at(evidence, series)[coefficient("Cm")]
+        found.append((np.stack(sums), cross, match))
+    for whole, parts in zip(*found, strict=True):
+        np.testing.assert_allclose(parts, whole, rtol=1e-9, atol=1e-9 * np.abs(whole).max())
