@@ -387,9 +387,9 @@ class Cause:
         Likelihood-ratio statistic: decrease of the deviance when the cause is added and everything is estimated again,
         with `dof` parameters. The model without the cause has the same scale of model discrepancy as the model with it.
     held_out_gain
-        Increase of the log likelihood per sample of the held-out records; None for an event that does not recur there.
+        Increase of the log likelihood per reading of the held-out records; None for an event that does not recur there.
     onset_s
-        Record -> interval [s] that contains the onset with 95 % probability; None for a cause that always acts.
+        Record -> interval [s] that contains the onset with 95 % probability or more; None for a cause that always acts.
     indistinguishable_from
         The other causes of its ambiguity set: kind, target, term, title, value, unit, gain and probability of each.
     share

@@ -74,7 +74,8 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
     """
     say("refit of the file")
     calm = fit(flight, known, flight.noise(), iterations=20)
-    if is_far(calm, flight.criteria.given.fails**2) and not comes_near(flight, known):
+    far = is_far(calm, flight.criteria.given.fails**2)
+    if far and unread(flight).noise_by_fit and not comes_near(flight, known):
         flight = unread(flight)
         calm = fit(flight, known, flight.noise(), iterations=20)
     calm = as_inputs_run(in_colour(without_outliers(calm)))

@@ -447,9 +447,10 @@ def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:
     """The baseline whose noise is estimated with the model; None unless residuals with the causes far exceed the
     measured noise.
     """
-    if not is_far(state.fit, state.criteria.significance.chance):
-        return None
-    return baseline_of(unread(state.baseline.flight), state.baseline.calm.attached, say)
+    flight = unread(state.baseline.flight)
+    if not (flight.noise_by_fit and is_far(state.fit, state.criteria.significance.chance)):
+        return None  # where the file states the noise of too many outputs, the search would be repeated as it was
+    return baseline_of(flight, state.baseline.calm.attached, say)
 
 
 def _input_timing(state: State, say: Say) -> Baseline | None:

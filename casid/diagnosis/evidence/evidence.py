@@ -200,7 +200,7 @@ class Evidence:
     """A fit with model discrepancy as nuisance parameters.
 
     covariance  (k, k) of their joint posterior
-    newton      (k,) posterior mean of their changes; zero for converged parameters
+    newton      (k,) posterior mean of the small terms, and of the changes of the parameters beside them
     deviance    -2 log marginal likelihood up to a constant of the data, small terms integrated out
     terms       (coefficient, term) of the small terms, in units of `factors`
     factors     (terms,) units of the small terms
@@ -494,7 +494,7 @@ def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
 
 
 def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Gate, ...]:
-    """The gate on a value that must differ from zero: its 99 % interval, from the corrected deviation, excludes zero.
+    """The gate on a value that must differ from zero: zero is more than three corrected deviations away.
 
     A value that is not estimated has no gate.
     """

@@ -101,9 +101,9 @@ def drifts(evidence: Evidence) -> list[MissingInput]:
 def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
     """The clearest oscillation of the innovations as a latent input at each port, largest statistic first.
 
-    The list is empty if no frequency above those of `missing_inputs` is significant. An oscillation is too fast for the
-    nodes of a latent input. Its frequency is that of the highest peak of the periodogram of the innovations, pooled
-    over the records. Its amplitude and phase are free in every record.
+    Ports at readings are left out. The list is empty if no frequency above those of `missing_inputs` is significant. An
+    oscillation is too fast for the nodes of a latent input. Its frequency is that of the highest peak of the
+    periodogram of the innovations, pooled over the records. Its amplitude and phase are free in every record.
     """
     frequency = _peak_frequency(evidence.fit)
     if frequency is None:

@@ -193,8 +193,8 @@ class Flight:
 
     @property
     def noise_by_fit(self) -> bool:
-        """Whether no output shows its noise, so that level and colour of the noise are estimated with the model."""
-        return set(self.outputs) <= set(self.doubted)
+        """Whether most outputs do not show their noise, so that its level and colour are estimated with the model."""
+        return len(self.doubted) >= self.criteria.noise.common_filter * len(self.outputs)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """The noise model of readings and inputs, with `coloured` disturbances."""

@@ -8,6 +8,7 @@ filter's own droop and the noise that recorded surfaces bring into the simulatio
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,10 @@ from diagnosis_flights import NOISE, SURFACE_NOISE, flights
 from scipy import signal
 
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.flight.noise import in_colour, unread, with_noise_level
 from casid.model.causes.controls import actuator_lag
 from casid.records.noise import mean_over, quiet_windows
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
@@ -78,6 +80,15 @@ def test_the_high_band_of_filtered_noise_is_far_too_low() -> None:
     flight = prepare(do328(), measured(50.0, 5.0, 0.0))
     assert flight.doubted == flight.outputs
     assert ratios(flight).max() < 0.15
+
+
+def test_a_noise_that_the_file_states_leaves_that_of_the_others_to_the_fit() -> None:
+    """Truth: the noise that was flown. The level and colour of the other channels are estimated with the model."""
+    stated = replace(do328(), noise={"alpha": NOISE["alpha"]})
+    flight = unread(prepare(stated, measured(50.0, 5.0, 0.0)))
+    assert flight.noise_by_fit and "alpha" not in flight.doubted
+    found = in_colour(fit(flight, [], flight.noise(), iterations=20)).noise
+    assert found.measurement["alpha"] == NOISE["alpha"] and set(found.colour) == set(flight.outputs) - {"alpha"}
 
 
 @pytest.mark.parametrize("filtered", [True, False])
