@@ -420,6 +420,9 @@ class ScreeningNumerics:
 
     samples: int = number(64, "samples whose whitened small terms are in memory together: they stay in the cache")
     columns: int = number(32, "responses or columns in memory together, whole tiles of the compiled filter")
+    together: int = number(
+        4096, "samples of whole records that are gone through at a time where all columns are needed"
+    )
     starts: int = number(4, "number of records from which sets of records are grown")
     onset_step: float = number(1.0, "time between the onsets that are tried", unit="s")
     fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")

@@ -252,7 +252,7 @@ class Evidence:
         beside those of the fit; estimates and sums are those of all records.
         """
         N, R = self.fit.batch.live.shape
-        together = max(1, _SAMPLES // N)
+        together = max(1, self.criteria.numerics.screening.together // N)
         if together >= R:
             yield slice(None), self
             return
@@ -313,8 +313,6 @@ class Evidence:
         least = {c: min(scale, scales.get(c, scale)) for c, scale in self.scales.items()}
         return self.fit.deviance + self.sums.posterior(least)[2]
 
-
-_SAMPLES = 4096  # of records that are gone through at a time, for sums that need all columns of a sample together
 
 # Fit -> with or without discrepancy -> all of its evidence but the fit, which several stages ask for.
 _WEIGHED: WeakKeyDictionary[FlightFit, dict[bool, dict[str, Any]]] = WeakKeyDictionary()

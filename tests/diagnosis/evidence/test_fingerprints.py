@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, products_at
 from casid.diagnosis.evidence.screening import Screen
@@ -111,14 +112,16 @@ def test_a_fit_of_an_oscillation_stays_where_the_samples_tell_of_it(damping: flo
     assert 0.0 < found["frequency_hz"] <= 50.0 and found["damping"] >= 0.0
 
 
-def test_records_gone_through_one_by_one_give_the_same_sums(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_records_gone_through_one_by_one_give_the_same_sums() -> None:
     """Sums over long records are gathered from a few records at a time."""
-    evidence, found = weigh(baseline(MEMORY)[0]), []
-    series = {coefficient("Cm"): np.random.default_rng(1).standard_normal((*evidence.fit.batch.live.shape, 2))}
-    for samples in (10**6, 1):
-        monkeypatch.setattr("casid.diagnosis.evidence.evidence._SAMPLES", samples)
-        assert len(list(evidence.in_records())) == (1 if samples > 1 else 2)
-        prints = fingerprints(evidence, evidence.fit.flight.effects)
+    base, found = baseline(MEMORY)[0], []
+    evidence = weigh(base)
+    series = {coefficient("Cm"): np.random.default_rng(1).standard_normal((*base.batch.live.shape, 2))}
+    for samples, parts in ((10**6, 1), (1, 2)):
+        criteria = Criteria().with_values({"numerics": {"screening": {"together": samples}}})
+        evidence = replace(evidence, fit=replace(base, flight=replace(base.flight, criteria=criteria)))
+        assert len(list(evidence.in_records())) == parts
+        prints = fingerprints(evidence, base.flight.effects)
         sums = [np.concatenate([one.square, one.cross.ravel(), one.match]) for one in prints]
         cross, match = products_at(evidence, series)[coefficient("Cm")]
         found.append((np.stack(sums), cross, match))
