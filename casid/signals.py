@@ -76,12 +76,12 @@ FLIGHT_LIMITS = MappingProxyType(
     | {"V": 3500.0, "altitude": 1e5, "rho": 10.0, "thrust": 1e8}
 )
 
-# Units outside SI in SI: rad in a degree, m in a foot, kg in a pound, a slug and a tonne, N in a pound.
+# Units outside SI in SI: rad in a degree, m in a foot, kg in a pound, a slug and a tonne, N in a pound, m/s2 in a g.
 DEGREE = 0.017453292519943295
 FOOT = 0.3048
 POUND, SLUG, TONNE = 0.45359237, 14.593902937206364, 1000.0
 POUND_FORCE = 4.4482216152605
-_G = 9.80665
+GRAVITY = 9.80665
 # unit -> (SI unit, factor): SI = factor * value
 _UNITS: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
@@ -109,7 +109,7 @@ _UNITS: dict[str, tuple[str, float]] = {
     "km/h": ("m/s", 1 / 3.6),
     "m/s2": ("m/s2", 1.0),
     "ft/s2": ("m/s2", FOOT),
-    "g": ("m/s2", _G),
+    "g": ("m/s2", GRAVITY),
     "N": ("N", 1.0),
     "kN": ("N", 1e3),
     "lbf": ("N", POUND_FORCE),

@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.records.noise import high_band_sigma
 from casid.records.record import Record
-from casid.signals import SURFACES
+from casid.signals import GRAVITY, SURFACES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ def _phugoid_period(record: Record) -> float:
     """Lanchester's estimate pi sqrt(2) V / g [s] (Aerodonetics, 1908); infinite where no airspeed is measured."""
     if "V" not in record or not np.isfinite(record["V"]).any():
         return np.inf
-    return float(np.pi * np.sqrt(2.0) * np.nanmedian(record["V"]) / 9.80665)
+    return float(np.pi * np.sqrt(2.0) * np.nanmedian(record["V"]) / GRAVITY)
 
 
 def _runs(record: Record) -> list[tuple[str, float, float]]:

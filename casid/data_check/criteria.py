@@ -19,7 +19,8 @@ class DataCriteria:
     )
     apart: float = number(
         -5.0,
-        "log prior odds of one axis of an instrument in another unit, beside all of its axes",
+        "log prior odds of one axis of an instrument in another unit, or without gravity, beside all of its axes in "
+        "another unit",
         "measured: all axes against one gain -0.4 at least where all are, one against all 7.9 where one is",
         signed=True,
     )

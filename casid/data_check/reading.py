@@ -91,11 +91,13 @@ class Reading:
     """How what was recorded is taken.
 
     factor  channel -> SI value over recorded number
+    offset  channel -> what is added to that
     source  channel -> the column that holds it, where it is another one
     time    seconds in a unit of the time column
     """
 
     factor: Mapping[str, float] = field(default_factory=dict)
+    offset: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, str] = field(default_factory=dict)
     time: float = 1.0
 
@@ -105,12 +107,19 @@ class Reading:
         source = {n: self.source.get(other.source.get(n, n), other.source.get(n, n)) for n in names}
         scaled = {*self.factor, *other.factor, *names}
         factor = {n: other.factor.get(n, 1.0) * self.factor.get(other.source.get(n, n), 1.0) for n in scaled}
-        return Reading(factor=factor, source=source, time=self.time * other.time)
+        moved = {*self.offset, *other.offset, *(names if self.offset else ())}
+        before = {n: other.factor.get(n, 1.0) * self.offset.get(other.source.get(n, n), 0.0) for n in moved}
+        offset = {n: before[n] + other.offset.get(n, 0.0) for n in moved}
+        return Reading(factor=factor, offset=offset, source=source, time=self.time * other.time)
+
+    def of(self, name: str, recorded: np.ndarray) -> np.ndarray:
+        """The channel in SI, from the numbers of its column."""
+        return self.factor.get(name, 1.0) * recorded + self.offset.get(name, 0.0)
 
     @property
     def channels(self) -> frozenset[str]:
         """Channels that it takes otherwise than recorded."""
-        return frozenset((*self.factor, *self.source))
+        return frozenset((*self.factor, *self.offset, *self.source))
 
 
 AS_RECORDED = Reading()
@@ -137,7 +146,7 @@ class Read:
         source = self._reading.source.get(name, name)
         if source not in self._record:
             return self._density() if name == "rho" and self._density_known else np.zeros(len(self._record.t))
-        return self._reading.factor.get(name, 1.0) * self._record.values[source]
+        return self._reading.of(name, self._record.values[source])
 
     def _density(self) -> np.ndarray:
         """(N,) of the standard atmosphere at the recorded altitude, or that of the trim."""

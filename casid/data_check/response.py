@@ -24,7 +24,7 @@ from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
 from casid.records.record import Record
-from casid.signals import SURFACES, si_factor, unit_of
+from casid.signals import GRAVITY, SURFACES, si_factor, unit_of
 
 _FORCES: Mapping[str, str] = {"CX": "ax", "CY": "ay", "CZ": "az"}
 _OF_LIFT: Mapping[str, str] = {"CD": "ax", "CY": "ay", "CL": "az"}  # along body axes at small angles, less than zero
@@ -140,6 +140,7 @@ def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> li
     """All alternatives for records that have these channels; `stretched`: factors of time that rates ask for."""
     there = set(channels)
     found = [_sign(name) for name in _SIGNED if name in there]
+    found += [_WITHOUT_GRAVITY] if "az" in there else []
     for name in sorted(there):
         found += _units(name, (name,))
     for label, members in GROUPS.items():
@@ -154,6 +155,9 @@ def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> li
 
 def _sign(name: str) -> Alternative:
     return Alternative(kind="data_sign", target=name, reading=Reading(factor={name: -1.0}), value=-1.0)
+
+
+_WITHOUT_GRAVITY = Alternative(kind="data_gravity", target="az", reading=Reading(offset={"az": -GRAVITY}))
 
 
 def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:

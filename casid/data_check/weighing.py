@@ -17,7 +17,7 @@ from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response,
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
-from casid.signals import SURFACES
+from casid.signals import GRAVITY, SURFACES
 
 _OF_THE_FILE = ("file_sign",)
 
@@ -59,7 +59,7 @@ class Weighing:
         self._believed = as_read
         self._criteria = criteria
         self._aircraft = aircraft
-        self._gravity = aircraft.gravity if aircraft is not None else 9.80665
+        self._gravity = aircraft.gravity if aircraft is not None else GRAVITY
         density = trimmed_density(aircraft) if aircraft is not None else None
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
@@ -104,9 +104,13 @@ class Weighing:
         return self._one_kind_each(found)
 
     def _one_kind_each(self, found: Sequence[Weighed]) -> list[Weighed]:
-        """The faults, with those refused that would correct one channel of a record in more than one way. A column that
-        needs two corrections is more likely to be another thing, or records that were joined."""
-        judged = [replace(one, refused=any(_clash(one, other) for other in found)) for one in found]
+        """The faults, with those refused that would correct one channel of a record in more than one way, or that were
+        found with another correction of it that is not made. A column that needs two corrections is more likely to be
+        another thing, or records that were joined."""
+        judged = [
+            replace(one, refused=any(_clash(one, b) and (b.alone or j < i) for j, b in enumerate(found)))
+            for i, one in enumerate(found)
+        ]
         self.trusted = [AS_RECORDED for _ in self.names]
         for one in judged:
             for j, name in enumerate(self.names):
@@ -268,6 +272,8 @@ class Weighing:
 
     def _prior(self, alternative: Alternative) -> float:
         """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own."""
+        if alternative.kind == "data_gravity":
+            return self._criteria.apart
         names = alternative.reading.factor.keys()
         group = next((members for members in INSTRUMENTS if names < set(members)), ())
         there = {name for record in self._quick for name in group if name in record}
@@ -285,10 +291,10 @@ class Weighing:
 
 
 def _clash(one: Weighed, other: Weighed) -> bool:
-    """Whether two faults of different kinds would both be corrected in one channel of a record."""
+    """Whether two faults of different kinds concern one channel of a record."""
     a, b = one.alternative, other.alternative
     both = a.channels & b.channels and set(one.records) & set(other.records)
-    return bool(both) and a.kind != b.kind and one.alone and other.alone
+    return bool(both) and a.kind != b.kind
 
 
 def _surfaces_of(alternative: Alternative) -> set[str]:
@@ -320,6 +326,8 @@ def described(alternative: Alternative) -> str:
         return f"{alternative.target} of the aircraft file has the wrong sign"
     if alternative.kind == "data_sign":
         return f"{alternative.target} reversed"
+    if alternative.kind == "data_gravity":
+        return f"{alternative.target} without gravity"
     return f"{alternative.target.replace('+', ', ')} in {alternative.unit or 'another unit'}"
 
 
@@ -328,7 +336,7 @@ def with_readings(record: Record, reading: Reading) -> Record:
     if reading == AS_RECORDED:
         return record
     changed = {
-        name: reading.factor.get(name, 1.0) * record[reading.source.get(name, name)]
+        name: reading.of(name, record[reading.source.get(name, name)])
         for name in reading.channels
         if reading.source.get(name, name) in record
     }

@@ -45,6 +45,8 @@ def of_alternative(
         return f"The recorded {label} has the wrong sign in {where}"
     if kind == "data_swap":
         return f"The records of {label} are interchanged in {where}"
+    if kind == "data_gravity":
+        return f"The recorded {label} does not contain gravity in {where}"
     if target == "t":
         stands = f"in {unit}" if unit and "SI" not in unit else f"off by a factor of {1.0 / (value or 1.0):.3g}"
         return f"The time is {stands} in {where}"
@@ -70,6 +72,8 @@ def handled_as(
     odds = f"odds of {math.exp(log_odds):.0e} to 1".replace("e+0", "e").replace("e+", "e")
     if kind == "data_swap":
         return f"; they were changed back ({odds})."
+    if kind == "data_gravity":
+        return f"; 1 g was taken off ({odds})."
     return f"; the values were multiplied by {value:.4g} ({odds})."
 
 

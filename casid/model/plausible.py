@@ -15,6 +15,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.vocabulary import effect_title
+from casid.signals import GRAVITY
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +65,6 @@ _DENSITY = (0.012, 1.7)
 _THRUST_RATIO = (0.002, 3.0)
 # Lift of the file in its trim over weight: three 1-sigmas of a file that is 30 % off.
 _LIFT_RATIO = (0.33, 3.0)
-_STANDARD_GRAVITY = 9.80665
 
 
 def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
@@ -109,7 +109,7 @@ def _constants(a: Aircraft) -> Iterator[Doubt]:
             unit="m/s2",
             sentence=f"gravity is {a.gravity:.4g} m/s2, which is nowhere on Earth; expected about 9.81.",
         )
-    loading = a.mass * _STANDARD_GRAVITY / a.area
+    loading = a.mass * GRAVITY / a.area
     if _outside(loading, _WING_LOADING):
         yield Doubt(
             parameter="mass",
@@ -171,7 +171,7 @@ def _trim(a: Aircraft) -> Iterator[Doubt]:
             sentence=f"rho of [trim] is {rho:.3g} kg/m3; air has {_DENSITY[0]:.2g} to {_DENSITY[1]:.2g}: is it in "
             "slug/ft3?",
         )
-    weight = a.mass * _STANDARD_GRAVITY
+    weight = a.mass * GRAVITY
     if thrust != 0.0 and _outside(abs(thrust) / weight, _THRUST_RATIO):
         yield Doubt(
             parameter="trim thrust",
@@ -198,12 +198,12 @@ def lift_in_trim(a: Aircraft) -> float | None:
         return None
     by_tail = a.derivatives.get(f"{zero[:2]}_delta_e", 0.0) * a.trim.get("delta_e", 0.0)
     lift = sign * (a.derivatives[zero] + a.derivatives[slope] * a.trim["alpha"] + by_tail)
-    return lift * 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area / (a.mass * _STANDARD_GRAVITY)
+    return lift * 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area / (a.mass * GRAVITY)
 
 
 def believable(aircraft: Aircraft, found: tuple[Doubt, ...]) -> Aircraft:
     """The aircraft without what is in doubt and can be left out: entries of [trim], gravity."""
     names = {one.parameter for one in found}
     trim = {key: value for key, value in aircraft.trim.items() if f"trim {key}" not in names}
-    gravity = _STANDARD_GRAVITY if "gravity" in names else aircraft.gravity
+    gravity = GRAVITY if "gravity" in names else aircraft.gravity
     return replace(aircraft, trim=trim, gravity=gravity)

@@ -10,7 +10,7 @@ import numpy as np
 from casid.model.operators import delay
 from casid.records.noise import high_band_sigma
 from casid.records.record import Record
-from casid.signals import SURFACES
+from casid.signals import GRAVITY, SURFACES
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"),
@@ -169,8 +169,13 @@ def _thrust(fault: DataFault, record: Record, rng: np.random.Generator) -> Recor
     return record.with_channels(thrust=record["thrust"] * (1.0 + (fault.value or 0.0)))
 
 
+def _without_gravity(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
+    return record.with_channels(**{fault.target: record[fault.target] + GRAVITY})
+
+
 _MAKERS = {
     "data_sign": _sign,
+    "data_gravity": _without_gravity,
     "data_unit": _unit,
     "data_swap": _swap,
     "data_stuck": _hold,

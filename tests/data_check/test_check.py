@@ -44,6 +44,8 @@ def hold(*starts: float, seconds: float = 0.5) -> dict[str, tuple[tuple[float, f
 FAULTS = [
     DataFault(kind="data_sign", target="q", records=("m1",)),
     DataFault(kind="data_sign", target="az", records=BOTH),
+    DataFault(kind="data_gravity", target="az", records=BOTH),
+    DataFault(kind="data_gravity", target="az", records=("m2",)),
     DataFault(kind="data_unit", target="V", records=BOTH, value=1852.0 / 3600.0),
     DataFault(kind="data_unit", target="p+q+r", records=BOTH, value=DEG),
     DataFault(kind="data_unit", target="delta_e", records=BOTH, value=DEG),
@@ -76,7 +78,7 @@ def test_every_fault_is_found_and_mended(fault: DataFault, flown: tuple[Aircraft
     aircraft, records = flown
     checked = cs.check(with_fault(fault, records, seed=3), aircraft)
     assert score(fault, checked.findings) == "found", checked
-    if fault.kind in ("data_sign", "data_unit", "data_swap"):
+    if fault.kind in ("data_sign", "data_gravity", "data_unit", "data_swap"):
         for mended, healthy in zip(checked.records, records, strict=True):
             for name in ("t", *healthy.channels):
                 assert np.allclose(mended[name], healthy[name], rtol=0.11 if fault.target == "t" else 1e-9, atol=1e-9)
@@ -302,7 +304,7 @@ def test_two_kinds_of_correction_in_one_channel_are_refused(flown: tuple[Aircraf
     checked = cs.check(both, aircraft)
     of_az = [one for one in checked.findings if "az" in one.target]
     assert len(of_az) == 2 and all(one.handled == "reported" for one in of_az), checked
-    assert "two corrections at once are not made" in of_az[0].sentence
+    assert any("two corrections at once are not made" in one.sentence for one in of_az)
     assert all(np.array_equal(a["az"], b["az"]) for a, b in zip(checked.records, both, strict=True))
     assert all(np.array_equal(a["q"], b["q"]) for a, b in zip(checked.records, records, strict=True))
 

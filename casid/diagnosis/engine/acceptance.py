@@ -457,7 +457,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
 
 def sine(one: Trial, other: Trial) -> float:
     """Sine of the angle between two fingerprints; 1 if one of the trials was not fitted."""
-    a, b = one.fingerprint, other.fingerprint
+    a, b = one.fingerprint.astype(float), other.fingerprint.astype(float)  # the sine of a small angle needs all digits
     if a.size != b.size:
         return 1.0
     cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)

@@ -13,9 +13,9 @@ from casid.diagnosis.engine.acceptance import clear_gain, look_alike, size_gates
 from casid.diagnosis.engine.onsets import Intervals, at_peak, further_records, sudden, weak_members
 from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
+from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.screening import Candidate, equivalence
-from casid.diagnosis.flight.evaluation import FlightFit, as_read, lateness, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import kinematic_check
@@ -284,16 +284,19 @@ def _std(fitted: FlightFit, one: Attached) -> float:
 
 
 def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarray:
-    """(samples,) Whitened sensitivity to the cause, less its projection on the parameters of the model without it."""
+    """(N R ny,) Whitened sensitivity to the cause, less its projection on the parameters of the model without it."""
     late = lateness(fitted.attached, fitted.flight, fitted.model)
-    flat = as_read(late, fitted.columns).reshape(fitted.white.size, len(fitted.slots))
+    flat = by_rows(as_read(late, fitted.columns))
     known = {slot.name for slot in base.slots}
     beside = np.array([slot.name in known for slot in fitted.slots])
     own = [slot.name for slot in fitted.slots].index(one.name)
-    gram, direction = gram_of(flat), np.zeros(len(beside))
-    direction[beside] = -scaled_inverse(gram[np.ix_(beside, beside)]) @ gram[beside, own]
+    basis, direction = flat[:, beside], np.zeros(len(beside))
+    size = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
+    basis /= size
+    direction[beside] = -np.linalg.lstsq(basis, flat[:, own], rcond=None)[0] / size
     direction[own] = 1.0
-    return (flat @ direction).astype(np.float32)
+    N, R, ny = fitted.white.shape
+    return (flat @ direction).reshape(R, N, ny).swapaxes(0, 1).reshape(-1).astype(np.float32)
 
 
 def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str, Intervals]]:

@@ -240,6 +240,8 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     held_fit = there.fit
     if unsure:  # a term that these records do not determine can take any size
+        evidence.forget()
+        state.forget()
         final = without(final, unsure)
         evidence, held_fit = weigh(final), judge_on(held, final)
     return Kept(

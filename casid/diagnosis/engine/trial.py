@@ -61,7 +61,8 @@ class Trial:
     std
         Standard deviation of its value.
     fingerprint
-        Its whitened sensitivity less the projection on the parameters fitted beside it; empty if it was not fitted.
+        (N R ny,) Its whitened sensitivity less the projection on the parameters fitted beside it; empty if it was not
+        fitted.
     gain
         Its likelihood-ratio statistic, see `Gain`.
     share

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -255,7 +256,7 @@ class FlightFit:
     @cached_property
     def gradient(self) -> np.ndarray:
         """(slots,) Gradient of the log likelihood; zero at a maximum."""
-        return self.columns.reshape(self.white.size, len(self.slots)).T @ self.white.reshape(-1) - self.prior_pull
+        return by_rows(self.columns).T @ self.white.swapaxes(0, 1).reshape(-1) - self.prior_pull
 
     @property
     def derivatives(self) -> dict[str, float]:
@@ -452,9 +453,14 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     return found
 
 
+def by_rows(columns: np.ndarray) -> np.ndarray:
+    """(R N ny, slots) Whitened sensitivities (N, R, ny, slots) one record after the other, as they are in memory."""
+    return columns.swapaxes(0, 1).reshape(math.prod(columns.shape[:3]), columns.shape[3])
+
+
 def _covariance(columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """(slots, slots) Covariance from whitened sensitivities (N, R, ny, slots) and the inverse variance of the prior."""
-    flat = columns.reshape(int(np.prod(columns.shape[:3])), len(weight))
+    flat = by_rows(columns)
     return scaled_inverse(flat.T @ flat + np.diag(weight))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from casid.data_check.relations import FILE_UNITS
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation
-from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.evaluation import FlightFit, by_rows
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
 from casid.estimation.residual_colour import (
     WhitePiece,
@@ -129,7 +129,7 @@ def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
 def coloured_deviation(fit: FlightFit) -> np.ndarray:
     """(slots,) 1-sigma of the fitted values with the colour of their residuals; zero if it cannot be computed."""
     found = np.zeros(len(fit.slots))
-    flat = fit.columns.reshape(fit.white.size, len(fit.slots))
+    flat = by_rows(fit.columns)
     known = np.flatnonzero(np.einsum("ij,ij->j", flat, flat) > 0.0)
     if not len(known):
         return found

@@ -55,6 +55,17 @@ def test_a_cause_is_dropped_that_another_explains_and_stays_when_both_are_there(
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 
+def test_a_fingerprint_has_the_order_of_the_readings() -> None:
+    """A reading that a record does not have contributes nothing at its place; residuals are compared in that order."""
+    first, second = flights([LAGGED], 3)[:2]
+    flight = prepare(do328(), [first, second.with_channels(alpha=np.full(len(second), np.nan))])
+    base = weigh(fit(flight, (), flight.noise(), iterations=20))
+    trial, joint, _ = try_cause(base, trial_of(LAGGED).candidate, None, np.inf)
+    seen = joint.fit.seen
+    response = trial.fingerprint.reshape(seen.shape)
+    assert not seen.all() and not response[~seen].any() and np.mean(response[seen] != 0.0) > 0.9
+
+
 @pytest.mark.parametrize("named", [LAGGED, LATE])
 def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
     """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
