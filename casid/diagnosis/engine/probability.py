@@ -66,12 +66,14 @@ def believed(
     """
     scale = Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
-    places = [_place(one, rounds.get(one.key), scale) for one in causes]
+    named = {one.key for one in causes}
+    places = [_place(one, rounds.get(one.key), scale, named) for one in causes]
     near = _not_named(state, {effect.key for place in places for effect in place.effects}, scale)
     faint = {} if near is None else {near[0].candidate.name: near[1]}
     entered = {one.station: scale.of_missing(one) for one in unexplained}
     further = max([scale.of_missing(one) for one in left] if not unexplained else entered.values(), default=0.0)
-    there = {name: p for place in places for name, p in place.probabilities.items()} | faint
+    tables = [place.probabilities for place in places]
+    there = {name: 1.0 - prod(1.0 - one.get(name, 0.0) for one in tables) for table in tables for name in table} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
     priors = state.criteria.priors
     tempered, least = priors.tempered, priors.numerics.least
@@ -151,13 +153,14 @@ class _Place:
         return sum(self.probabilities[name] for name in names)
 
 
-def _place(cause: Cause, round_: Round | None, scale: Scale) -> _Place:
+def _place(cause: Cause, round_: Round | None, scale: Scale, named: Collection[tuple[str, str, str | None]]) -> _Place:
+    """The place of a cause. Another `named` cause is no alternative to it: the two were estimated beside each other."""
     if round_ is None:  # no alternative was fitted
         return _Place(effects=(cause.effect,), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
     best, logs = round_.leader, {}
     effects = {best.effect.name: best.effect}
     logs[best.effect.name] = 0.0
-    for rival in possible_rivals(best, round_.rivals):
+    for rival in (one for one in possible_rivals(best, round_.rivals) if one.effect.key not in named):
         behind = -scale.per_distance * max(distance(best, rival, scale.criteria), 0.0)
         name = rival.effect.name
         effects[name], logs[name] = rival.effect, max(behind, logs.get(name, -np.inf))
@@ -202,8 +205,8 @@ def _explanations(
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
     choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
     likely = [{names: p for names, p in one.items() if p > numerics.least} for one in choices]
-    wholes = (
-        (tuple(sorted(sum((names for names, _ in chosen), ()))), prod(p for _, p in chosen))
-        for chosen in product(*(one.items() for one in likely))
-    )
-    return sorted(wholes, key=lambda whole: -whole[1])[: numerics.reported]
+    wholes: dict[tuple[str, ...], float] = {}
+    for chosen in product(*(one.items() for one in likely)):  # an alternative of two causes may be in both places
+        whole = tuple(sorted({name for names, _ in chosen for name in names}))
+        wholes[whole] = wholes.get(whole, 0.0) + prod(p for _, p in chosen)
+    return sorted(wholes.items(), key=lambda one: -one[1])[: numerics.reported]

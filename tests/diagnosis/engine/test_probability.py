@@ -108,6 +108,28 @@ def test_explanations_are_wholes_and_their_probabilities_multiply() -> None:
     assert found.explanations[0] == ((LAG.name, second[0].name), pytest.approx(lag * air / (1.0 - DOUBT)))
 
 
+@pytest.mark.parametrize("side", [0.0, 1.0])  # of its fingerprint: it acts as the lag does, or not at all so
+def test_a_cause_named_later_stands_in_its_own_place_alone(side: float) -> None:
+    """A bias, tried beside the lag and named in the next round, whichever of the two is listed first: it is as sure as
+    without that trial, takes nothing from the lag, and is in no explanation twice."""
+    lag, bias = trial_of(LAG, 400.0, fingerprint=ALONG), trial_of(BIAS, 398.0, fingerprint=(1.0 - side, side, 0.0))
+    for causes in ((LAG, BIAS), (BIAS, LAG)):
+        found = believed([cause_of(one) for one in causes], [], naming_of(round_of(lag, bias), round_of(bias)), [])
+        assert found.there == pytest.approx({LAG.name: 1.0 - DOUBT, BIAS.name: 1.0 - DOUBT})
+        assert found.explanations[0] == ((LAG.name, BIAS.name), pytest.approx(1.0 - DOUBT))
+        assert all(len(set(names)) == len(names) for names, _ in found.explanations)
+
+
+def test_an_alternative_of_two_causes_is_there_if_it_is_either() -> None:
+    """Truth: it is absent if it is neither of the two, with half the probability each; and it is one cause."""
+    two = (BIAS, Attached(effect=gust("z"), values={"value": 3.0}))
+    rounds = [round_of(*(trial_of(one, 400.0, fingerprint=ALONG) for one in (first, LAG))) for first in two]
+    found = believed([cause_of(one) for one in two], [], naming_of(*rounds), [])
+    assert found.there[LAG.name] == pytest.approx(0.75 * (1.0 - DOUBT))
+    assert dict(found.explanations)[(LAG.name,)] == pytest.approx(0.25 * (1.0 - DOUBT))
+    assert sum(p for _, p in found.explanations) == pytest.approx(1.0 - DOUBT)
+
+
 def test_what_was_refused_is_not_there() -> None:
     """A round whose leader gained much and was doubted for what it left missing; one whose leader gained as much and
     was not named for another reason: that is no surer than a name must be."""
