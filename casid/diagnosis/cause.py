@@ -242,7 +242,7 @@ class Trace:
         Parameters
         ----------
         cause
-            Kind with or without target.
+            Kind with or without target; a target without its term stands for all terms.
 
         Returns
         -------
@@ -256,7 +256,8 @@ class Trace:
         """
         wanted = cause.replace(" ", "(", 1) + ")" if " " in cause.strip() and "(" not in cause else cause
         found = [one for one in self.decisions if wanted in (one.cause, one.cause.partition("(")[0])]
-        found = found or [one for one in self.decisions if one.cause.startswith(wanted.removesuffix(")"))]
+        begun = tuple(wanted.removesuffix(")") + mark for mark in ":,")  # a target without its term or variant
+        found = found or [one for one in self.decisions if one.cause.startswith(begun)]
         if not found:
             causes = {one.cause for one in self.decisions}
             kinds = {name.partition("(")[0] for name in causes}  # a list of all causes would fill a screen

@@ -65,6 +65,33 @@ def test_a_cause_is_found_by_any_of_its_spellings(asked: str, found: int) -> Non
     assert len(Trace(decisions=_decisions()).of(asked).decisions) == found
 
 
+NAMES = ("sensor_lag(phi)", "sensor_lag(psi)", "mass", "aero_term(Cm:alpha^2)", "aero_term(Cm:q, slow)")
+
+
+def considered(*names: str) -> Trace:
+    return Trace(decisions=tuple(Decision(cause=name, round=1, outcome="refused", gates=()) for name in names))
+
+
+@pytest.mark.parametrize(
+    ("asked", "found"),
+    [
+        ("sensor_lag", NAMES[:2]),
+        ("aero_term(Cm)", NAMES[3:]),
+        ("aero_term Cm", NAMES[3:]),
+        ("aero_term(Cm:q)", NAMES[4:]),
+    ],
+)
+def test_a_kind_and_target_stand_for_all_their_terms(asked: str, found: tuple[str, ...]) -> None:
+    assert tuple(one.cause for one in considered(*NAMES).of(asked).decisions) == found
+
+
+@pytest.mark.parametrize("asked", ["sensor_lag(p)", "sensor_lag p", "m", "aero_term(C)", "aero_term(Cm:alpha)", ""])
+def test_the_beginning_of_a_name_is_not_the_cause(asked: str) -> None:
+    """The roll-rate gyro is not the roll angle, and was not considered here."""
+    with pytest.raises(InputError):
+        considered(*NAMES).of(asked)
+
+
 def test_an_unknown_cause_names_the_nearest() -> None:
     with pytest.raises(InputError, match=r"actuator_lag\(delta_e\)"):
         Trace(decisions=_decisions()).of("actuator_lag(delta_f)")
