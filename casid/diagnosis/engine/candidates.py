@@ -227,21 +227,25 @@ def try_cause(
         joint = _without_weak(base, joint)
     fitted = joint.fit
     one = fitted.attached[-1]
-    gain = Gain(
-        raw=evidence.deviance - joint.deviance,
-        price=candidate.statistic - candidate.net,
-        spared=evidence.deviance_at_scales(joint.scales) - evidence.deviance,
-        exact=base.deviance - fitted.deviance,
-    )
     trial = Trial(
         candidate=replace(candidate, attached=one),
         std=_std(fitted, one),
         fingerprint=_fingerprint(fitted, base, one),
-        gain=gain,
+        gain=_gain(candidate, evidence, joint),
         share=meaningful_share(fitted, one),
     )
     joint.forget()
     return trial, joint, interval
+
+
+def _gain(candidate: Candidate, evidence: Evidence, joint: Evidence) -> Gain:
+    """The likelihood-ratio statistic of a cause: `evidence` of the model without it, `joint` of the model with it."""
+    return Gain(
+        raw=evidence.deviance - joint.deviance,
+        price=candidate.statistic - candidate.net,
+        spared=evidence.deviance_at_scales(joint.scales) - evidence.deviance,
+        exact=evidence.fit.deviance - joint.fit.deviance,
+    )
 
 
 def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evidence | None) -> Trial:
@@ -299,23 +303,31 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     return (flat @ direction).reshape(R, N, ny).swapaxes(0, 1).reshape(-1).astype(np.float32)
 
 
-def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str, Intervals]]:
+def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, FlightFit, dict[str, Intervals]]:
     """Fit the winner of a round to convergence.
 
     A cause that is not fully converged leaves residuals that look like another cause. The onsets of events named
     earlier are estimated again beside it.
 
+    Parameters
+    ----------
+    trial
+        The winner.
+    fitted
+        The fit with it.
+    without
+        Evidence of the model without it.
+
     Returns
     -------
     trial
-        The winner with its final values.
+        The winner with its final values and statistics.
     fitted
         The fit with it.
     intervals
         95 % intervals of the onsets, by name of the cause.
     """
-    before, intervals = fitted.deviance, {}
-    name = fitted.attached[-1].name
+    intervals, name = dict[str, Intervals](), fitted.attached[-1].name
     fitted = _ended(fitted)
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
     events = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
@@ -332,10 +344,10 @@ def settled(trial: Trial, fitted: FlightFit) -> tuple[Trial, FlightFit, dict[str
     for i in dict.fromkeys(events):
         evidence, intervals[fitted.attached[i].name] = at_peak(weigh(fitted), which=i)
         fitted = evidence.fit
-    one, more = fitted.attached[-1], before - fitted.deviance
+    one = fitted.attached[-1]
     candidate = replace(trial.candidate, attached=one)
-    trial = replace(trial, std=_std(fitted, one), candidate=candidate, gain=trial.gain.and_further(more))
-    return trial, fitted, intervals
+    gain = _gain(candidate, without, weigh(fitted))
+    return replace(trial, std=_std(fitted, one), candidate=candidate, gain=gain), fitted, intervals
 
 
 def _ended(fitted: FlightFit) -> FlightFit:

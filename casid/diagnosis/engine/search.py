@@ -189,7 +189,7 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     )
     if not named:
         return replace(state, rounds=(*state.rounds, this))
-    best, fitted, moved = settled(trials[0], fits[trials[0]])
+    best, fitted, moved = settled(trials[0], fits[trials[0]], state.evidence)
     this = replace(this, trials=(best, *this.rivals))
     grown = replace(state, rounds=(*state.rounds, this), intervals={**state.intervals, **intervals, **moved})
     return _settled_in(grown, _without_needless(fitted, state, best), best.effect)
@@ -400,7 +400,7 @@ def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
     this = replace(round_, equivalents=equivalents, ranked={**round_.ranked, **ranked_behind(first, ordered, criteria)})
     if first.effect.key == best.effect.key:
         return replace(state, rounds=_replaced(state.rounds, at, this))
-    first, fitted, moved = settled(first, fits[first])
+    first, fitted, moved = settled(first, fits[first], others.evidence)
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     this = replace(this, trials=(first, *ordered[1:], *rest))
     swapped = replace(

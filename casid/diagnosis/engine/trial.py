@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -44,10 +44,6 @@ class Gain:
     def total(self) -> float:
         """The statistic that compares causes: a cause that makes model discrepancy unneeded leaves less to explain."""
         return self.net + self.spared
-
-    def and_further(self, more: float) -> Gain:
-        """With the additional decrease of the deviance from a fit to convergence."""
-        return replace(self, raw=self.raw + more)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -11,7 +11,7 @@ from diagnosis_flights import SURFACE_NOISE, flights, trial_of
 from casid.diagnosis.cause import at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import can_be_named, equivalents_of, gains_enough, ranked
-from casid.diagnosis.engine.candidates import try_cause
+from casid.diagnosis.engine.candidates import settled, try_cause
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -149,3 +149,14 @@ def test_a_lag_gains_nothing_by_smoothing_the_record(late: FlightFit) -> None:
     assert late.deviance - smoothing.deviance > delay.gain.exact
     named = relaxed(beside.fit)
     assert named.acting.coloured and not named.noise_held
+
+
+def test_a_winner_has_the_statistics_of_its_final_fit(late: FlightFit) -> None:
+    """Truth: the decreases of the two deviances, with and without model discrepancy. A lag that was tried far from its
+    size ends elsewhere than its trial."""
+    slow = replace(LAGGED, values={"value": 0.3})
+    tried, joint, _ = try_cause(weigh(late), trial_of(slow).candidate, None, np.inf)
+    winner, fitted, _ = settled(tried, joint.fit, weigh(late))
+    assert winner.candidate.attached.values != tried.candidate.attached.values
+    assert winner.gain.raw == pytest.approx(weigh(late).deviance - weigh(fitted).deviance)
+    assert winner.gain.exact == pytest.approx(late.deviance - fitted.deviance)
