@@ -69,7 +69,7 @@ class Trial:
         The gate on its likelihood-ratio statistic; None if it was not fitted.
     inflation
         Factor by which correlated residuals of the final model reduce its statistic, or reduce its distance from the
-        leader (`comparison.tempered`).
+        leader (`acceptance.tempered`).
     check
         The kinematic check.
     given_up
