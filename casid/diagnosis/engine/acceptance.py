@@ -68,7 +68,6 @@ def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criter
     criteria
         The thresholds.
     """
-    gained = trial.gain.total if trial.effect.regressor else trial.gain.net
     of_a_name = "naming.gain_of_an_instrument" if trial.effect.of_an_instrument else "naming.gain"
     leave = [one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed]
     prices = {
@@ -77,7 +76,7 @@ def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criter
         "naming.left_to_others": criteria.naming.left_to_others * max(leave, default=0.0),
     }
     highest = max(prices, key=lambda name: prices[name])
-    return at_least("gain", gained, prices[highest], highest)
+    return at_least("gain", trial.decisive_gain, prices[highest], highest)
 
 
 def can_be_named(trial: Trial) -> bool:

@@ -112,8 +112,8 @@ class Scale:
 
     def of_trial(self, trial: Trial) -> float:
         """Log odds of a fitted cause against no cause."""
-        gained = trial.gain.total if trial.effect.regressor else trial.gain.net
-        return self.against_nothing(gained / trial.inflation, required_gain(trial.effect, self.criteria))
+        required = required_gain(trial.effect, self.criteria)
+        return self.against_nothing(trial.decisive_gain / trial.inflation, required)
 
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""

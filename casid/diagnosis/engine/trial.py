@@ -37,7 +37,7 @@ class Gain:
 
     @property
     def net(self) -> float:
-        """The statistic that decides whether a cause is named."""
+        """The statistic that decides whether a cause is named, unless it is a term (`Trial.decisive_gain`)."""
         return self.raw - self.price
 
     @property
@@ -90,6 +90,11 @@ class Trial:
     @property
     def effect(self) -> Effect:
         return self.candidate.attached.effect
+
+    @property
+    def decisive_gain(self) -> float:
+        """The statistic that decides whether it is named: of a term, with the discrepancy that it makes unneeded."""
+        return self.gain.total if self.effect.regressor else self.gain.net
 
     @property
     def meaningful(self) -> bool:
