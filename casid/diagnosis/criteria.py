@@ -271,7 +271,9 @@ class NamingCriteria:
         unit=_GAIN,
     )
     tried: float = number(
-        0.3, "predicted statistic, size and clearness of a cause that is fitted, over what a name requires"
+        0.3,
+        "predicted statistic of a cause that is fitted, over `gain`, also for an instrument fault; its predicted size "
+        "and clearness, over what a name requires",
     )
     approximate: float = number(
         0.02, "the same for an event or turbulence, whose shape is approximate, and the least that it leaves elsewhere"
