@@ -355,7 +355,7 @@ def concluded(
     )
     wrong = sentences.contradicted(factors, against, most, found.part)
     if facts.data_at_fault:
-        found, against = _in_doubt(found, "the data are at fault"), cannot_be
+        found, against, factors = _in_doubt(found, "the data are at fault"), cannot_be, ()
         headline = sentences.data_at_fault(at_fault, most)
     elif facts.file_impossible:
         found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
@@ -445,11 +445,34 @@ def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int)
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
-    """The diagnosis with all causes listed as minor, because of a fault of the data, the file or the extended model."""
-    doubted = [replace(c, sentence=f"{c.sentence} In doubt, for {because}.") for c in found.causes]
+    """The diagnosis with all causes listed as minor, because of a fault of the data, the file or the extended model.
+
+    Their probabilities assumed that there is no such fault, and are withdrawn as well.
+    """
+    doubted = [
+        replace(
+            c,
+            sentence=f"{c.sentence} In doubt, for {because}.",
+            indistinguishable_from=tuple({**one, "probability": None} for one in c.indistinguishable_from),
+            probability=None,
+            alone=None,
+            log_odds=None,
+        )
+        for c in found.causes
+    ]
     gate = at_most(because, 1.0, 0.0)
     decisions = tuple(
         replace(one, outcome=MINOR, gates=(*one.gates, gate)) if one.outcome in (NAMED, IN_A_SET) else one
         for one in found.trace.decisions
     )
-    return replace(found, causes=(), minor=(*doubted, *found.minor), unexplained=(), trace=Trace(decisions=decisions))
+    return replace(
+        found,
+        causes=(),
+        minor=(*doubted, *found.minor),
+        unexplained=(),
+        explanations=(),
+        believed={},
+        entered={},
+        nothing=None,
+        trace=Trace(decisions=decisions),
+    )

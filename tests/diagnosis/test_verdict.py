@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import json
+import math
+from dataclasses import replace
+
 import pytest
 
+import casid as cs
 from casid.data_check.reading import Finding
-from casid.diagnosis.verdict import named_in_errors
+from casid.diagnosis.given.contradicted import Contradiction, Factor
+from casid.diagnosis.result import Diagnosis, plain
+from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
+from casid.model.plausible import Doubt
+from problems.systems.count import SYSTEMS
+from problems.systems.system import Fault
+
+AT_FAULT = Finding(kind="data_sign", target="q", records=("m1",), handled="reported", sentence="q is reversed.")
+IMPOSSIBLE = Doubt(parameter="mass", given=1.0, unit="kg", sentence="No aircraft has a mass of 1 kg.")
+AGAINST = Contradiction(
+    parameter="b", unit="1", given=1.0, flight=2.0, std=0.1, reversed=False, impossible=False, sentence="b is 2."
+)
+GROUP = Factor(row="all", factor=2.0, std=0.1, means=("area",), derivatives=("b", "c"))
 
 
 @pytest.mark.parametrize(("most", "more"), [(1, "And 3 more."), (3, "And 1 more."), (4, None)])
@@ -19,3 +36,35 @@ def test_errors_state_as_many_findings_as_the_criterion_says(most: int, more: st
         raise InputError("nothing can be fitted")
     assert str(error.value).count("is reversed") == most
     assert str(error.value).endswith(more or "ay is reversed.")
+
+
+@pytest.fixture(scope="module")
+def explained() -> Diagnosis:
+    """A diagnosis that names a cause and, besides, has something unexplained."""
+    system = SYSTEMS["Lotka-Volterra"]
+    records = system.fly(7, Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06))
+    found = cs.diagnose(system.model(), records, exact=system.exact, library=system.library)
+    assert found.causes and found.believed
+    return replace(found, entered={"prey": 0.9})
+
+
+@pytest.mark.parametrize("reason", ["data", "file", "model"])
+def test_no_probability_is_stated_of_what_is_withdrawn(explained: Diagnosis, reason: str) -> None:
+    """Faults of the data, the file or the extended model: nothing is named, so nothing is believed either."""
+    if reason == "model":
+        together = replace(explained.budget.together, structure=math.inf)
+        explained = replace(explained, budget=replace(explained.budget, together=together))
+    data, doubts = [AT_FAULT] * (reason == "data"), [IMPOSSIBLE] * (reason == "file")
+    found = concluded(explained, (), data=data, doubts=doubts)
+    assert not found.causes
+    assert not (found.explanations or found.believed or found.entered) and found.nothing is None
+    document = json.loads(json.dumps(plain(found.to_dict())))
+    assert [one["name"] for one in document["minor"]] == [one.name for one in explained.causes]
+    assert {one[what] for one in document["minor"] for what in ("probability", "alone", "log_odds")} == {None}
+
+
+def test_data_at_fault_contradict_no_number_nor_group(explained: Diagnosis) -> None:
+    """The records that speak against the numbers are the ones at fault; without the fault they do contradict them."""
+    assert concluded(explained, [AGAINST], [GROUP]).factors == (GROUP,)
+    found = concluded(explained, [AGAINST], [GROUP], data=[AT_FAULT])
+    assert (found.contradicted, found.factors) == ((), ())
