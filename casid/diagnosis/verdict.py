@@ -93,15 +93,15 @@ def beside_slow_noise(
         return tuple(causes), tuple(minor)
     slow, left = as_slow_as_left(kept.fit), list(causes)
     while left and slow.noise.slow:
-        gains = [(_share_of_required(slow, state, cause), i) for i, cause in enumerate(left)]
-        share, weakest = min(gains)
-        gate = at_least("gain where noise is slow, of that for a name", share, 1.0, "naming.gain")
-        one = replace(left[weakest], gates=(*left[weakest].gates, gate))
-        if gate.passed:
-            left[weakest] = one
+        shares = [_share_of_required(slow, state, cause) for cause in left]
+        gates = [at_least("gain where noise is slow, of that for a name", one, 1.0, "naming.gain") for one in shares]
+        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(left, gates, strict=True)]
+        weakest = int(np.argmin(shares))
+        if gates[weakest].passed:
+            left = asked
             break
-        del left[weakest]
-        minor = (*minor, noted(one, SLOW_NOISE))
+        one = left.pop(weakest)
+        minor = (*minor, noted(asked[weakest], SLOW_NOISE))
         others = [a for a in slow.attached if a.effect.key != one.key]
         slow = fit(slow.flight, others, slow.noise, slow)
     return tuple(left), tuple(minor)

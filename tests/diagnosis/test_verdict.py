@@ -5,16 +5,28 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
+from diagnosis_flights import NOISE, flights
+from scipy.signal import lfilter
 
 import casid as cs
 from casid.data_check.reading import Finding
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import Contradiction, Factor
 from casid.diagnosis.result import Diagnosis, plain
-from casid.diagnosis.verdict import concluded, named_in_errors
+from casid.diagnosis.verdict import beside_slow_noise, concluded, named_in_errors
 from casid.errors import InputError
+from casid.model.causes import actuator_lag, sensor_scale
 from casid.model.plausible import Doubt
+from problems.do328 import do328
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
 
@@ -68,3 +80,44 @@ def test_data_at_fault_contradict_no_number_nor_group(explained: Diagnosis) -> N
     assert concluded(explained, [AGAINST], [GROUP]).factors == (GROUP,)
     found = concluded(explained, [AGAINST], [GROUP], data=[AT_FAULT])
     assert (found.contradicted, found.factors) == ((), ())
+
+
+def test_every_cause_that_stays_is_asked_where_noise_is_slow() -> None:
+    """A lag, a scale of the gyro, and a scale of the roll gyro that is not there, beside noise with a memory of 0.15 s:
+    the two that stay have the gate, as the one that goes has, each with a value of its own."""
+    lag, scale, absent = (
+        Attached(effect=effect, values={"value": value})
+        for effect, value in ((actuator_lag("delta_e"), 0.12), (sensor_scale("q"), 0.2), (sensor_scale("p"), 0.0))
+    )
+    rng, told = np.random.default_rng(2), np.exp(-0.04 / 0.15)
+    records = [
+        one.with_channels(
+            **{
+                name: one[name] + lfilter([sigma * np.sqrt(1.0 - told**2)], [1.0, -told], rng.normal(size=len(one)))
+                for name, sigma in NOISE.items()
+            }
+        )
+        for one in flights([lag, scale], seed=2, count=2)
+    ]
+    flight = prepare(do328(), records)
+    fitted = fit(flight, [lag, scale, absent], flight.noise(), iterations=20)
+    kept: Any = SimpleNamespace(fit=fitted)
+    state: Any = SimpleNamespace(baseline=SimpleNamespace(fixed=False), criteria=Criteria())
+    causes, minor = beside_slow_noise(kept, state, [cause_of(one) for one in (lag, scale, absent)], [])
+    assert [one.name for one in causes] == [lag.name, scale.name] and [one.name for one in minor] == [absent.name]
+    gates = [gate for one in causes for gate in one.gates]
+    assert {gate.gate for gate in gates} == {gate.gate for one in minor for gate in one.gates}
+    assert len({gate.value for gate in gates}) == 2 and all(gate.passed for gate in gates)
+
+
+def cause_of(one: Attached) -> Cause:
+    return Cause(
+        effect=one.effect,
+        value=one.values["value"],
+        std=0.1,
+        records=("m1", "m2"),
+        statistic=100.0,
+        sentence="",
+        meaningful=True,
+        share=1.0,
+    )
