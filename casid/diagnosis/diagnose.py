@@ -17,7 +17,6 @@ from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
-from casid.diagnosis.given.contradicted import borne_out
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_system
@@ -107,7 +106,7 @@ def diagnose_aircraft(
             scope.factors(aircraft, found.flight),
             (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable)),
             checked.findings,
-            borne_out(checked.doubts, aircraft, found.flight),
+            scope.borne_out(checked.doubts, aircraft, found.flight),
         )
 
 

@@ -498,13 +498,20 @@ def _common(members: Sequence[_Ratio], criteria: Criteria) -> tuple[float, float
     return (value, std) if alike and other and value > 0.0 and each >= 2 else None
 
 
-def borne_out(doubts: Sequence[Doubt], aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> tuple[Doubt, ...]:
+def borne_out(
+    doubts: Sequence[Doubt],
+    aircraft: Aircraft,
+    flight: Mapping[str, FlightValue],
+    criteria: Criteria | None = None,
+    slopes: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[Doubt, ...]:
     """The doubts without those about a unit that flight refutes.
 
     A unit scales every derivative that it touches by a known factor. It is said only when the re-estimated value of
-    each of them is nearer to that factor than to the file, on the scale of logarithms.
+    each of them is nearer to that factor than to the file, on the scale of logarithms. `slopes` are those of
+    derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
     """
-    ratios = _ratios(aircraft, flight, Criteria(), {})
+    ratios = _ratios(aircraft, flight, criteria or Criteria(), slopes)
     kept = []
     for doubt in doubts:
         units = [unit for unit in FILE_UNITS if unit.parameter == doubt.parameter]

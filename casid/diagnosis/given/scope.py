@@ -13,13 +13,21 @@ import numpy as np
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.criteria import Criteria, GivenCriteria
 from casid.diagnosis.flight.flight import Flight, prepare
-from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue, common_factors, contradicted
+from casid.diagnosis.given.contradicted import (
+    Contradiction,
+    Factor,
+    FlightValue,
+    borne_out,
+    common_factors,
+    contradicted,
+)
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
 from casid.model.linearised import given_slopes
+from casid.model.plausible import Doubt
 from casid.model.system import Model
 from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
@@ -359,6 +367,12 @@ class Scope:
     def factors(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> tuple[Factor, ...]:
         """The factors that groups of derivatives of an aircraft file have in common."""
         return common_factors(aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
+
+    def borne_out(
+        self, doubts: Sequence[Doubt], aircraft: Aircraft, values: Mapping[str, FlightValue]
+    ) -> tuple[Doubt, ...]:
+        """The doubts about an aircraft file without those about a unit that these records refute."""
+        return borne_out(doubts, aircraft, self._open(aircraft, values), self.flight.criteria, self._slopes(aircraft))
 
     def _open(self, aircraft: Aircraft, values: Mapping[str, FlightValue]) -> dict[str, FlightValue]:
         """The values without the level of drag where the thrust is unknown, and without drag where its history is."""

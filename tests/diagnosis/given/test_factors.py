@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from small_flight import records
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue, borne_out, common_factors
+from casid.diagnosis.given.scope import scope_of
 from casid.model.plausible import Doubt
+from casid.model.tables import table
 from problems.do328 import do328
 
 FILE = do328()
@@ -72,6 +76,20 @@ def test_a_unit_is_said_only_when_all_that_it_touches_comes_near(factor: float, 
     rates = {name: factor if name.endswith("_q") else 1.0 for name in FILE.derivatives}
     scale = {name: rates.get(name, 1.0) * (factor if name in names else 1.0) for name in FILE.derivatives}
     assert borne_out((doubt,), FILE, flown(scale)) == ((doubt,) if said else ())
+
+
+def test_a_unit_is_refuted_alike_by_a_derivative_and_by_a_table_with_the_same_slope() -> None:
+    """Truth: the same aircraft, with its pitching moment over the angle of attack as a derivative or as a table on
+    which the derivative is an increment of zero. Flight confirms it, so its length in pitch is in m."""
+    doubt = Doubt(parameter="lengths in pitch", given=2.0, unit="m", sentence="in ft")
+    own = {**FILE.derivatives, "Cm_alpha": 0.0}
+    straight = table("Cm", "alpha", [-1.0, 1.0], [-FILE.derivatives["Cm_alpha"], FILE.derivatives["Cm_alpha"]])
+    known = {name: replace(one, determined=name == "Cm_alpha") for name, one in flown({}).items()}
+    as_increment = {**known, "Cm_alpha": FlightValue(value=0.0, std=0.01, determined=True)}
+    files = [(FILE, known), (replace(FILE, derivatives=own, tables=(straight,)), as_increment)]
+    for aircraft, values in files:
+        scope = scope_of(aircraft, (records(), records()), Criteria(), None)
+        assert scope.borne_out((doubt,), aircraft, values) == ()
 
 
 def test_a_doubt_that_is_no_unit_stays() -> None:
