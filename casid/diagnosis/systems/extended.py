@@ -116,7 +116,7 @@ class Extended:
         """The record as the extended model takes it: inputs as they act, readings without their delay, none of an
         instrument that is stuck."""
         channels: dict[str, np.ndarray] = {}
-        for one in self.attached:
+        for one in sorted(self.attached, key=lambda one: one.effect.timed):  # an onset is on the clock without delay
             effect, target, concerned = one.effect, one.effect.target, one.concerns(record.name)
             if effect.symbolic and one.records:
                 channels[f"[{one.name}]"] = np.full(len(record), float(concerned))
@@ -127,7 +127,8 @@ class Extended:
             elif target in record and concerned and effect.kind == "sensor_delay":
                 channels[target] = operators.earlier(record.t, record[target], one.values["value"])
             elif target in record and concerned and effect.timed:
-                channels[target] = np.where(record.t < one.onsets[record.name], record[target], np.nan)
+                read = channels.get(target, record[target])
+                channels[target] = np.where(record.t < one.onsets[record.name], read, np.nan)
         return record.with_channels(**channels) if channels else record
 
 
