@@ -75,7 +75,8 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     instrument would be estimated too small.
     """
     aircraft, criteria = flight.aircraft, flight.criteria.kinematics
-    qS = 0.5 * float(np.median(flight.records[0]["rho"])) * typical_speed(flight) ** 2 * aircraft.area
+    rho = float(np.median(np.concatenate([record["rho"] for record in flight.records])))
+    qS = 0.5 * rho * typical_speed(flight) ** 2 * aircraft.area
     inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
     lengths = {"Cm": aircraft.moment_length_pitch}
     free = {}

@@ -48,6 +48,15 @@ def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:
         )
 
 
+def test_free_forces_do_not_depend_on_the_order_of_the_records() -> None:
+    """Truth: symmetry. One of two records is at half the density of the other."""
+    low, high = flights(seed=6, count=2)
+    high = high.with_channels(rho=0.5 * high["rho"])
+    one, other = (kinematics.free_forces(prepare(do328(), order)) for order in ([low, high], [high, low]))
+    for place, process in one.items():
+        assert process == pytest.approx(other[place], rel=1e-9)
+
+
 def test_kinematics_do_not_depend_on_the_aerodynamics_of_the_file() -> None:
     """Truth: a bias of the pitch rate. A file with other damping, and a moment that the aircraft does not have, says
     of it what the right file says."""
