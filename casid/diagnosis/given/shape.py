@@ -144,7 +144,7 @@ def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points],
     """
     parts = _stretches(fitted)
     scored = [(*_left_out(parts, basis), basis) for basis in _bases(fitted)]
-    if not scored:
+    if not (scored and held):
         return None
     single = max((row[0] for row in scored if row[2].times == _ALONE), default=1.0)  # the simpler curve comes first
     able = [row for row in scored if row[2].times == _ALONE or row[0] > gains * single]
@@ -262,12 +262,13 @@ def _squares(equations: Equations, coefficients: np.ndarray) -> tuple[float, flo
 
 
 def _points(fit: FlightFit, missing: MissingInput) -> list[Points]:
-    """The history in every record of a fit, with the variables averaged about each of its nodes."""
+    """The history in every record of a fit, with the variables averaged about each of its nodes. A record shorter than
+    the distance of the nodes has one node and no history."""
     found = []
     for r, record in enumerate(fit.flight.records):
-        if record.name not in missing.history:
+        t, mean, sigma = missing.history.get(record.name, (np.zeros(0),) * 3)
+        if len(t) < 2:
             continue
-        t, mean, sigma = missing.history[record.name]
         weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
         weight /= np.maximum(weight.sum(axis=0), 1e-300)
         variables = {

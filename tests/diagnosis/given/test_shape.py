@@ -9,8 +9,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from small_flight import NAMES, aircraft_file, records
 
-from casid.diagnosis.given.shape import Points, Shape, shape_of, with_shapes
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import missing_at
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.given.shape import Points, Shape, shape_of, shapes_of, with_shapes
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
@@ -68,6 +73,21 @@ def test_noise_has_no_shape(seed: int) -> None:
 def test_a_shape_that_held_out_records_do_not_have_is_dropped() -> None:
     """The bend of the fitted records is the other way on the one that is held out."""
     assert shape_of("Cm", histories(lambda a, b: bend(a), 1), histories(lambda a, b: -bend(a), 2, 1), 1.1) is None
+
+
+def test_a_record_with_one_node_of_a_history_changes_no_shape() -> None:
+    """Truth: the shape without a history in that record. In a flight of long records a short one has one node."""
+    flight = prepare(aircraft_file(), records())
+    fitted = fit(flight, (), flight.noise())
+    (whole,) = missing_at(weigh(fitted), ["dCm"])
+    first, second = NAMES
+    history = {first: whole.history[first]}
+    one_node = tuple(series[:1] for series in whole.history[second])
+    without, short = (replace(whole, history=some) for some in (history, {**history, second: one_node}))
+    (found,), (wanted,) = (shapes_of(fitted, fitted, [some], 0.0) for some in (short, without))
+    assert (found.over, found.times, found.held_out) == (wanted.over, wanted.times, wanted.held_out)
+    np.testing.assert_array_equal(found.y, wanted.y)
+    assert shape_of("Cm", histories(lambda a, b: bend(a), 1), [], 1.1) is None
 
 
 def test_a_shape_flies_as_a_table_of_the_extended_file(tmp_path: Path) -> None:
