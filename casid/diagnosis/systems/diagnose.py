@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from casid.arguments import require
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
@@ -82,6 +84,7 @@ def diagnose_system(
     records = given_records(records, "diagnose", own)
     hold_out = given_records(hold_out, "diagnose: hold_out", own)
     fit_on, held = split(records, hold_out, criteria.held_out)
+    _check_measured(model, held)
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
     plant = plant_of(model, fit_on, ports, library, criteria)
@@ -97,3 +100,12 @@ def diagnose_system(
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
     return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))
+
+
+def _check_measured(model: Model, held: Sequence[Record]) -> None:
+    """Raises InputError if no held-out record measures any output."""
+    if not any(name in record and np.isfinite(record[name]).any() for record in held for name in model.outputs):
+        raise InputError(
+            f"diagnose: held-out {', '.join(record.name for record in held)}: got none of the outputs "
+            f"{', '.join(model.outputs)}, expected at least one; add the columns, or hold out another record"
+        )

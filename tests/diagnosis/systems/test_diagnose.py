@@ -111,6 +111,17 @@ def test_a_wrong_name_is_one_line_that_names_the_nearest(arguments: dict, says: 
         cs.diagnose(system.model(), system.fly(1, None), **arguments)
 
 
+@pytest.mark.parametrize("given", [True, False])
+def test_held_out_records_without_any_output_are_an_input_error(given: bool) -> None:
+    """Whether the record was given for that, or is the last one."""
+    system = SYSTEMS["Lotka-Volterra"]
+    *fitted, last = system.fly(1, None)
+    silent = last.without(*system.model().outputs)
+    records, hold_out = (fitted, [silent]) if given else ([*fitted, silent], [])
+    with pytest.raises(cs.InputError, match=silent.name):
+        cs.diagnose(system.model(), records, hold_out)
+
+
 def test_a_library_names_its_kinds() -> None:
     with pytest.raises(cs.InputError, match="did you mean 'dead_zone'"):
         cs.Library(kinds=("deadzone",))
