@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 import casid as cs
@@ -33,6 +34,14 @@ def read(record: Record, reading: Reading, criteria: DataCriteria) -> Read:
 def lift(aircraft: Aircraft, criteria: DataCriteria) -> Callable[[Read], float]:
     channels = frozenset(("alpha", "V", "rho", "az"))
     return next(term for uses, term in level_terms(aircraft, 9.81, criteria) if uses == channels)
+
+
+def test_a_window_of_one_sample_leaves_a_record_as_it_is(flown: Flown) -> None:
+    """Limit: no smoothing, so that no sample is at an edge."""
+    record = flown[1][0]
+    found = smooth(record, record.dt, DataCriteria(fewest=1))
+    np.testing.assert_allclose(found.values["q"], record["q"], rtol=1e-9, atol=1e-12)
+    assert found.known["q"].all()
 
 
 def test_what_cannot_be_costs_as_much_as_the_criterion_says(flown: Flown) -> None:
