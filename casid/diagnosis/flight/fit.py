@@ -135,9 +135,14 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     far = fitted.criteria.given.fails
     if fitted.converged or fitted.deviance < far**2 * fitted.readings:
         return None
-    wide = replace(fitted.noise, measurement={name: far * s for name, s in fitted.noise.measurement.items()})
-    first = fit(fitted.flight, fitted.attached, wide, iterations=20)
-    return fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
+    return by_wider_noise(fitted, far)[1]
+
+
+def by_wider_noise(fitted: FlightFit, factor: float, iterations: int = 20) -> tuple[FlightFit, FlightFit]:
+    """The fit anew with measurement noise wider by a factor, and from there with its own noise."""
+    wide = replace(fitted.noise, measurement={name: factor * s for name, s in fitted.noise.measurement.items()})
+    first = fit(fitted.flight, fitted.attached, wide, iterations=iterations)
+    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
 
 
 def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:

@@ -15,7 +15,7 @@ from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
-from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.fit import by_wider_noise, fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, Sizes, disturbance_series, readings
 from casid.diagnosis.systems.library import (
@@ -368,9 +368,7 @@ def first_fit(plant: Plant) -> FlightFit:
     if plain.converged:
         return plain
     left = float(np.sqrt(np.sum(plain.white**2) / plain.readings))
-    noise = replace(plant.noise(), measurement={name: left * sigma for name, sigma in plant.sigma.items()})
-    wide = fit(flight, (), noise, iterations=30)
-    again = fit(flight, (), plant.noise(), wide, iterations=20)
+    wide, again = by_wider_noise(plain, left, iterations=30)
     if again.converged:
         return again
     return evaluate(Work(flight, (), plant.noise(), "all"), (), wide.values, wide.motion)
