@@ -11,7 +11,7 @@ import numpy as np
 from scipy import signal, special
 
 from casid.data_check.criteria import DataCriteria
-from casid.data_check.reading import Read
+from casid.data_check.reading import FEWEST_KNOWN, Read
 from casid.data_check.relations import RELATIONS, Relation
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -49,7 +49,7 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
 def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """theta - alpha is the climb angle."""
     at = c.known("theta", "alpha", "phi") & (np.abs(c.value("phi")) < criteria.level_bank)
-    if at.sum() < 20:
+    if at.sum() < FEWEST_KNOWN:
         return 0.0
     path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
     if not c.has("altitude", "V"):
@@ -210,7 +210,7 @@ def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., 
 
 def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c: Read, criteria: DataCriteria) -> float:
     """Log probability that the slope of a force over the first of its regressors is negative."""
-    if at.sum() < 20:
+    if at.sum() < FEWEST_KNOWN:
         return 0.0
     X = np.stack([*(one[at] for one in regressors), np.ones(int(at.sum()))], axis=1)
     X = X / np.maximum(np.abs(X).max(axis=0), 1e-300)
@@ -292,7 +292,7 @@ def _of_means(relation: Relation, gravity: float, criteria: DataCriteria) -> Cal
         if not c.has(*relation.needs):
             return 0.0
         at = c.known(*relation.uses)
-        if at.sum() < 20:
+        if at.sum() < FEWEST_KNOWN:
             return 0.0
         left, right = relation.sides(c, gravity)
         off = float(np.mean(left[at] - right[at]))

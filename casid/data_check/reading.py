@@ -14,6 +14,7 @@ from casid.records.checks import INPUTS
 from casid.records.record import Record
 
 _ANGLES = ("psi",)
+FEWEST_KNOWN = 20  # samples of smoothed series, some three windows of six: fewer judge no level and no relation
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

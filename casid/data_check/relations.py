@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.data_check.reading import Read
+from casid.data_check.reading import FEWEST_KNOWN, Read
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.terms import parse_term
@@ -201,7 +201,7 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
     if not record.has(*relation.needs):
         return None
     at = record.known(*relation.uses)
-    if at.sum() < 20:
+    if at.sum() < FEWEST_KNOWN:
         return None
     rate, made = relation.sides(record, gravity)
     errors = np.reshape(relation.errors(record, criteria), (-1, len(rate)))
