@@ -131,7 +131,7 @@ def trial_of(
 ) -> Trial:
     """A cause that was fitted, with the gain and the size, in units of what matters, that a test needs."""
     value = one.values["value"]
-    candidate = Candidate(attached=one, statistic=gain, net=gain, dof=1, value=value, std=1.0, surviving=1.0, tries=1.0)
+    candidate = Candidate(attached=one, statistic=gain, net=gain, value=value, std=1.0, surviving=1.0)
     return Trial(
         candidate=candidate,
         std=1.0,

@@ -513,11 +513,6 @@ class Parameter:
     extended_std: float
     flight: FlightValue
 
-    @property
-    def change(self) -> float:
-        """Difference of the two estimates, in units of their joint standard deviation."""
-        return (self.extended - self.refitted) / math.hypot(self.refitted_std, self.extended_std)
-
     def to_dict(self) -> dict[str, Any]:
         return {
             "unit": self.unit,

@@ -193,11 +193,9 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
                 attached=attached,
                 statistic=float(statistic[0]),
                 net=net,
-                dof=len(members) + 1,
                 value=float(sizes[0, members[0]]),
                 std=float(stds[0, members[0]]),
                 surviving=1.0,
-                tries=tries,
             )
     return [] if best is None else [best]
 

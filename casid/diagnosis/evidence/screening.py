@@ -27,21 +27,17 @@ class Candidate:
     attached   the cause with predicted values
     statistic  score statistic: predicted decrease of the deviance
     net        the same less the selection penalty
-    dof        number of parameters of the cause
     value      predicted size
     std        its standard deviation
     surviving  share of the fingerprint that fitted derivatives cannot reproduce
-    tries      number of places, shapes and subsets that were tried
     """
 
     attached: Attached
     statistic: float
     net: float
-    dof: int
     value: float
     std: float
     surviving: float
-    tries: float
 
     @property
     def name(self) -> str:
@@ -153,11 +149,9 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
                     attached=attached,
                     statistic=statistic,
                     net=net,
-                    dof=dof,
                     value=value,
                     std=std * abs(value / size),
                     surviving=share,
-                    tries=tried,
                 )
     return best
 
@@ -201,11 +195,9 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
                     attached=attached,
                     statistic=statistic,
                     net=net,
-                    dof=dof,
                     value=size,
                     std=std,
                     surviving=share,
-                    tries=tries,
                 )
     return list(best.values())
 

@@ -42,11 +42,6 @@ class BudgetSteps:
     structure: float
     noise: float = 1.0
 
-    @property
-    def unexplained(self) -> float:
-        """What no step takes away."""
-        return self.structure - self.noise
-
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:

@@ -40,8 +40,6 @@ def without_aerodynamics(flight: Flight) -> Flight:
     The forces are those that the accelerometers measure on average, and the moments balance the thrust. The result is
     the same object for the same flight.
     """
-    if flight in _ALREADY.values():
-        return flight
     if flight not in _ALREADY:
         nothing = {"terms": {}, "tables": (), "aerodynamics": None, "effects": ()}
         bare = replace(flight.aircraft, force_axes="body", derivatives=_constants(flight), **nothing)

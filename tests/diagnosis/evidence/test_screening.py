@@ -63,8 +63,12 @@ def test_noise_of_recorded_surfaces_is_evidence_for_nothing(seed: int) -> None:
     flight = prepare(do328(), flights(seed=seed, surface_noise=0.12 * DEG))
     evidence = weigh(fit(flight, (), flight.noise()), discrepancy=False)
     effects = [e for e in catalogue(flight.aircraft, flight.outputs) if not e.timed]
-    found = screen(evidence, effects, exact=True)
-    chance = [c.tries * stats.chi2.sf(c.statistic, c.dof) for c in found]  # of any of its tries (Bonferroni)
+    found, price = screen(evidence, effects, exact=True), Screen(evidence).price
+    chance = []
+    for c in found:
+        dof = 1 + (c.attached.effect.linear and len(c.attached.values) > 1)
+        tries = np.exp(0.5 * (c.statistic - dof * price - c.net))
+        chance.append(tries * stats.chi2.sf(c.statistic, dof))  # of any of its tries (Bonferroni)
     assert min(chance) * len(effects) > 1e-2, found[0]
 
 
