@@ -307,7 +307,7 @@ class Work:
         """
         return known | self.regressors.recorded
 
-    def seenearlier(self, late: np.ndarray) -> Batch:
+    def seen_earlier(self, late: np.ndarray) -> Batch:
         """The batch with readings at the time that they refer to, where the sensitivities are needed."""
         return replace(self.batch, Z=np.where(earlier(np.isfinite(self.batch.Z), late), 0.0, np.nan))
 
@@ -402,7 +402,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     W = work.series(attached, made_of)
     P = work.parameters(values, attached)
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
-    moved = work.seenearlier(late) if late.any() else batch
+    moved = work.seen_earlier(late) if late.any() else batch
     moving_all = W + along.moving + _scattered(model, acting.inputs, errors)
     linear = linearise(work.functions, moved, P, motion.X, moving_all)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
@@ -554,7 +554,7 @@ def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
     """Factor of the noise of an input that limits its effect on the motion to that in the reference.
 
     A cause must not gain by making a control more effective, so that its noise explains other errors. A less effective
-    control does not increase the noise either, because the noise was measured. The noise is at most `most` 1-sigmas.
+    control does not increase the noise either, because the noise was measured. The factor is between 1/`most` and 1.
     """
     ratio = abs(float(into @ reference)) / max(float(reference @ reference), 1e-300)
     return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
