@@ -138,6 +138,19 @@ def losses(budget: Budget, worse: float) -> str:
     return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
 
 
+def cost(budget: Budget, worse: float) -> str:
+    """The sentence for causes with which the error on held-out records is larger than with re-estimated values alone;
+    otherwise empty.
+    """
+    steps = budget.together
+    if steps.structure <= worse * max(steps.values, steps.noise):
+        return ""
+    return (
+        f"Something else is missing: with the causes added, the error of a simulation of {', '.join(budget.records)} "
+        f"grows from {steps.values:.2g} to {steps.structure:.2g} times the noise."
+    )
+
+
 def left_open(not_judged: Sequence[NotJudged], most: int) -> str:
     """The sentence of what was not judged, and why."""
     if not not_judged:

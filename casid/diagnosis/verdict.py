@@ -183,6 +183,7 @@ class Facts:
     file_impossible  the file has numbers that no aircraft can have
     fails            the extended model is far worse than the simulation as given on held-out records
     causes           causes were named
+    costs            the error on held-out records is larger with the causes than without them
     unexplained      something enters that no cause explains
     contradicted     values of the file are inconsistent with flight
     """
@@ -191,6 +192,7 @@ class Facts:
     file_impossible: bool = False
     fails: bool = False
     causes: bool = False
+    costs: bool = False
     unexplained: bool = False
     contradicted: bool = False
 
@@ -199,7 +201,7 @@ _TABLE: tuple[tuple[str, Callable[[Facts], bool]], ...] = (
     ("data at fault", lambda facts: facts.data_at_fault),
     ("values wrong", lambda facts: facts.file_impossible),
     ("unexplained", lambda facts: facts.fails),
-    ("partly explained", lambda facts: facts.causes and facts.unexplained),
+    ("partly explained", lambda facts: facts.causes and (facts.unexplained or facts.costs)),
     ("explained", lambda facts: facts.causes),
     ("unexplained", lambda facts: facts.unexplained),
     ("values wrong", lambda facts: facts.contradicted),
@@ -345,11 +347,13 @@ def concluded(
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
     failure = failure_sentence(found.budget, criteria)
+    cost = sentences.cost(found.budget, criteria.worse) if found.causes else ""
     facts = Facts(
         data_at_fault=bool(at_fault),
         file_impossible=bool(cannot_be),
         fails=bool(failure),
         causes=bool(found.causes),
+        costs=bool(cost),
         unexplained=bool(found.unexplained),
         contradicted=bool(against or factors),
     )
@@ -369,6 +373,7 @@ def concluded(
         account_sentence(found.budget, account, most),
         sentences.several(mended, most),
         headline,
+        cost if found.causes else "",
         sentences.losses(found.budget, criteria.worse),
         sentences.left_open(not_judged, most),
     ]

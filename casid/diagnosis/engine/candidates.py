@@ -249,8 +249,8 @@ def _gain(candidate: Candidate, evidence: Evidence, joint: Evidence) -> Gain:
 
 
 def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evidence | None) -> Trial:
-    """The trial of a cause that was `fitted` beside the model of `evidence`, with the gates on its size, for which the
-    kinematics are asked; None if the forces cannot be left free with these records."""
+    """The trial of a cause that was `fitted` beside the model of `evidence`, with the gates on its size and that of the
+    kinematics, which are None if the forces cannot be left free with these records."""
     if trial.given_up is not None:
         return trial
     gain, one = trial.gain, trial.candidate.attached

@@ -8,6 +8,8 @@ import pytest
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.budget import Budget, BudgetSteps, account_of, account_sentence, failure_sentence
+from casid.diagnosis.sentences import cost
+from casid.diagnosis.verdict import Facts, verdict_of
 
 
 def budget(as_given: float, data: float, values: float, structure: float) -> Budget:
@@ -46,6 +48,13 @@ def test_a_model_that_gets_worse_by_ten_fails(structure: float) -> None:
 def test_a_model_that_is_as_good_or_near_the_noise_does_not_fail(as_given: float, structure: float) -> None:
     levels = budget(as_given, as_given, as_given, structure)
     assert failure_sentence(levels, Criteria().given) == ""
+
+
+@pytest.mark.parametrize(("values", "structure", "said"), [(10.0, 30.0, True), (10.0, 9.0, False), (0.3, 0.9, False)])
+def test_causes_that_make_held_out_records_worse_are_said_to(values: float, structure: float, said: bool) -> None:
+    """Something is missing then, whatever the causes gain where they were fitted; below the noise nothing is told."""
+    assert bool(cost(budget(250.0, 250.0, values, structure), Criteria().given.worse)) is said
+    assert verdict_of(Facts(causes=True, costs=said)) == ("partly explained" if said else "explained")
 
 
 def test_a_simulation_that_diverges_is_said_to() -> None:
