@@ -20,7 +20,7 @@ from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_miss
 from casid.diagnosis.engine.acceptance import required_gain, tempered
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
-from casid.diagnosis.engine.probability import believed
+from casid.diagnosis.engine.probability import probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.evidence.evidence import weigh
@@ -247,7 +247,7 @@ def judged(
     stages.begin("verdict")
     causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
-    belief = believed(causes, unexplained, state, left)
+    belief = probabilities(causes, unexplained, state, left)
     causes = belief.causes
     faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare, flight = begun.without_causes({c.key for c in causes}), flight_values(kept.evidence)

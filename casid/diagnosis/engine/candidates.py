@@ -1,4 +1,4 @@
-"""Choice of the causes that are worth a fit, by the predictions of a linearisation."""
+"""Choice of the causes that are worth a fit, by the predictions of a linearisation, and their trial fits."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ from casid.model.effect import Effect
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Believed:
+class Probabilities:
     """The reported causes with probabilities.
 
     causes        causes with their probabilities and those of their alternatives
@@ -48,9 +48,9 @@ class Believed:
     nothing: float
 
 
-def believed(
+def probabilities(
     causes: Sequence[Cause], unexplained: Sequence[MissingInput], state: State, left: Sequence[MissingInput]
-) -> Believed:
+) -> Probabilities:
     """Probabilities of the named causes, of what is unexplained, and of the best cause that was not named.
 
     Parameters
@@ -77,7 +77,7 @@ def believed(
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
     priors = state.criteria.priors
     tempered, least = priors.tempered, priors.numerics.least
-    return Believed(
+    return Probabilities(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
         explanations=tuple(
             (names, tempered(p)) for names, p in _explanations(places, faint, state.criteria.priors.numerics)

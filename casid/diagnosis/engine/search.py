@@ -142,10 +142,10 @@ def _grown(state: State, say: Say) -> State:
         state = added(state, catalogue)
         if not state.rounds[-1].named:
             break
-        gates = _believed(accepted, state)
+        gates = _gates_of_set(accepted, state)
         if not all_passed(gates) and (other := swapped(state)) is not state:
-            state, gates = other, _believed(accepted, other)
-        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], believed=gates)))
+            state, gates = other, _gates_of_set(accepted, other)
+        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], accepted_by=gates)))
         if all_passed(gates):
             accepted = state
         elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
@@ -158,7 +158,7 @@ def _grown(state: State, say: Say) -> State:
     return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
-def _believed(accepted: State, state: State) -> tuple[Gate, ...]:
+def _gates_of_set(accepted: State, state: State) -> tuple[Gate, ...]:
     """The gates that the last cause must pass for the set to be accepted; empty if the cause is too small to matter."""
     last = state.rounds[-1].leader
     return explains(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ()

@@ -141,7 +141,7 @@ class Round:
         Whether the first trial was named.
     screened
         Name of a candidate that was not fitted -> its gates.
-    believed
+    accepted_by
         The gates on accepting the first trial, by what was missing before and after it.
     ranked
         Name of an alternative -> its gate for being in one ambiguity set with the first trial.
@@ -154,14 +154,14 @@ class Round:
     equivalents: tuple[Trial, ...]
     named: bool
     screened: Mapping[str, tuple[Gate, ...]] = field(default_factory=dict)
-    believed: tuple[Gate, ...] = ()
+    accepted_by: tuple[Gate, ...] = ()
     ranked: Mapping[str, Gate] = field(default_factory=dict)
     detectable: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def doubt(self) -> str:
         """Why the first trial was not accepted; "" if it was."""
-        return next((gate.gate for gate in self.believed if not gate.passed), "")
+        return next((gate.gate for gate in self.accepted_by if not gate.passed), "")
 
     def decisions(self, number: int) -> tuple[Decision, ...]:
         """The decisions on all candidates of this round, which has this `number`."""
@@ -177,7 +177,7 @@ class Round:
     def _decision(self, trial: Trial, number: int) -> Decision:
         name, leads = trial.candidate.name, trial is self.trials[0]
         first = () if leads or name not in self.ranked else (self.ranked[name],)
-        gates = (*trial.gates, *first, *(self.believed if leads else ()))
+        gates = (*trial.gates, *first, *(self.accepted_by if leads else ()))
         outcome = IN_A_SET if any(one is trial for one in self.equivalents) else REFUSED
         against = [one.candidate.name for one in self.equivalents] if leads else [self.trials[0].candidate.name]
         return Decision(

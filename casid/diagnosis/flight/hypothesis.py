@@ -150,7 +150,7 @@ class Regressors:
 OFFSET = "bias_"  # prefix of the parameter of a channel's offset
 
 
-class Believed(Protocol):
+class HasPrior(Protocol):
     """Interface of an object whose parameters have a prior."""
 
     def model(self) -> Model: ...
@@ -167,7 +167,7 @@ class Stated(Protocol):
     def regressors(self, model: Model) -> Regressors: ...
 
 
-def prior(flight: Believed, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
+def prior(flight: HasPrior, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and inverse variance of the fitted parameters; effects and unnamed parameters have no prior."""
     mean, weight = np.zeros(len(names)), np.zeros(len(names))
     of_the_file = flight.model().parameters

@@ -13,7 +13,7 @@ from diagnosis_flights import trial_of
 
 from casid.diagnosis.cause import Cause, at_least, at_most
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.probability import believed
+from casid.diagnosis.engine.probability import probabilities
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
@@ -54,7 +54,7 @@ def cause_of(one: Attached, statistic: float = 0.0, alike: tuple[Attached, ...] 
 def test_a_rival_at_the_distance_of_equivalents_has_one_in_twenty(gain: float) -> None:
     """Whatever the gain: what makes two causes equivalent grows with it."""
     rival = trial_of(DELAY, gain - equivalence(gain, CRITERIA), fingerprint=ALONG)
-    found = believed(
+    found = probabilities(
         [cause_of(LAG, alike=(DELAY,))], [], naming_of(round_of(trial_of(LAG, gain, fingerprint=ALONG), rival)), []
     )
     (lag,) = found.causes
@@ -70,7 +70,7 @@ def test_equals_share_and_what_has_nothing_in_common_takes_nothing() -> None:
     rival of theirs, and may be there besides."""
     trials = [trial_of(one, 300.0, fingerprint=ALONG) for one in (LAG, DELAY)]
     apart = trial_of(BIAS, 300.0, fingerprint=(0.0, 1.0, 0.0))
-    found = believed([cause_of(LAG)], [], naming_of(round_of(*trials, apart)), [])
+    found = probabilities([cause_of(LAG)], [], naming_of(round_of(*trials, apart)), [])
     assert found.causes[0].probability == pytest.approx(0.5 * (1.0 - DOUBT))
     assert BIAS.name not in found.there
 
@@ -79,16 +79,16 @@ def test_at_its_criterion_a_name_is_worth_its_risk() -> None:
     """There its odds are those of the costs of a wrong name and of a missed one; and so are those of a cause that falls
     just short of it, of the air, and of something unknown."""
     required = CRITERIA.naming.gain
-    named = believed([cause_of(LAG)], [], naming_of(round_of(trial_of(LAG, required))), [])
+    named = probabilities([cause_of(LAG)], [], naming_of(round_of(trial_of(LAG, required))), [])
     assert named.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
-    faint = believed([], [], naming_of(round_of(trial_of(LAG, required), named=False)), [])
+    faint = probabilities([], [], naming_of(round_of(trial_of(LAG, required), named=False)), [])
     assert faint.there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
     assert faint.nothing == pytest.approx((1.0 - AT_CRITERION) * (1.0 - DOUBT))
     air = Attached(effect=turbulence(""), values={"value": 1.0})
-    moving = believed([cause_of(air, CRITERIA.verdict.missing)], [], naming_of(), [])
+    moving = probabilities([cause_of(air, CRITERIA.verdict.missing)], [], naming_of(), [])
     assert moving.causes[0].probability == pytest.approx(AT_CRITERION * (1.0 - DOUBT))
     unknown: Any = SimpleNamespace(station="dCm", gain=CRITERIA.verdict.missing)
-    assert believed([], [unknown], naming_of(), [unknown]).entered == {
+    assert probabilities([], [unknown], naming_of(), [unknown]).entered == {
         "dCm": pytest.approx(AT_CRITERION * (1.0 - DOUBT))
     }
 
@@ -100,7 +100,7 @@ def test_explanations_are_wholes_and_their_probabilities_multiply() -> None:
         round_of(*(trial_of(one, gain, fingerprint=ALONG) for one, gain in zip(pair, (400.0, 396.0), strict=True)))
         for pair in ((LAG, DELAY), second)
     ]
-    found = believed([cause_of(LAG), cause_of(second[0])], [], naming_of(*rounds), [])
+    found = probabilities([cause_of(LAG), cause_of(second[0])], [], naming_of(*rounds), [])
     assert len(found.explanations) == 4
     assert sum(p for _, p in found.explanations) == pytest.approx(1.0 - DOUBT)
     lag, air = (one.probability for one in found.causes)
@@ -114,7 +114,7 @@ def test_a_cause_named_later_stands_in_its_own_place_alone(side: float) -> None:
     without that trial, takes nothing from the lag, and is in no explanation twice."""
     lag, bias = trial_of(LAG, 400.0, fingerprint=ALONG), trial_of(BIAS, 398.0, fingerprint=(1.0 - side, side, 0.0))
     for causes in ((LAG, BIAS), (BIAS, LAG)):
-        found = believed([cause_of(one) for one in causes], [], naming_of(round_of(lag, bias), round_of(bias)), [])
+        found = probabilities([cause_of(one) for one in causes], [], naming_of(round_of(lag, bias), round_of(bias)), [])
         assert found.there == pytest.approx({LAG.name: 1.0 - DOUBT, BIAS.name: 1.0 - DOUBT})
         assert found.explanations[0] == ((LAG.name, BIAS.name), pytest.approx(1.0 - DOUBT))
         assert all(len(set(names)) == len(names) for names, _ in found.explanations)
@@ -124,7 +124,7 @@ def test_an_alternative_of_two_causes_is_there_if_it_is_either() -> None:
     """Truth: it is absent if it is neither of the two, with half the probability each; and it is one cause."""
     two = (BIAS, Attached(effect=gust("z"), values={"value": 3.0}))
     rounds = [round_of(*(trial_of(one, 400.0, fingerprint=ALONG) for one in (first, LAG))) for first in two]
-    found = believed([cause_of(one) for one in two], [], naming_of(*rounds), [])
+    found = probabilities([cause_of(one) for one in two], [], naming_of(*rounds), [])
     assert found.there[LAG.name] == pytest.approx(0.75 * (1.0 - DOUBT))
     assert dict(found.explanations)[(LAG.name,)] == pytest.approx(0.25 * (1.0 - DOUBT))
     assert sum(p for _, p in found.explanations) == pytest.approx(1.0 - DOUBT)
@@ -134,9 +134,9 @@ def test_what_was_refused_is_not_there() -> None:
     """A round whose leader gained much and was doubted for what it left missing; one whose leader gained as much and
     was not named for another reason: that is no surer than a name must be."""
     gained = trial_of(LAG, 400.0)
-    refused = replace(round_of(gained, named=False), believed=(at_most("part still missing", 0.5, 0.25),))
-    assert believed([], [], naming_of(refused), []).there == {}
-    there = believed([], [], naming_of(round_of(gained, named=False)), []).there
+    refused = replace(round_of(gained, named=False), accepted_by=(at_most("part still missing", 0.5, 0.25),))
+    assert probabilities([], [], naming_of(refused), []).there == {}
+    there = probabilities([], [], naming_of(round_of(gained, named=False)), []).there
     assert there == {LAG.name: pytest.approx(AT_CRITERION * (1.0 - DOUBT))}
 
 
@@ -145,13 +145,13 @@ def test_what_was_refuted_is_no_rival() -> None:
     refuted = replace(
         trial_of(DELAY, 300.0, fingerprint=ALONG), given_up=at_least("found by kinematics at half its size", 0.0, 0.3)
     )
-    found = believed([cause_of(LAG)], [], naming_of(round_of(first, refuted)), [])
+    found = probabilities([cause_of(LAG)], [], naming_of(round_of(first, refuted)), [])
     assert found.causes[0].probability == pytest.approx(1.0 - DOUBT)
 
 
 def test_nothing_faint_leaves_the_model_adequate() -> None:
     """A cause far below its criterion, and an unknown input far below its own."""
     little: Any = SimpleNamespace(station="dCL", gain=20.0)
-    found = believed([], [], naming_of(round_of(trial_of(LAG, 5.0), named=False)), [little])
+    found = probabilities([], [], naming_of(round_of(trial_of(LAG, 5.0), named=False)), [little])
     assert found.nothing == pytest.approx(1.0 - DOUBT, abs=1e-3)
     assert found.explanations[0][0] == ()
