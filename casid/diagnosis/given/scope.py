@@ -56,6 +56,10 @@ class NotJudged:
         return {"what": self.what, "because": self.because}
 
 
+def _varies(series: np.ndarray) -> bool:
+    return np.unique(series[np.isfinite(series)]).size > 1
+
+
 def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
     """What stays open in the axes of a flight: instruments, moving air, and numbers of the file.
 
@@ -63,9 +67,13 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     values   what flight says of every number of the file
     """
     absent = [name for name in _EXPECTED[flight.axes] if not any(name in record for record in given)]
-    constant = [name for name in _EXPECTED[flight.axes] if name not in (*flight.outputs, *absent)]
-    for names, because in ((absent, f"no channel {_all_of(absent)}"), (constant, f"{_all_of(constant)} does not move")):
+    unused = [name for name in _EXPECTED[flight.axes] if name not in (*flight.outputs, *absent)]
+    rare = [name for name in unused if any(_varies(r[name]) for r in given if name in r)]
+    constant = [name for name in unused if name not in rare]
+    reasons = (absent, "no channel {}"), (constant, "{} does not move"), (rare, "{} is read too rarely")
+    for names, reason in reasons:
         if names:
+            because = reason.format(_all_of(names))
             air = "".join(f", moving air along {_WIND[name]}" for name in names if name in _WIND)
             yield NotJudged(what=f"the instruments of {_all_of(names)}{air}", because=because)
     needed = [name for name in NEEDED[flight.axes] if name not in flight.outputs]

@@ -12,7 +12,8 @@ from small_flight import aircraft_file, records
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.given.scope import axes_that_tell, scope_of
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.given.scope import axes_that_tell, left_open, scope_of
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -28,6 +29,10 @@ def without(*channels: str) -> list[Record]:
 
 def lost(found: Diagnosis) -> dict[str, str]:
     return {one.what: one.because for one in found.not_judged}
+
+
+def lost_in(given: list[Record]) -> dict[str, str]:
+    return {one.what: one.because for one in left_open(prepare(aircraft_file(), given), given, {})}
 
 
 def test_without_an_elevator_longitudinal_motion_is_not_judged() -> None:
@@ -46,6 +51,16 @@ def test_longitudinal_axes_find_what_is_longitudinal() -> None:
     assert lost(found)["lateral motion"] == "longitudinal axes were asked for"
     assert not {name[:2] for name in found.refitted.fit.derivatives} & set(LATERAL)
     assert [(c.kind, c.target, c.term) for c in found.causes] == [("aero_term", "Cm", "alpha^2")]
+
+
+def test_a_channel_that_is_read_too_rarely_is_not_said_to_stand_still() -> None:
+    """A heading that turns, read twice in a record; and one that does not turn."""
+    turning, still = [
+        [r.with_channels(psi=np.where(np.arange(len(r)) % (len(r) - 1), np.nan, turns * r.t)) for r in records()]
+        for turns in (0.1, 0.0)
+    ]
+    said = [lost_in(given)["the instruments of psi"] for given in (turning, still)]
+    assert said[0] != said[1] and "move" in said[1]
 
 
 def test_axes_that_there_are_not_are_an_error() -> None:
