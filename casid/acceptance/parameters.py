@@ -33,9 +33,10 @@ class Known:
 
 
 def known_by_file(flight: SteadyFlight) -> Known:
-    """As the file says: `relative_uncertainty` of its derivatives, the 1-sigmas of its effects, all independent."""
-    model = flight.model
-    std = dict(model.prior_std) | {effect_of(e).name: e.std for e in flight.aircraft.effects if e.std > 0.0}
+    """As the file says: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all independent."""
+    model, aircraft = flight.model, flight.aircraft
+    of_effects = {effect_of(e).name: e.std for e in aircraft.effects if e.std > 0.0}
+    std = {**model.prior_std, **aircraft.std, **of_effects}
     by_name = np.array([std.get(name, 0.0) for name in model.parameters])
     values = np.asarray(model.nominal_vector(), dtype=float)
     return Known(values=values, covariance=np.diag(by_name**2) if by_name.any() else None)

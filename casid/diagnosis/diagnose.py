@@ -100,6 +100,10 @@ def diagnose_aircraft(
             return OfAircraft(file=aircraft, extended=extended)
 
         found = judged(state, given, scope.held, part, stages)
+        std = {name: one.std for name, one in found.flight.items() if one.determined}
+        found = replace(
+            found, part=OfAircraft(file=aircraft, extended=with_estimates(found.extended_aircraft, {}, std))
+        )
         return concluded(
             found,
             scope.contradicted(aircraft, found.flight),
@@ -122,6 +126,7 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
         missing.add(turbulence_effect("").key)
     missing -= known
     terms: dict[str, dict[str, float]] = {}
+    known_std = dict(aircraft.std)  # of derivatives: the corrected ones are in the flight values, not in the fit
     effects, tables = [], None
     for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
         if cause.key not in missing:
@@ -133,17 +138,15 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
             tables = held
         elif not named and cause.term and cause.target in aircraft.coefficients:
             terms.setdefault(cause.target, {})[cause.term] = cause.value
+            known_std[f"{cause.target}_{cause.term}"] = cause.std
         else:
             effects.append(_as_effect(cause, fit.batch.names))
     if tables is not None:
         aircraft = replace(aircraft, tables=tables)
     std = {slot.name: fit.std(slot.name) for slot in fit.slots}
-    estimated = with_estimates(aircraft, {name: fit[name] for name in std}, std)
-    return (
-        replace(estimated, effects=tuple(_as_fitted(e, fit) for e in estimated.effects))
-        .with_terms(terms)
-        .with_effects(effects)
-    )
+    estimated = with_estimates(aircraft.with_terms(terms), {name: fit[name] for name in std}, std)
+    fitted = tuple(_as_fitted(e, fit) for e in estimated.effects)
+    return replace(estimated, std=known_std, effects=fitted).with_effects(effects)
 
 
 def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:

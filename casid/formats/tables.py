@@ -41,10 +41,11 @@ def rows_of(aircraft: Aircraft) -> Iterator[Row]:
         yield "trim", name, value, math.nan, _TRIM_UNITS.get(name, "rad")
     share = aircraft.relative_uncertainty or math.nan
     for name, value in aircraft.derivatives.items():
-        yield "derivatives", name, value, share * abs(value), derivative_term(name)[1].unit
+        yield "derivatives", name, value, aircraft.std.get(name, share * abs(value)), derivative_term(name)[1].unit
     for coefficient, row in aircraft.terms.items():
         for term, value in row.items():
-            yield f"terms {coefficient}", term, value, share * abs(value), parse_term(term).unit
+            std = aircraft.std.get(f"{coefficient}_{term}", share * abs(value))
+            yield f"terms {coefficient}", term, value, std, parse_term(term).unit
     for one in aircraft.effects:
         effect = effect_of(one)
         yield "effects", effect.name, one.value, one.std or math.nan, one.unit

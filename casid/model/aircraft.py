@@ -68,6 +68,9 @@ class Aircraft:
         Coefficient -> canonical monomial -> value, e.g. {"Cm": {"alpha^2": 0.4}}.
     tables
         Look-ups that are added to coefficients, see `table`.
+    std
+        1-sigma of estimated derivatives, terms and values of free tables by name, `Cm_alpha`, `Cm_alpha^2`. `modes` and
+        exports tell it in place of `relative_uncertainty`; fits do not take it as a prior.
     aerodynamics
         A function of a namespace of regressors (`alpha`, `q`, `delta_e`, ... as in `terms`; `airspeed` [m/s], `qbar`
         [Pa], `rho`, `thrust` [N]) that returns CasADi expressions of coefficients by name. Derivatives, terms and
@@ -107,6 +110,7 @@ class Aircraft:
     derivatives: Mapping[str, float] = field(default_factory=dict)
     terms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     tables: tuple[Table, ...] = ()
+    std: Mapping[str, float] = field(default_factory=dict)
     aerodynamics: Aerodynamics | None = None
     effects: tuple[EffectValue, ...] = ()
 
@@ -130,6 +134,7 @@ class Aircraft:
         values["derivatives"] = self._checked_derivatives()
         values["terms"] = self._checked_terms(values["derivatives"])
         values["tables"] = self._checked_tables()
+        values["std"] = {name: number(one, f"std: '{name}'", least=0.0) for name, one in self.std.items()}
         values["effects"] = tuple(self.effects)
         for effect in values["effects"]:
             if KINDS[effect.kind].of_coefficients:

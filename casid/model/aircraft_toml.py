@@ -17,6 +17,7 @@ from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, tex
 from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.tables import read_tables, written_table
+from casid.model.terms import parse_term
 from casid.signals import FOOT, POUND, SLUG, TONNE
 from casid.views import view
 
@@ -122,6 +123,7 @@ _AERODYNAMICS = (
     "derivatives",
     "terms",
     "tables",
+    "std",
     "jsbsim",
     "daveml",
     "held",
@@ -160,7 +162,13 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     given |= propulsion
     given |= {name: sensors[name] for name in POSITIONS if name in sensors}
     given |= {name: aerodynamics[name] for name in ("relative_uncertainty",) if name in aerodynamics}
+    derivatives = subtable(aerodynamics, "derivatives", "[aerodynamics]")
     terms = subtable(aerodynamics, "terms", "[aerodynamics]")
+    terms = {name: subtable(terms, name, "[aerodynamics.terms]") for name in terms}
+    look_ups = read_tables(subtable(aerodynamics, "tables", "[aerodynamics]"))
+    std = subtable(aerodynamics, "std", "[aerodynamics]")
+    named = {f"{c}_{parse_term(one, 'terms').name}" for c, row in terms.items() for one in row}
+    check_keys(std, (*derivatives, *named, *(name for one in look_ups for name in one.knots)), "[aerodynamics.std]")
     return {
         "name": text(general.get("name", file.stem), "[aircraft] name"),
         "mass": in_si(general["mass"], "kg", "[aircraft] mass"),
@@ -170,9 +178,10 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
         "noise": subtable(sensors, "noise", "[sensors]"),
         "trim": tables["trim"],
         "force_axes": text(aerodynamics.get("force_axes", "wind"), "[aerodynamics] force_axes"),
-        "derivatives": subtable(aerodynamics, "derivatives", "[aerodynamics]"),
-        "terms": {name: subtable(terms, name, "[aerodynamics.terms]") for name in terms},
-        "tables": read_tables(subtable(aerodynamics, "tables", "[aerodynamics]")),
+        "derivatives": derivatives,
+        "terms": terms,
+        "tables": look_ups,
+        "std": std,
         "aerodynamics": _own(aerodynamics, file.parent),
         "effects": _effects(data.get("effects", [])),
     }
@@ -249,6 +258,8 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
         yield "[aerodynamics.derivatives]", a.derivatives
     if a.terms:
         yield "[aerodynamics.terms]", a.terms
+    if a.std:
+        yield "[aerodynamics.std]", a.std
     yield from ((f"[aerodynamics.tables.{quoted(one.name)}]", written_table(one)) for one in a.tables)
     for effect in a.effects:
         table = {key: getattr(effect, key) for key in _EFFECT_KEYS}

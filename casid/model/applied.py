@@ -8,6 +8,7 @@ but for the interpolation between samples. Turbulence is no deterministic effect
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -201,7 +202,8 @@ def _with_readings(guess: Callable[[Record], np.ndarray], channels: Sequence[str
 
 
 def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping[str, float]) -> Aircraft:
-    """The aircraft file with derivatives, terms and effects put to estimates by name; other names are left alone."""
+    """The aircraft file with derivatives, terms and effects put to estimates by name, and their standard deviations;
+    other names are left alone."""
     derivatives = {name: values[name] for name in aircraft.derivatives if name in values}
     terms = {c: {t: values.get(f"{c}_{t}", value) for t, value in table.items()} for c, table in aircraft.terms.items()}
     effects = []
@@ -213,7 +215,10 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
         told = known.in_words({"value": effect.value, **parameters})
         effects.append(replace(effect, value=told.pop("value"), parameters=told))
     tables = tuple(one.with_knots(values) for one in aircraft.tables)
-    return replace(aircraft.with_derivatives(derivatives).with_terms(terms), tables=tables, effects=tuple(effects))
+    named = [name for _, name, _ in aerodynamic_parameters(aircraft)] + list(aircraft.knots)
+    known_std = {name: std[name] for name in named if math.isfinite(std.get(name, math.nan))}
+    changed = aircraft.with_derivatives(derivatives).with_terms(terms)
+    return replace(changed, tables=tables, std={**aircraft.std, **known_std}, effects=tuple(effects))
 
 
 def _measured(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str, ...]:

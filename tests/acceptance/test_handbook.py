@@ -244,6 +244,13 @@ def test_deviations_are_those_of_differences_of_the_whole_computation() -> None:
         assert value == pytest.approx(np.sqrt(square[name]), rel=1e-4, abs=1e-9), name
 
 
+def test_estimated_deviations_of_a_file_replace_its_relative_uncertainty() -> None:
+    """Of -Cm_alpha / CL_alpha the relative deviations add as squares: that of Cm_alpha as stated, 10 % of CL_alpha."""
+    a = replace(navion(), relative_uncertainty=0.1, std={"Cm_alpha": 0.01})
+    margin = cs.modes(a).numbers["static_margin"]
+    assert margin.std == pytest.approx(margin.value * np.hypot(0.01 / a.derivatives["Cm_alpha"], 0.1), rel=1e-6)
+
+
 def test_deviations_are_those_of_drawn_parameters() -> None:
     """150 aircraft drawn from the covariance (seed 1): their scatter is what is told, within 4 sigmas."""
     flight = SteadyFlight(parabolic())

@@ -153,6 +153,8 @@ FAULTS = [
     ('"alpha^2" = 0.5', '"alpha**2" = 0.5', "not a monomial"),
     ('"alpha^2" = 0.5', '"alpha*beta" = 0.5', "'beta*alpha' stands twice, as Cm_alpha*beta"),
     ('"alpha^2" = 0.5', '"delta_e" = 0.5', "'delta_e' stands twice, as Cm_delta_e"),
+    ("[[effects]]", "[aerodynamics.std]\nCm_delta_r = 0.1\n[[effects]]", "'Cm_delta_r'; did you mean 'Cm_delta_e'"),
+    ("[[effects]]", "[aerodynamics.std]\nCL_0 = -0.1\n[[effects]]", "std: 'CL_0' is -0.1; expected a number from 0 on"),
     ('kind = "actuator_lag"', 'kind = "actuator_leg"', "[[effects]] number 1: unknown effect kind 'actuator_leg'"),
     ('target = "delta_e"', 'target = "delta_x"', "unknown target of 'actuator_lag' 'delta_x'"),
     ('unit = "s"', 'unit = "ms"', "unit is the text 'ms'; expected 's'"),
@@ -219,6 +221,9 @@ def effects(draw, axes):
 def planes(draw):
     axes = draw(st.sampled_from(sorted(AXES_COEFFICIENTS)))
     linear = [f"{c}_{v}" for c in AXES_COEFFICIENTS[axes] for v in ("0", *VARIABLES)]
+    derivatives = draw(st.dictionaries(st.sampled_from(linear), NUMBER, min_size=1, max_size=5))
+    terms = draw(st.dictionaries(st.sampled_from(AXES_COEFFICIENTS[axes]), st.dictionaries(NONLINEAR, NUMBER)))
+    named = [*derivatives, *(f"{c}_{term}" for c, row in terms.items() for term in row)]
     return Aircraft(
         name=draw(TEXT),
         mass=draw(POSITIVE),
@@ -236,8 +241,9 @@ def planes(draw):
         trim=draw(st.dictionaries(st.sampled_from(["V", "rho", "gravity"]), POSITIVE)),
         force_axes=axes,
         relative_uncertainty=draw(st.floats(0.0, 1.0)),
-        derivatives=draw(st.dictionaries(st.sampled_from(linear), NUMBER, min_size=1, max_size=5)),
-        terms=draw(st.dictionaries(st.sampled_from(AXES_COEFFICIENTS[axes]), st.dictionaries(NONLINEAR, NUMBER))),
+        derivatives=derivatives,
+        terms=terms,
+        std=draw(st.dictionaries(st.sampled_from(named), st.floats(0.0, 1e300))),
         effects=tuple(draw(st.lists(effects(axes), max_size=3))),
     )
 

@@ -81,6 +81,8 @@ def test_json_has_the_published_keys(folder: Path) -> None:
 def test_extended_aircraft_is_read_back_and_has_the_hidden_term(folder: Path, diagnosis: Diagnosis) -> None:
     extended = Aircraft.read(folder / "extended.toml")
     assert extended == diagnosis.extended_aircraft
+    told = {one.name: one.flight.std for one in diagnosis.parameters if one.flight.determined}
+    assert told and {name: extended.std[name] for name in told} == told
     effect = next(e for e in extended.effects if (e.kind, e.target, e.term) == ("aero_term", "Cm", "alpha^2"))
     assert abs(effect.value - HIDDEN) < 4.0 * effect.std + 0.02 * HIDDEN
 
