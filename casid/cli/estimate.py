@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,11 +43,15 @@ from casid.estimation import (
 from casid.filtering.filter_error import FilterFit
 from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
 from casid.model.aircraft import Aircraft
-from casid.model.applied import Applied, apply_effects, default_free, with_estimates
+from casid.model.applied import Applied, apply_effects, axes_of, default_free, with_estimates
+from casid.model.dynamics import moved_coefficients
+from casid.model.path import aerodynamic_parameters
+from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories, write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import Picture
+from casid.signals import SURFACES
 
 SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}
 INTERVAL = 25  # samples; soft defects default to 1, where noise enters at every sample
@@ -109,6 +114,8 @@ def estimate(
     file = aircraft_of(aircraft)
     read = records_of(records, maps or [], span=(begin, end))
     say_idle_effects(file, read)
+    if axes is None:
+        _say_left_out(file, read)
     made_with = provenance(0)
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
@@ -126,6 +133,20 @@ def estimate(
         _write_model(file, fit, folder / "model.toml", aircraft)
         write_pictures(pictures(applied, fit), folder / "figures")
     print(text if as_json else fit)
+
+
+def _say_left_out(aircraft: Aircraft, records: Sequence[Record]) -> None:
+    """Say of which coefficients nothing is estimated, as surfaces are not in the records."""
+    axes = axes_of(records)
+    of_file = {coefficient for coefficient, _, _ in aerodynamic_parameters(aircraft)}
+    left = [c for c in aircraft.coefficients if c in of_file and c not in moved_coefficients(aircraft, axes)]
+    missing = [s for s in SURFACES if not all(s in record for record in records)]
+    if left:
+        print(
+            f"note: {', '.join(missing)} not in every record: the motion is taken as {axes}, and no derivatives of "
+            f"{', '.join(left)} are estimated",
+            file=sys.stderr,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

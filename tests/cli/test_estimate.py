@@ -113,6 +113,17 @@ def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, sc
     assert json.loads((tmp_path / "run.json").read_text())["command"][0] == "estimate.py"
 
 
+def test_coefficients_that_are_left_out_are_said(folder, tmp_path, capsys):
+    """Aileron and rudder are not in these records: the lateral coefficients of the file are named, and no other."""
+    words = [str(folder / "m1.csv"), "--aircraft", str(folder / "truth.toml"), "--free", "Cm_0", "--out", str(tmp_path)]
+    call(script(resolve_name(COMMANDS["estimate"])), words)
+    (said,) = [line for line in capsys.readouterr().err.splitlines() if "estimated" in line]
+    assert all(name in said for name in ("delta_a", "delta_r", "CY", "Cl", "Cn"))
+    assert not any(name in said for name in ("CL", "CD", "Cm", "delta_e"))
+    call(script(resolve_name(COMMANDS["estimate"])), [*words, "--axes", "longitudinal"])
+    assert "Cn" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     "options",
     [
