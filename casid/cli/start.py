@@ -106,6 +106,8 @@ def _stop(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _stopped() -> int:
+    if _received:  # from `_stop`, so that the signals are ours: a second one must not end the message
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
     number = _received[0] if _received else signal.SIGINT
     print(f"{_WORDS[signal.Signals(number)]}; nothing half-written was left", file=sys.stderr)
     return 128 + number
