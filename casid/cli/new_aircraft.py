@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from rich.prompt import FloatPrompt
+from rich.prompt import FloatPrompt, InvalidResponse
+from rich.text import Text
 from tomlkit.items import Item
 
 from casid.cli.options import Flag
@@ -20,6 +21,8 @@ from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 
 GRAVITY = 9.80665
+_AREA_RATIO = (0.4, 1.6)  # area over span times mean aerodynamic chord: 0.75 of a delta, 1 of a rectangle
+_MOST_LIFT = 5.0  # lift coefficient; flaps reach 3 to 4
 _QUESTIONS = {
     "mass": "mass in flight [kg]",
     "span": "wing span [m]",
@@ -79,6 +82,7 @@ def new_aircraft(
     for what, value in known.items():
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{what} {value:g}: expected a positive number")
+    _check_wing(known, altitude)
     with whole_file(target) as temporary:
         temporary.write_text(_text(name, altitude, known), encoding="utf-8")
     Aircraft.read(target)
@@ -87,10 +91,48 @@ def new_aircraft(
 
 def _answered(given: dict[str, float | None]) -> dict[str, float]:
     """What was given, and the answers to what was not."""
-    missing = [what for what, value in given.items() if value is None]
+    missing = ", ".join(f"--{what}" for what, value in given.items() if value is None)
     if missing and not sys.stdin.isatty():
-        raise InputError(f"missing: {', '.join(f'--{what}' for what in missing)}; give them as options")
-    return {w: FloatPrompt.ask(_QUESTIONS[w]) if v is None else v for w, v in given.items()}
+        raise InputError(f"missing: {missing}; give them as options")
+    try:
+        return {w: _Positive.ask(Text(_QUESTIONS[w])) if v is None else v for w, v in given.items()}
+    except EOFError:
+        print()
+        raise InputError(
+            f"the input ended before all was answered; nothing was written; give {missing} as options"
+        ) from None
+
+
+class _Positive(FloatPrompt):
+    """Asks until the answer is a positive number."""
+
+    def process_response(self, value: str) -> float:
+        number = super().process_response(value)
+        if not (math.isfinite(number) and number > 0.0):
+            raise InvalidResponse("[prompt.invalid]Please enter a positive number")
+        return number
+
+
+def _check_wing(known: Mapping[str, float], altitude: float) -> None:
+    """Raise InputError for an area that is far from span times chord, and for a lift coefficient beyond any wing."""
+    mass, span, chord, area, speed = (known[what] for what in _QUESTIONS)
+    ratio = area / (span * chord)
+    if not _AREA_RATIO[0] <= ratio <= _AREA_RATIO[1]:
+        raise InputError(
+            f"--area {area:g}: is {ratio:.2g} times --span {span:g} by --chord {chord:g}; wings have 0.7 to 1.1: "
+            "is the area in m2, are the lengths in m?"
+        )
+    lift = _lift(mass, area, speed, altitude)
+    if lift > _MOST_LIFT:
+        raise InputError(
+            f"--speed {speed:g}: level flight of --mass {mass:g} on --area {area:g} needs a lift coefficient of "
+            f"{lift:.3g}; wings reach about 3: is the speed in m/s, the mass in kg, the area in m2?"
+        )
+
+
+def _lift(mass: float, area: float, speed: float, altitude: float) -> float:
+    """Lift coefficient of level flight in the standard atmosphere."""
+    return mass * GRAVITY / (0.5 * float(standard_density(np.array(altitude))) * speed**2 * area)
 
 
 def inertia_of(mass: float, span: float, length: float) -> dict[str, float]:
@@ -141,7 +183,7 @@ def derivatives_of(lift: float, aspect: float) -> dict[str, float]:
 def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
     mass, span, chord, area, speed = (known[what] for what in _QUESTIONS)
     rho = float(standard_density(np.array(altitude)))
-    lift = mass * GRAVITY / (0.5 * rho * speed**2 * area)
+    lift = _lift(mass, area, speed, altitude)
     document = tomlkit.document()
     document.add(tomlkit.comment("An aircraft of casid: SI units and radians. 'typical' marks a guess to be replaced."))
     aircraft = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -152,6 +153,42 @@ def test_a_new_aircraft_is_read_back_and_flies(tmp_path: Path) -> None:
         call(script(new_aircraft), [str(tmp_path / "b.toml"), "--span", "10", "--chord", "1.5", "--area", "15"])
     with pytest.raises(InputError, match="positive"):
         new_aircraft(tmp_path / "c.toml", mass=-1.0, span=10.0, chord=1.5, area=15.0, speed=50.0)
+
+
+class Terminal(io.StringIO):
+    """Lines that somebody types, and Ctrl-D behind them."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_a_new_aircraft_asks_with_units_and_refuses_a_bad_number_where_it_is_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("1000\n-10\nten\n10\n1.5\n15\n50\n"))
+    new_aircraft(tmp_path / "mine.toml")
+    asked = capsys.readouterr().out
+    for unit, times in {"[kg]": 1, "[m]": 4, "[m2]": 1, "[m/s]": 1}.items():  # the span was asked for three times
+        assert asked.count(unit) == times
+    assert Aircraft.read(tmp_path / "mine.toml").moment_length_lateral == 10.0
+
+
+def test_a_new_aircraft_whose_questions_end_early_is_one_line_and_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("1000\n10\n"))
+    with pytest.raises(InputError, match="--chord") as error:
+        new_aircraft(tmp_path / "mine.toml")
+    assert "\n" not in str(error.value) and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("wrong", "named"), [({"speed": 5.0}, "--speed"), ({"chord": 15.0}, "--chord")])
+def test_a_new_aircraft_has_a_wing_that_can_be(tmp_path: Path, wrong: dict[str, float], named: str) -> None:
+    """A lift coefficient of 43 is beyond any wing; a wing's area is near its span times its mean chord."""
+    right = {"mass": 1000.0, "span": 10.0, "chord": 1.5, "area": 15.0, "speed": 50.0}
+    with pytest.raises(InputError, match=named):
+        new_aircraft(tmp_path / "a.toml", **right | wrong)
+    assert not list(tmp_path.iterdir())
 
 
 def test_typical_values_have_the_limits_of_theory() -> None:
