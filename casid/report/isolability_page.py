@@ -16,6 +16,7 @@ from casid.report.templating import ReportTable, Row, drawn_into, figures_of, re
 from casid.report.words import digits, effect_name, probability_in_words, quantity
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
+_GAIN = 5e-4  # of the probability of being right, which is told to a tenth of a per cent
 _MOST = 48  # causes in the matrix: more cannot be read
 
 
@@ -67,7 +68,7 @@ def text(found: Isolability) -> str:
             f"{probability_in_words(one.detection):>9} {probability_in_words(one.told):>6}  {rivals(one)}"
         )
     if found.additions:
-        lines += ["", "what would add most:", *(f"  {addition(one, found.told)}" for one in found.additions[:5])]
+        lines += ["", "what would add most:", *(f"  {one}" for one in additions_in_words(found))]
     if found.left_out:
         lines += ["", f"not judged: {', '.join(found.left_out)}"]
     return "\n".join(lines)
@@ -83,6 +84,14 @@ def rivals(one: IsolableCause) -> str:
     if one.detection < 0.05:
         return ""
     return ", ".join(f"{name} ({100.0 * p:.0f} %)" for name, p in list(one.confusion.items())[:3])
+
+
+def additions_in_words(found: Isolability) -> list[str]:
+    """The five additions that gain most, a sentence each; or one that says that none does."""
+    said = [addition(one, found.told) for one in found.additions[:5] if one.told - found.told >= _GAIN]
+    if found.additions and not said:
+        return [f"none of the {len(found.additions)} channels and manoeuvres that were tried adds anything"]
+    return said
 
 
 def addition(one: Addition, told: float) -> str:
@@ -108,7 +117,7 @@ def _shown(found: Isolability) -> list[str]:
 
 
 def _height(shown: list[str]) -> float:
-    return 3.0 + 0.22 * len(shown)
+    return 3.2 + 0.16 * len(shown)  # hardly wider than a page, which would make the labels small
 
 
 def _draw(figure: Any, found: Isolability, shown: list[str]) -> None:
@@ -127,8 +136,8 @@ def _draw(figure: Any, found: Isolability, shown: list[str]) -> None:
                 colour = "white" if value > 35.0 else "black"
                 ax.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=8, color=colour)
     labels = [_label(name) for name in shown]
-    ax.set_xticks(range(len(shown)), labels, rotation=90, fontsize=8.5)
-    ax.set_yticks(range(len(shown)), labels, fontsize=8.5)
+    ax.set_xticks(range(len(shown)), labels, rotation=90, fontsize=10)
+    ax.set_yticks(range(len(shown)), labels, fontsize=10)
     ax.xaxis.set_ticks_position("top")
     ax.xaxis.set_label_position("top")
     ax.set_xlabel("taken for")
@@ -166,7 +175,7 @@ def write_isolability(found: Isolability, folder: str | Path) -> None:
         "sentence": f"{seen} of {len(found.causes)} causes are detected at the size that matters in more than half of "
         f"the flights. One is rightly named with a probability of {100.0 * found.told:.0f} % on average.",
         "channels": ", ".join(found.channels),
-        "additions": [addition(one, found.told) for one in found.additions[:5]],
+        "additions": additions_in_words(found),
         "sets": [", ".join(one) for one in found.sets if len(one) > 1],
         "figures": list(figures_of(drawn, {}).values()),
         "causes": _table(found),

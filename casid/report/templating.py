@@ -37,7 +37,7 @@ class ReportTable:
     @property
     def kind(self) -> str:
         """Classes of the style sheet."""
-        kinds = (("numeric", self.numeric), ("many", len(self.head) > 3), ("wide", len(self.head) > 6))
+        kinds = (("numeric", self.numeric), ("many", len(self.head) > 3), ("wide", len(self.head) > 5))
         return " ".join(word for word, true in kinds if true)
 
 

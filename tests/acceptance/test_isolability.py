@@ -23,6 +23,7 @@ from casid.model.effect import KINDS, Effect, cause
 from casid.model.effects import effect_named, effect_value
 from casid.model.simulate import simulate
 from casid.model.station import coefficient, control
+from casid.report.isolability_page import additions_in_words
 
 DELTA = {"CL": "CL_delta_e", "CD": "CD_delta_e", "Cm": "Cm_delta_e"}
 NOISE = {"V": 0.3, "alpha": 0.002, "q": 0.001, "theta": 0.002, "az": 0.08, "delta_e": 2e-4}
@@ -172,6 +173,11 @@ def test_what_would_add_most_is_what_adds_most() -> None:
         file(), [manoeuvre()], channels=[*few, channels[0].what], causes=list(found.causes), suggest=False
     )
     assert again.told == pytest.approx(channels[0].told, abs=1e-6)
+    shown = [one.what for one in found.additions if any(one.what in line for line in additions_in_words(found))]
+    assert shown == [one.what for one in found.additions[:5] if one.told > found.told + 1e-3]
+    worse = replace(found, additions=tuple(replace(one, told=found.told - 0.01) for one in found.additions))
+    (sentence,) = additions_in_words(worse)
+    assert not any(one.what in sentence for one in worse.additions)
 
 
 def test_a_further_channel_hides_no_cause() -> None:
