@@ -209,6 +209,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("|z| of its strongest fault (dotted: limit)")
     cleared = f"{sum(best[k][0] <= limit for k in everyone)} of {len(everyone)} instruments and winds are cleared"
+    drawn = f" The {len(order)} with the largest |z| are drawn." if len(order) < len(everyone) else ""
     note = (
         " They were scored in air as turbulent as the verdict says."
         if diagnosis.turbulence.named
@@ -222,7 +223,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
         title=f"Kinematic check: {cleared}",
         caption=(
             "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
-            f"What fails here (hatched) is an instrument or moving air, and nothing else.{note}"
+            f"What fails here (hatched) is an instrument or moving air, and nothing else.{drawn}{note}"
         ),
         alt=f"Bar chart of |z| per instrument; {cleared}; the largest is {order[0]} with {best[order[0]][0]:.0f}.",
     )

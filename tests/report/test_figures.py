@@ -25,6 +25,7 @@ from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
 from casid.report.cause_figures import onset_profiles
 from casid.report.claims import claims
+from casid.report.evidence_figures import kinematic
 from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, gained, pictures
@@ -234,3 +235,13 @@ def test_what_no_manoeuvre_separates_is_said(diagnosis: Diagnosis) -> None:
     found = next_flights(replace(diagnosis, causes=(cause,), contradicted=()))
     assert "no manoeuvre can bring it about" in found.beyond[0]
     assert not any("--separate" in one.command for one in found.proposals)
+
+
+def test_the_kinematic_check_says_how_many_bars_it_draws(diagnosis: Diagnosis) -> None:
+    """The instruments of its title, or the number of those that are drawn."""
+    picture = kinematic(diagnosis)
+    assert picture is not None
+    (cleared, among) = map(int, re.findall(r"\d+", picture.title))
+    drawn = len(picture.figure.axes[0].patches)
+    assert cleared <= among
+    assert drawn == among or str(drawn) in re.findall(r"\d+", picture.caption)
