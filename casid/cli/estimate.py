@@ -221,7 +221,8 @@ def pictures(applied: Applied, fit: Fit) -> list[Picture]:
     first = applied.records[0].name
     drawn = [correlations(list(fit.parameters), fit.correlations)]
     drawn.append(autocorrelations(names, {"residual": fit.residuals[first]}))
-    pairs = {"a priori": [(e.prior, 0.0) for e in fit.parameters.values()]}
+    known = [e.prior_std if math.isfinite(e.prior_std) else 0.0 for e in fit.parameters.values()]
+    pairs = {"a priori": [(e.prior, std) for e, std in zip(fit.parameters.values(), known, strict=True)]}
     pairs |= {"estimated": [(e.value, e.std) for e in fit.parameters.values()]}
     drawn.append(estimates(list(fit.parameters), pairs, "a priori"))
     for record in applied.records:

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from casid.cli.estimate import pictures
+from casid.estimation import Problem, solve
+from casid.model.applied import apply_effects
+from casid.model.simulate import simulate
+from casid.model.trim import trim
+from casid.records.record import Record
 from casid.report.estimate_figures import estimates
+from problems.do328 import do328
 
 
 def test_estimates_stand_at_their_ratio_to_the_reference() -> None:
@@ -17,3 +26,28 @@ def test_estimates_stand_at_their_ratio_to_the_reference() -> None:
     np.testing.assert_allclose(flight, [1.138 / 1.6, -0.8])
     assert [t.get_text() for t in ratios.get_yticklabels()] == ["Cm_alpha", "Cl_delta_a"]
     assert zeros.containers[1].lines[0].get_xdata() == pytest.approx(3.0)  # standard errors
+
+
+def test_a_priori_values_of_an_estimate_have_the_bars_of_their_prior() -> None:
+    """30 % of the file's value is a bar of 0.6 to either side of 1; a value of 0 has no prior and no bar."""
+    t = np.arange(0.0, 6.0, 0.05)
+    free = ["Cm_alpha", "Cm_alpha^2"]
+    file = replace(do328(), relative_uncertainty=0.3, terms={"Cm": {"alpha^2": 0.0}})
+    level = trim(file, V=144.0, thrust=10e3)
+    inputs = {
+        name: np.full(len(t), value) for name, value in level.inputs.items() if name not in ("delta_a", "delta_r")
+    }
+    inputs["delta_e"] = inputs["delta_e"] + np.where(t < 2.0, 0.02, 0.0)
+    flown = apply_effects(
+        file, [Record(name="m1", t=t, channels={**inputs, "V": np.full(len(t), 144.0)})], outputs=["q"]
+    )
+    state = {"u": level.state[0], "w": level.state[2], "q": 0.0, "theta": level.theta}
+    rate = simulate(flown.model, flown.records[0], np.array([state[s] for s in flown.model.states])).output("q")
+    applied = apply_effects(file, [flown.records[0].with_channels(q=rate + 1e-4 * np.sin(9.0 * t))])
+    fit = solve(Problem(applied.model, applied.records, free=free, prior=True))
+    (picture,) = [one for one in pictures(applied, fit) if one.name == "estimates"]
+    ratios, zeros = picture.figure.axes
+    (segment,) = ratios.containers[0].lines[2][0].get_segments()
+    np.testing.assert_allclose(segment[:, 0], [0.4, 1.6])
+    (segment,) = zeros.containers[0].lines[2][0].get_segments()
+    np.testing.assert_allclose(segment[:, 0], [0.0, 0.0])
