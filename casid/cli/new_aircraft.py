@@ -84,6 +84,7 @@ def new_aircraft(
             raise InputError(f"--{what} {value:g}: expected a positive number")
     _check_wing(known, altitude)
     with whole_file(target) as temporary:
+        target.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_text(_text(name, altitude, known), encoding="utf-8")
     Aircraft.read(target)
     print(f"{target}: written; lines marked 'typical' are guesses")

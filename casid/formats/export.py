@@ -40,7 +40,7 @@ def export(aircraft: Aircraft | str | Path, path: str | Path, *, to: str) -> tup
     aircraft
         The aircraft, or the name of its file, such as the extended one of a diagnosis.
     path
-        The file to write: .json, .sdf, .m or .mat, .csv, .tex, .xml.
+        The file to write: .json, .sdf, .m or .mat, .csv, .tex, .xml. Its folder is made.
     to
         "ardupilot-json", "gazebo", "matlab", "csv", "latex" or "jsbsim".
 
@@ -69,10 +69,12 @@ def export(aircraft: Aircraft | str | Path, path: str | Path, *, to: str) -> tup
         raise InputError(f"{target}: {to} is written as {' or '.join(endings)}; name the file so")
     if target.suffix.lower() == ".mat":
         struct = mat_of(struct_of(file))
-        with whole_file(target) as temporary, temporary.open("wb") as stream:
-            savemat(stream, {"aircraft": struct}, long_field_names=True, oned_as="row")
+        with whole_file(target) as temporary:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            savemat(temporary, {"aircraft": struct}, appendmat=False, long_field_names=True, oned_as="row")
         return ()
     text, left = make(file)
     with whole_file(target) as temporary:
+        target.parent.mkdir(parents=True, exist_ok=True)
         temporary.write_text(text, encoding="utf-8", newline="\n")
     return left

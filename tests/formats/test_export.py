@@ -481,3 +481,12 @@ def test_the_command_says_what_it_leaves_out(tmp_path, capsys) -> None:
     printed = json.loads(capsys.readouterr().out)
     assert printed["file"] == str(target) and target.is_file()
     assert any("beta^2" in line for line in printed["left_out"])
+
+
+def test_the_folder_of_an_export_is_made_and_not_for_one_that_is_refused(tmp_path) -> None:
+    for name, target in {"plane.sdf": "gazebo", "plane.mat": "matlab"}.items():
+        cs.export(DEMO / "aircraft.toml", tmp_path / target / "deep" / name, to=target)
+        assert [one.name for one in (tmp_path / target / "deep").iterdir()] == [name]
+    with pytest.raises(cs.InputError):
+        cs.export(DEMO / "aircraft.toml", tmp_path / "other" / "plane.csv", to="gazebo")
+    assert not (tmp_path / "other").exists()
