@@ -10,6 +10,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, between, say_notes
+from casid.data_check.check import channels_of
 from casid.data_check.check import check as checked
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -49,6 +50,7 @@ def check(
     """
     if not records:
         raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
+    channels_of(believe or False, "--believe")
     file = None if aircraft is None else Aircraft.read(aircraft)
     read, refused = read_each(list(records), ColumnMap.from_options(maps or []), between=between(begin, end))
     if not read:

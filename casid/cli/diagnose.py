@@ -13,6 +13,7 @@ from cyclopts import Parameter
 
 from casid.cli.model_file import diagnose_model, model_of
 from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, Whole, records_of
+from casid.data_check.check import channels_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.shape import with_shapes
@@ -99,6 +100,7 @@ def diagnose(
     as_json
         Print diagnosis.json and nothing else.
     """
+    channels_of(believe or False, "--believe")
     by = Criteria() if criteria is None else Criteria.read(criteria)
     held = hold_out or []
     if held and not records:

@@ -33,9 +33,13 @@ def _folder(type_: type, tokens: Sequence[Token]) -> Path:
 
 DEMO = Path(__file__).resolve().parent / "demo"
 
+MAP_HELP = (
+    "Column map: CHANNEL=COLUMN:UNIT, several of them, or a TOML file; with alpha=ALCG:deg the column ALCG is alpha, "
+    "in degrees."
+)
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
 Folder = Annotated[Path, Parameter(name="--out", converter=_folder)]
-Maps = Annotated[list[str], Parameter(name="--map", negative="", help="Column map: alpha=ALCG:deg, or a TOML file.")]
+Maps = Annotated[list[str], Parameter(name="--map", negative="", help=MAP_HELP)]
 Begin = Annotated[float | None, Parameter(name="--from", help="Time [s] from which records are read.")]
 End = Annotated[float | None, Parameter(name="--to", help="Time [s] up to which records are read.")]
 Whole = Annotated[int, Parameter(converter=_whole)]

@@ -27,7 +27,7 @@ def why(
         Folder of a diagnosis, or its diagnosis.json.
     cause
         As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone stands for all its targets. Without it every
-        cause gets one line, with the gate that decided.
+        cause that was named, and those that came nearest to it, get one line with the gate that decided.
     target
         Target of the cause, where it is given as a word of its own.
     as_json
@@ -47,3 +47,5 @@ def why(
         print(json.dumps([one.to_dict() for one in trace.decisions], indent=1))
     else:
         print(trace.summary() if cause is None else trace)
+        if any(gate.gate.startswith("gain") for one in trace.decisions for gate in one.gates):
+            print('"gain" is the likelihood-ratio statistic, 2 ln L, as the round of the search had it')

@@ -231,6 +231,8 @@ def _part(
     rows = np.flatnonzero((t >= begin) & (t < end))
     if not len(rows):
         span = f"{np.nanmin(t):g} to {np.nanmax(t):g} s" if np.isfinite(t).any() else "no time at all"
-        raise InputError(f"{table.source}: no row from {begin:g} to {end:g} s; the file has {span}")
+        asked = f"from {begin:g} s on" if np.isinf(end) else f"before {end:g} s" if np.isinf(begin) else ""
+        asked = asked or f"from {begin:g} to {end:g} s"
+        raise InputError(f"{table.source}: no row {asked}; the file has {span}")
     kept = rows_of(table, rows)
     return kept, t[rows], {name: values[rows] for name, values in channels.items()}

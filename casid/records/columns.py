@@ -126,6 +126,8 @@ def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, chan
     if index in table.text:
         row, cell = table.text[index]
         hint = "write a decimal point" if re.fullmatch(r"[+-]?\d+,\d+", cell) else "repair it, or leave it empty"
+        if row == 0 and len(table.text) > 1:
+            hint = f"delete a row of units, and write them in the header, like '{channel} [{cell}]', or in --map"
         raise InputError(f"{table.place(row)}, {table.column(index)}: {shown(cell)} is not a number; {hint}")
     written = headers[index][1] if headers else ""
     if unit and written and unit != written:

@@ -247,6 +247,8 @@ def _read_table(path: Path, column_map: ColumnMap) -> RawTable:
     ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if ending in _TEXT:
         return _TEXT[ending](path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; name the files in it, like '{path / '*.csv'}'")
     if ending not in _BINARY:
         raise unknown("file type", ending, (*_TEXT, *_BINARY), str(path))
     terms = column_map.columns.get("t", ())
