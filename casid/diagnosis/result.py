@@ -377,7 +377,7 @@ class Diagnosis:
         lines += [f"  - data: {one.sentence}" for one in self.data]
         lines += [f"  - values: {one.sentence}" for one in (*self.factors, *self.contradicted)]
         lines += [
-            f"  - {cause.sentence} ({_sure(cause)}log likelihood ratio {0.5 * cause.statistic:.0f})"
+            f"  - {cause.sentence} ({_sure(cause)}likelihood-ratio statistic {cause.statistic:.0f})"
             for cause in self.causes
         ]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]

@@ -180,4 +180,4 @@ def _first(stated: Sequence[str], most: int) -> str:
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{missing.words}{size} ({oscillation}log likelihood ratio {0.5 * missing.gain:.0f}){unseen}"
+    return f"{missing.words}{size} ({oscillation}likelihood-ratio statistic {missing.gain:.0f}){unseen}"

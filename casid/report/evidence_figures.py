@@ -72,26 +72,27 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
     ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("evidence for it (log scale)")
+    ax.set_xlabel("likelihood-ratio statistic (log scale)")
     handles: list[Artist] = [Patch(**face) for face in _FACES.values() if face in faces]
     words = [word for word, face in _FACES.items() if face in faces]
     if held_out:
         handles.append(Line2D([], [], ls="", marker="D", color=BASELINE))
         words.append("the same on held-out records")
     handles.append(Line2D([], [], color=MEASURED, ls=":"))
-    figure.legend(handles, [*words, "least evidence for a name"], loc="outside upper center", ncols=2)
+    figure.legend(handles, [*words, "least statistic for a name"], loc="outside upper center", ncols=2)
     best, name = rows[0], effect_name(rows[0][1].effect)
     return Picture(
         name="ladder",
         figure=figure,
-        title="Which cause: the evidence for each one when it is fitted",
+        title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
             f"than its free numbers bring by chance, a fault of an instrument {asked.gain_of_an_instrument:.0f}. What "
             "small further terms could explain as well does not count. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
-        alt=f"Bar chart of {len(rows)} fitted causes by evidence; the first is {name} with {best[1].gain.raw:.0f}.",
+        alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is {name} with "
+        f"{best[1].gain.raw:.0f}.",
     )
 
 
@@ -165,8 +166,8 @@ def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
             "statistic means that something enters there; neighbouring ports share that of one cause. The rest "
             "counts as unexplained only if it is large and the model discrepancy cannot explain it either."
         ),
-        alt=f"Bar chart of the evidence of an unknown input per place; largest before naming: {place(order[0])}, "
-        f"{before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
+        alt=f"Bar chart of the likelihood-ratio statistic of an unknown input per place; largest before naming: "
+        f"{place(order[0])}, {before[order[0]]:.0f}" + (f"; it has {after[order[0]]:.0f} after." if extended else "."),
     )
 
 

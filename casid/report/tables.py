@@ -81,8 +81,8 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
         "size ± 1σ",
         "records",
         "probability",
-        "evidence",
-        "evidence per reading on held-out records",
+        "likelihood-ratio statistic, 2 ln L",
+        "the same per reading on held-out records",
         "cannot be told apart from",
     )
     return ReportTable(head=head, rows=rows, caption="Named causes, strongest first")
@@ -184,7 +184,7 @@ def alternatives(diagnosis: Diagnosis) -> ReportTable:
             size = quantity(one.values["value"], one.effect.unit)
             rows.append(Row(cells=(effect_name(one.effect), str(number), size, digits(trial.gain.raw), why)))
     return ReportTable(
-        head=("cause", "round", "fitted size", "evidence", "why it was not named"),
+        head=("cause", "round", "fitted size", "likelihood-ratio statistic, 2 ln L", "why it was not named"),
         rows=tuple(rows),
         caption="Alternatives that were fitted, and why they lost",
     )

@@ -30,7 +30,7 @@ from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, gained, pictures
 from casid.report.style import Picture, settings, smooth
-from casid.report.tables import derivatives, shares, unseen
+from casid.report.tables import causes, derivatives, shares, unseen
 from casid.report.words import digits, percent, pretty, quantity, with_std
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -245,3 +245,8 @@ def test_the_kinematic_check_says_how_many_bars_it_draws(diagnosis: Diagnosis) -
     drawn = len(picture.figure.axes[0].patches)
     assert cleared <= among
     assert drawn == among or str(drawn) in re.findall(r"\d+", picture.caption)
+
+
+def test_a_cause_has_one_statistic_in_text_and_report(diagnosis: Diagnosis) -> None:
+    (row,) = [row.cells for row in causes(diagnosis).rows]
+    assert f"{diagnosis.causes[0].statistic:.0f}" in row and f"statistic {row[4]}" in str(diagnosis)
