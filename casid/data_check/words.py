@@ -61,8 +61,8 @@ def of_alternative(
 def handled_as(
     kind: str, value: float | None, rivals: Sequence[str], undone: bool, refused: bool, log_odds: float
 ) -> str:
-    """What was done about it; `refused` where another kind of correction concerns the same channel. `log_odds`: of the
-    fault, against records that are well."""
+    """What corrects it, or why nothing is changed; `refused`: another kind of correction concerns the channel.
+    `log_odds`: of the fault, against records that are well."""
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data do not decide, and nothing was changed."
     if refused:
@@ -71,10 +71,10 @@ def handled_as(
         return "; nothing was changed, as asked."
     odds = f"odds of {math.exp(log_odds):.0e} to 1".replace("e+0", "e").replace("e+", "e")
     if kind == "data_swap":
-        return f"; they were changed back ({odds})."
+        return f"; changing them back corrects it ({odds})."
     if kind == "data_gravity":
-        return f"; 1 g was taken off ({odds})."
-    return f"; the values were multiplied by {value:.4g} ({odds})."
+        return f"; taking 1 g off corrects it ({odds})."
+    return f"; multiplying the values by {value:.4g} corrects it ({odds})."
 
 
 def of_pauses(record: str, pauses: Sequence[tuple[float, float]]) -> str:

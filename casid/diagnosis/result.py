@@ -374,7 +374,7 @@ class Diagnosis:
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
-        lines += [f"  - data: {one.sentence}" for one in self.data]
+        lines += [f"  - data, {one.handled}: {one.sentence}" for one in self.data]
         lines += [f"  - values: {one.sentence}" for one in (*self.factors, *self.contradicted)]
         lines += [
             f"  - {cause.sentence} ({_sure(cause)}likelihood-ratio statistic {cause.statistic:.0f})"
