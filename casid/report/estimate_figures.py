@@ -140,7 +140,7 @@ def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, 
         for ax, (rows, label) in zip(axes[:, 0], shown, strict=True):
             _estimate_rows(ax, names, rows, methods, base)
             ax.set_xlabel(label)
-        axes[0, 0].legend(loc="best")
+        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(methods))
     return Picture(
         name="estimates",
         figure=figure,
