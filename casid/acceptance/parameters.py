@@ -48,14 +48,20 @@ def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
 
 
 def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
-    """As a diagnosis says of its extended aircraft: the covariance of the extended model's fit."""
+    """As a diagnosis says of its extended aircraft: the correlations of the extended model's fit, with the corrected
+    standard deviations of the flight, or those of the prior where these are smaller."""
     fitted, parameters = diagnosis.extended.fit, flight.model.parameters
     # a minor cause that is a term stands in the file as such
     terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
     named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
     values = dict(zip(parameters, flight.model.nominal_vector(), strict=True))
     ordered = {name: float(values.get(name, 0.0)) for name in named}
-    return known_by_estimate(flight, ordered, fitted.covariance)
+    std = np.sqrt(np.diag(fitted.covariance))
+    corrected = np.array([diagnosis.flight[s.name].std for s in fitted.slots])
+    with np.errstate(divide="ignore"):
+        prior = np.asarray(fitted.prior_weight, dtype=float) ** -0.5
+    wider = np.maximum(np.minimum(corrected, prior) / std, 1.0)
+    return known_by_estimate(flight, ordered, fitted.covariance * np.outer(wider, wider))
 
 
 def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covariance: np.ndarray) -> Known:
