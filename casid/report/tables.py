@@ -82,7 +82,7 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
         "records",
         "probability",
         "likelihood-ratio statistic, 2 ln L",
-        "the same per reading on held-out records",
+        "gain of log likelihood per reading, held-out records",
         "cannot be told apart from",
     )
     return ReportTable(head=head, rows=rows, caption="Named causes, strongest first")
