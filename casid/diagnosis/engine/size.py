@@ -86,12 +86,15 @@ def _consequence(fitted: FlightFit, one: Attached) -> float:
 
 
 def _lateness(fitted: FlightFit, one: Attached) -> float:
-    """Largest delay of a surface, in sampling intervals as recorded; infinite for effects that do not delay it."""
+    """Largest delay of a surface in sampling intervals; infinite for effects that do not delay it.
+
+    The intervals are those of the averaged records: their inputs have straight lines between them too.
+    """
     size = max(abs(one.values["value"]), 1e-12)
     if one.effect.target not in SURFACES or one.effect.unit not in ("s", "rad/s"):
         return np.inf
     late = size if one.effect.unit == "s" else float(np.max(np.abs(_moved(fitted, one)))) / size
-    return late * fitted.flight.every / float(np.median(fitted.batch.dt))
+    return late / float(np.median(fitted.batch.dt))
 
 
 def _moved(fitted: FlightFit, one: Attached) -> np.ndarray:
