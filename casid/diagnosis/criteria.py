@@ -359,7 +359,8 @@ class GivenCriteria:
     )
     worse: float = number(1.1, "error over that as given, or over noise, above which it is reported")
     refined: float = number(
-        1.5, "ratio of the errors above which re-estimation within the stated uncertainty is reported"
+        1.5,
+        "ratio of the errors above which re-estimation within the stated uncertainty, or a loss by causes, is reported",
     )
 
 

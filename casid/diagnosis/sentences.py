@@ -138,12 +138,12 @@ def losses(budget: Budget, worse: float) -> str:
     return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
 
 
-def cost(budget: Budget, worse: float) -> str:
-    """The sentence for causes with which the error on held-out records is larger than with re-estimated values alone;
-    otherwise empty.
+def cost(budget: Budget, least: float) -> str:
+    """The sentence for causes with which the error on held-out records is more than `least` times that with re-estimated
+    values alone; otherwise empty.
     """
     steps = budget.together
-    if steps.structure <= worse * max(steps.values, steps.noise):
+    if steps.structure <= least * max(steps.values, steps.noise):
         return ""
     return (
         f"Something else is missing: with the causes added, the error of a simulation of {', '.join(budget.records)} "

@@ -347,7 +347,7 @@ def concluded(
     at_fault = [one for one in data if one.handled == "reported"]
     mended = [one for one in data if one.handled != "reported"]
     failure = failure_sentence(found.budget, criteria)
-    cost = sentences.cost(found.budget, criteria.worse) if found.causes else ""
+    cost = sentences.cost(found.budget, criteria.refined) if found.causes else ""
     facts = Facts(
         data_at_fault=bool(at_fault),
         file_impossible=bool(cannot_be),
@@ -373,7 +373,7 @@ def concluded(
         account_sentence(found.budget, account, most),
         sentences.several(mended, most),
         headline,
-        cost if found.causes else "",
+        cost,
         sentences.losses(found.budget, criteria.worse),
         sentences.left_open(not_judged, most),
     ]

@@ -53,7 +53,7 @@ def test_a_model_that_is_as_good_or_near_the_noise_does_not_fail(as_given: float
 @pytest.mark.parametrize(("values", "structure", "said"), [(10.0, 30.0, True), (10.0, 9.0, False), (0.3, 0.9, False)])
 def test_causes_that_make_held_out_records_worse_are_said_to(values: float, structure: float, said: bool) -> None:
     """Something is missing then, whatever the causes gain where they were fitted; below the noise nothing is told."""
-    assert bool(cost(budget(250.0, 250.0, values, structure), Criteria().given.worse)) is said
+    assert bool(cost(budget(250.0, 250.0, values, structure), Criteria().given.refined)) is said
     assert verdict_of(Facts(causes=True, costs=said)) == ("partly explained" if said else "explained")
 
 
