@@ -139,8 +139,8 @@ def losses(budget: Budget, worse: float) -> str:
 
 
 def cost(budget: Budget, least: float) -> str:
-    """The sentence for causes with which the error on held-out records is more than `least` times that with re-estimated
-    values alone; otherwise empty.
+    """The sentence for causes with which the error on held-out records is more than `least` times that with values
+    re-estimated alone; otherwise empty.
     """
     steps = budget.together
     if steps.structure <= least * max(steps.values, steps.noise):
