@@ -18,7 +18,8 @@ from casid.signals import label_of
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
 EVIDENCE = (
-    "Evidence is twice the natural logarithm of how many times more probable it makes the records: 14 is 1000 times."
+    "The statistic is twice the natural logarithm of how many times more probable it makes the records: 14 is 1000 "
+    "times."
 )
 
 
