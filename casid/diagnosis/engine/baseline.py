@@ -74,10 +74,10 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
     """
     say("refit of the file")
     calm = fit(flight, known, flight.noise(), iterations=20)
-    far = is_far(calm, flight.criteria.given.fails**2)
-    if far and unread(flight).noise_by_fit and not comes_near(flight, known):
-        flight = unread(flight)
-        calm = fit(flight, known, flight.noise(), iterations=20)
+    if is_far(calm, flight.criteria.given.fails**2):
+        without = unread(flight)
+        if without.noise_by_fit and not comes_near(flight, known):
+            flight, calm = without, fit(without, known, without.noise(), iterations=20)
     calm = as_inputs_run(in_colour(without_outliers(calm)))
     say("kinematics")
     offsets = demanded_offsets(calm)
