@@ -60,8 +60,17 @@ CHANNELS = _table(
     ("north", "m", "position north", 1000.0),
     ("east", "m", "position east", 1000.0),
     ("throttle", "1", "throttle", 1.0),
+    ("battery", "V", "battery voltage", 10.0),
+    ("fx", "N", "external force along body x", 100.0),
+    ("fy", "N", "external force along body y", 100.0),
+    ("fz", "N", "external force along body z", 100.0),
+    ("force_at_x", "m", "point of the external force, forward of the c.g.", 1.0),
+    ("force_at_y", "m", "point of the external force, right of the c.g.", 1.0),
+    ("force_at_z", "m", "point of the external force, below the c.g.", 1.0),
 )
 SURFACES = ("delta_e", "delta_a", "delta_r")
+EXTERNAL_FORCE = ("fx", "fy", "fz")  # of a tether, a tow or a load, in body axes
+FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not say
 
 # Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
 RADIAN_LIMITS = MappingProxyType(
@@ -121,13 +130,19 @@ _UNITS: dict[str, tuple[str, float]] = {
     "psf": ("Pa", 47.88025898),
     "kg/m3": ("kg/m3", 1.0),
     "slug/ft3": ("kg/m3", 515.3788184),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "rpm": ("rad/s", 0.10471975511965977),
     "1": ("1", 1.0),
     "-": ("1", 1.0),
 }
 
 # how a unit is written behind a name, `alpha_deg`
 _SUFFIXES = {
-    **{unit: unit for unit in ("deg", "rad", "kt", "kts", "ft", "m", "g", "N", "kN", "lbf", "s", "ms", "us", "ns")},
+    **{
+        unit: unit
+        for unit in ("deg", "rad", "kt", "kts", "ft", "m", "g", "N", "kN", "lbf", "s", "ms", "us", "ns", "mV")
+    },
     **{"dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rps": "rad/s", "deg_s2": "deg/s2", "rad_s2": "rad/s2"},
     **{"mps": "m/s", "m_s": "m/s", "fps": "ft/s", "mps2": "m/s2", "m_s2": "m/s2", "kmh": "km/h", "hPa": "hPa"},
 }
