@@ -18,10 +18,11 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.scope import out_of_sight, scope_of
+from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_system
 from casid.diagnosis.systems.library import Library
-from casid.diagnosis.verdict import Stages, concluded, judged, named_in_errors
+from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.applied import with_estimates

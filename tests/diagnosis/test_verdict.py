@@ -21,8 +21,9 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import Contradiction, Factor
+from casid.diagnosis.judgement import beside_slow_noise
 from casid.diagnosis.result import Diagnosis, plain
-from casid.diagnosis.verdict import beside_slow_noise, concluded, named_in_errors
+from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
 from casid.model.causes import actuator_lag, sensor_scale
 from casid.model.plausible import Doubt

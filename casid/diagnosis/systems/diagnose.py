@@ -14,11 +14,12 @@ from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, split
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.given.contradicted import contradicted_parameters
+from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis, OfSystem
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of
-from casid.diagnosis.verdict import Stages, concluded, judged
+from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
