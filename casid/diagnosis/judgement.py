@@ -1,0 +1,259 @@
+"""The causes of a search, tested once more: on the held-out records, beside slow noise, and for what is left over."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from casid.diagnosis import sentences
+from casid.diagnosis.cause import Cause, at_least
+from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
+from casid.diagnosis.engine.acceptance import required_gain, tempered
+from casid.diagnosis.engine.baseline import Baseline
+from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
+from casid.diagnosis.engine.probability import probabilities
+from casid.diagnosis.engine.search import State
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
+from casid.diagnosis.given.budget import AsGiven, budget_of
+from casid.diagnosis.given.contradicted import flight_values
+from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
+from casid.diagnosis.sentences import SLOW_NOISE, noted
+from casid.records.record import Record
+
+
+def what_is_left(
+    kept: Kept,
+    state: State,
+    left: Sequence[MissingInput],
+    judged: tuple[tuple[Cause, ...], tuple[Cause, ...]],
+) -> tuple[tuple[Cause, ...], list[MissingInput]]:
+    """The minor causes and the latent inputs that no cause explains.
+
+    Latent inputs are dropped if causes that are too small to matter explain them.
+
+    Parameters
+    ----------
+    kept
+        The model after the test on the held-out records.
+    state
+        The final state of the search.
+    left
+        Latent inputs in the fitted records.
+    judged
+        Named causes and minor ones so far.
+
+    Returns
+    -------
+    minor
+        The minor causes, with those added here.
+    unexplained
+        The latent inputs that remain.
+    """
+    (causes, minor), begun, required = judged, state.baseline, state.baseline.required
+    unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, begun)
+    seen = (*causes, *minor)
+    small = too_small(state, seen, unexplained)
+    nuisance = [trial.candidate.attached for trial in minor_trials(state, seen)][:1]
+    if small and (not unexplained or _nothing_left_with(kept, nuisance, state, causes, required)):
+        minor, unexplained = (*minor, *small), []
+    if not unexplained:
+        unexplained = _missing_on_held(kept, nuisance, causes, begun)
+    sizes = kept.fit.flight.sizes
+    return minor, unexplained if sizes is None else sizes.told_at(kept.fit, unexplained)
+
+
+def beside_slow_noise(
+    kept: Kept, state: State, causes: Sequence[Cause], minor: Sequence[Cause]
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """The named and the minor causes, after a test with slow noise.
+
+    The noise of each reading, and the instrument offsets, are made as slow and as large as the residuals with all
+    causes allow. A cause with too small a statistic under that noise becomes minor. This is backward elimination: the
+    weakest cause is dropped and the others are tested again without it.
+    """
+    if not causes or kept.fit.noise.colour or state.baseline.fixed:
+        return tuple(causes), tuple(minor)
+    slow, left = as_slow_as_left(kept.fit), list(causes)
+    while left and slow.noise.slow:
+        shares = [_share_of_required(slow, state, cause) for cause in left]
+        gates = [at_least("gain where noise is slow, of that for a name", one, 1.0, "naming.gain") for one in shares]
+        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(left, gates, strict=True)]
+        weakest = int(np.argmin(shares))
+        if gates[weakest].passed:
+            left = asked
+            break
+        one = left.pop(weakest)
+        minor = (*minor, noted(asked[weakest], SLOW_NOISE))
+        others = [a for a in slow.attached if a.effect.key != one.key]
+        slow = fit(slow.flight, others, slow.noise, slow)
+    return tuple(left), tuple(minor)
+
+
+def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
+    """Likelihood-ratio statistic of a cause, from its standard deviation, over that required for a name.
+
+    It is infinite for a cause that is not a parameter of the fit, such as turbulence.
+    """
+    slots = {slot.name for slot in slow.slots}
+    for one in slow.attached:
+        if one.effect.key == cause.key and one.name in slots:
+            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, state.criteria)
+    return np.inf
+
+
+def _not_by_noise(
+    fitted: FlightFit,
+    unexplained: list[MissingInput],
+    causes: Sequence[Cause],
+    begun: Baseline,
+    share: float | None = None,
+) -> list[MissingInput]:
+    """The unexplained inputs that remain if the noise is as slow as the residuals of the fit.
+
+    If slow noise is taken for white noise, each of its readings counts as new information, and a latent input has a
+    statistic by mistake. In turbulence the innovations may instead be coloured; an input must remain in both cases.
+    """
+    if not unexplained or fitted.noise.colour or begun.fixed:
+        return unexplained
+    for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
+        evidence = weigh(in_its_noise(fitted))
+        unexplained = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
+        if not unexplained:
+            break
+    return unexplained
+
+
+def _missing_on_held(
+    kept: Kept, nuisance: Sequence[Attached], causes: Sequence[Cause], begun: Baseline
+) -> list[MissingInput]:
+    """Latent inputs that only the held-out records show.
+
+    Neither the model nor other derivatives may explain them, nor a `nuisance` cause that is too small to matter in the
+    fitted records.
+    """
+
+    def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
+        held = with_events(held, model)
+        share = kept.evidence.criteria.size.ambiguous
+        evidence = weigh(fit(held.flight, held.attached, held.noise, held))
+        found = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
+        return _not_by_noise(evidence.fit, found, causes, begun, share)
+
+    found = missing(kept.fit, kept.held_fit)
+    if found and nuisance:
+        joint = kept.with_effects(nuisance)
+        if not missing(joint, judge_on(kept.held_fit.flight.records, joint)):
+            return []
+    return found
+
+
+def _nothing_left_with(
+    kept: Kept, nuisance: Sequence[Attached], state: State, causes: Sequence[Cause], required: float
+) -> bool:
+    """Whether nothing is missing in the fitted records if `nuisance` causes are added to all that were named."""
+    if not kept.has_all(state):
+        return False
+    evidence = weigh(kept.with_effects(nuisance))
+    return not still_missing(evidence, missing_inputs(evidence), causes, required)
+
+
+def judged(
+    state: State,
+    given: AsGiven,
+    held: Sequence[Record],
+    part: Callable[[Kept, Sequence[Cause], Sequence[Cause]], OfAircraft | OfSystem],
+    stages: Stages,
+) -> Diagnosis:
+    """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
+
+    Parameters
+    ----------
+    state
+        The final state of the search.
+    given
+        Simulations by the file or model as given.
+    held
+        The held-out records.
+    part
+        Makes what only an aircraft or a system has, from the final model, the named and the minor causes.
+    stages
+        Takes the time of each stage.
+    """
+    begun, criteria = state.baseline, state.criteria
+    state = replace(state, rounds=tempered(state.rounds, state.evidence))
+    stages.begin("held-out records")
+    kept = keep(held, state)
+    if kept.evidence is not state.evidence:
+        state.evidence.forget()
+    stages.begin("missing inputs")
+    left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
+    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
+    stages.begin("verdict")
+    causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
+    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
+    belief = probabilities(causes, unexplained, state, left)
+    causes = belief.causes
+    faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
+    bare, flight = begun.without_causes({c.key for c in causes}), flight_values(kept.evidence)
+    kept.evidence.forget()
+    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
+    refitted, extended, held_refitted, held_extended = map(view_of, fits)
+    added = part(kept, causes, minor)
+    stages.end()
+    return Diagnosis(
+        remark=sentences.remarks(minor, faint),
+        part=added,
+        causes=causes,
+        minor=minor,
+        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking],
+        rounds=state.rounds,
+        as_given=given.fitted,
+        refitted=refitted,
+        extended=extended,
+        held_out_as_given=given.held,
+        held_out_refitted=held_refitted,
+        held_out_extended=held_extended,
+        budget=budget_of(given, held_refitted, held_extended),
+        flight=flight,
+        bare=bare,
+        missing_before=tuple(first),
+        missing_after=tuple(exact),
+        unexplained=tuple(unexplained),
+        kinematic=tuple(begun.kinematics.ranked),
+        turbulence=begun.turbulence,
+        detectable=state.rounds[0].detectable,
+        seconds=stages.seconds,
+        explanations=belief.explanations,
+        believed=belief.there,
+        entered=belief.entered,
+        nothing=belief.nothing,
+        trace=trace_of_search(state, causes, minor),
+    )
+
+
+class Stages:
+    """Wall time of each stage; `report` is called when a stage begins."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._name, self._since = "", time.perf_counter()
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        self.end()
+        self._name, self._since = name, time.perf_counter()
+        self._report(name)
+
+    def end(self) -> None:
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
+        self._name = ""
