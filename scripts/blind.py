@@ -5,7 +5,8 @@ Question     how often is the hidden effect named first, how often something wro
 Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSBSim with the effect made there; "f16":
              the F-16 of NASA's check cases, on its tables and in closed loop (CASID_DATA names its files); the same
              with "_instruments": recorded by instruments as they are (`problems.blind.instruments`); "independent": a
-             simulator that shares no code with casid (`problems.independent`, five records). Every set has
+             simulator that shares no code with casid (`problems.independent`, five records); "strips": aircraft of
+             lifting strips, a third in turbulence, two thirds in closed loop (`problems.strips`). Every set has
              four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise, kind,
              place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
              for reported results. The sealed answers are opened only when all diagnoses are done; the process that
@@ -54,6 +55,7 @@ GENERATOR = (
     "problems/jsbsim/*.py",
     "problems/do328.py",
     "problems/independent/*.py",
+    "problems/strips/*.py",
     "casid/model/**/*.py",
 )
 SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)

@@ -22,11 +22,13 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "fuel_slosh": "lightly damped mass of fuel that swings sideways under the lateral acceleration",
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
         "wing_bending": "wing that bends, and so loses incidence, as a lightly damped mode",
+        "slow_change": "surface whose effectiveness fades and comes back during a record",
     }
 )
 # kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file;
-# what only `problems.independent` has
-NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment", "wing_bending")
+# what only `problems.independent` or `problems.strips` have
+NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
+NOT_DRAWN += ("wing_bending", "slow_change")
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -102,6 +104,7 @@ class Answer:
                 r.m.s. as a part of the coefficient's variation
     conditions  rate [Hz], noise level and such
     values      derivatives and terms of the aircraft that flew, named as in the aircraft file
+    besides     what is true in the set and was not hidden: weather, terms that the file of an aircraft lacks
     """
 
     of: str
@@ -113,15 +116,19 @@ class Answer:
     mismatch: Mapping[str, float]
     conditions: Mapping[str, Any]
     values: Mapping[str, float] = field(default_factory=dict)
+    besides: tuple[Hidden, ...] = ()
 
     def write(self, path: Path) -> None:
-        hidden = [{**asdict(one), "unit": one.unit} for one in self.hidden]
-        path.write_text(json.dumps({**asdict(self), "hidden": hidden}, indent=1) + "\n", encoding="utf-8")
+        told = {
+            name: [{**asdict(one), "unit": one.unit} for one in effects]
+            for name, effects in (("hidden", self.hidden), ("besides", self.besides))
+        }
+        path.write_text(json.dumps({**asdict(self), **told}, indent=1) + "\n", encoding="utf-8")
 
     @classmethod
     def read(cls, path: Path) -> Answer:
         table = json.loads(path.read_text(encoding="utf-8"))
-        return cls(**{**table, "hidden": tuple(_hidden(one) for one in table["hidden"])})
+        return cls(**table | {name: tuple(map(_hidden, table[name])) for name in ("hidden", "besides")})
 
 
 def _hidden(table: Mapping[str, Any]) -> Hidden:

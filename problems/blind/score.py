@@ -2,7 +2,8 @@
 
 A name is right when kind, target and term are those of the answer. A change of configuration is right when the named
 coefficients are part of those that changed, or contain them: a step of 0.003 in Cm need not be seen. What cannot be
-told from a cause (`indistinguishable_from`) belongs to its set.
+told from a cause (`indistinguishable_from`) belongs to its set. Causes that are true beside what
+was hidden are left out.
 """
 
 from __future__ import annotations
@@ -71,7 +72,9 @@ def score(answer: Answer, found: Found) -> Score:
             sized=None,
             seconds=0.0,
         )
-    causes, hidden = found["causes"], answer.hidden
+    hidden = answer.hidden
+    causes = [c for c in found["causes"] if not any(same(one, other) for one in answer.besides for other in _set(c))]
+    found = {**found, "causes": causes}
     strongest = list(_set(causes[0])) if causes else []
     first = any(same(one, other) for one in hidden for other in strongest)
     own = next((c for c in causes if hidden and same(hidden[0], c)), None)

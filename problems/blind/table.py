@@ -16,6 +16,8 @@ _NO_NAME = (NOTHING, UNEXPLAINED, FAILED)
 def group(score: Score) -> str:
     """The row of a set in the confusion matrix."""
     case = score.answer.case
+    if case.startswith("one"):
+        return score.answer.hidden[0].kind
     return case.split("-")[0] if case.startswith(("clean", "two")) else case
 
 
