@@ -6,6 +6,7 @@ accelerometer (az about -9.81 in level flight).
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -69,6 +70,7 @@ CHANNELS = _table(
     ("force_at_z", "m", "point of the external force, below the c.g.", 1.0),
 )
 SURFACES = ("delta_e", "delta_a", "delta_r")
+_ROTOR = re.compile(r"m\d{1,2}")
 EXTERNAL_FORCE = ("fx", "fy", "fz")  # of a tether, a tow or a load, in body axes
 FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not say
 
@@ -146,6 +148,11 @@ _SUFFIXES = {
     **{"dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rps": "rad/s", "deg_s2": "deg/s2", "rad_s2": "rad/s2"},
     **{"mps": "m/s", "m_s": "m/s", "fps": "ft/s", "mps2": "m/s2", "m_s2": "m/s2", "kmh": "km/h", "hPa": "hPa"},
 }
+
+
+def is_control(name: str) -> bool:
+    """Tell whether a channel moves an aircraft: a surface, the command of one, or a rotor as logs call it, `m1`."""
+    return name in SURFACES or name.removesuffix("_command") in SURFACES or bool(_ROTOR.fullmatch(name))
 
 
 def with_suffix(name: str) -> tuple[str, str]:

@@ -258,7 +258,7 @@ def _without_samples(records: Sequence[Record]) -> list[Finding]:
 def _no_input(records: Sequence[Record]) -> list[Finding]:
     """No surface moves in any record: then nothing can be identified, whatever moves the aircraft."""
     surfaces = [name for name in SURFACES if any(name in record for record in records)]
-    if any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
+    if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
         return []
     sentence = words.of_no_input(surfaces, [record.name for record in records])
     target, names = "+".join(surfaces), tuple(record.name for record in records)

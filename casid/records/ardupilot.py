@@ -1,7 +1,7 @@
-"""ArduPilot DataFlash logs of a plane (.bin): what is measured, what is an estimate of the autopilot, what is missing.
+"""ArduPilot DataFlash logs of planes, copters and VTOL (.bin): what is measured, and what the autopilot estimates.
 
-Messages and fields as in "Onboard Message Log Messages" of the ArduPilot Plane documentation: IMU, ATT, XKQ, ARSP,
-BARO, GPS, XKF2, AOA, AETR, RCOU and PARM. Body axes point forward, right and down, as here.
+Messages and fields as in "Onboard Message Log Messages" of the ArduPilot documentation: IMU, ATT, XKQ, ARSP, BARO,
+GPS, XKF2, AOA, BAT, AETR, RCOU, EV, STAT and PARM. Body axes point forward, right and down, as here.
 """
 
 from __future__ import annotations
@@ -15,23 +15,27 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError
-from casid.records.foreign import Series, euler_angles, joined, library, loaded
+from casid.records.foreign import library, loaded
+from casid.records.log import Series, attitude, lost, of_log
 from casid.records.table import RawTable
 
 _WANTED = ("IMU", "ATT", "XKQ", "NKQ", "ARSP", "BARO", "GPS", "XKF2", "NKF2", "AOA", "AETR", "RCOU", "PARM")
-_INSTANCE = ("I", "C")  # fields that number sensors and filters; the first one counts
+_WANTED += ("BAT", "CURR", "EV", "STAT")
+_INSTANCE = ("I", "C", "Instance", "Inst")  # fields that number sensors and filters; the first one counts
 _FUNCTIONS = {4: "delta_a_command", 19: "delta_e_command", 21: "delta_r_command", 70: "throttle"}  # SERVOn_FUNCTION
+_FUNCTIONS |= {33 + i: f"m{i + 1}" for i in range(8)} | {82 + i: f"m{i + 9}" for i in range(4)}
+_LANDED, _NOT_LANDED = 18, 28  # of EV
+_BOTH = (_LANDED, _NOT_LANDED)
 _FULL = 4500.0  # of AETR: a surface command at its end
 _EARTH = 6.371e6  # m: mean radius
 _SEA_LEVEL = 101325.0  # Pa
 
 
 def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a DataFlash log of a plane, on the clock of its inertial unit; needs the extra `ardupilot`.
+    """Table of a DataFlash log on the clock of its inertial unit; needs the extra `ardupilot`.
 
-    Surfaces are normalised commands, kept as ``delta_e_command`` and so on. They become surfaces by a column map with
-    the throw as weight: ``--map delta_e=delta_e_command:deg*25``. `notes` of the table say what is an estimate of the
-    autopilot and what is lost.
+    Surfaces are normalised commands and motors are called ``m1``, ``m2`` ..., as in `read_ulog`. `notes` of the table
+    say what is an estimate of the autopilot and what is lost.
     """
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
@@ -54,35 +58,13 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
         return rows
 
     rows = loaded(path, load)
-    series, notes = _series(rows)
-    if not {"p", "delta_e_command"} & series.keys():
-        raise InputError(
-            f"{path}: no messages of a plane; expected IMU, and AETR or RCOU, among {', '.join(sorted(rows))}"
-        )
-    return joined(path, series, notes)
-
-
-def _series(rows: Mapping[str, list[dict[str, Any]]]) -> tuple[dict[str, Series], tuple[str, ...]]:
-    """Channels with their stamps [s], and what is to be said of them."""
-    found: dict[str, Series] = {}
-    notes: list[str] = []
-    for part in (_inertial, _attitude, _barometer, _ground, _air, _inputs):
+    found, notes = dict[str, Series](), list[str]()
+    for part in (_inertial, _attitude, _barometer, _ground, _air, _battery, _inputs):
         part(rows, found, notes)
-    estimated = [name for name in ("phi", "wind_north") if name in found]
-    if "phi" in estimated:
-        notes.append("phi, theta and psi are estimates of the autopilot's filter, not measurements of their own")
-    if "wind_north" in estimated:
-        notes.append("wind_north and wind_east are estimates of the autopilot's filter; no model takes them")
-    vanes = (
-        ""
-        if "alpha_estimate" not in found
-        else "; the autopilot's estimates are kept as alpha_estimate and beta_estimate"
-    )
-    notes.append(f"alpha and beta are not measured{vanes}: vanes and upwash cannot be judged")
-    notes.append("thrust is not measured, and throttle is no thrust: drag and propulsion cannot be told apart")
-    if "V" not in found:
-        notes.append("there is no airspeed sensor: V is lost, and dynamic pressure with it")
-    return found, tuple(notes)
+    if not {"p", "phi"} & found.keys():
+        held = ", ".join(sorted(rows))
+        raise InputError(f"{path}: no messages of an aircraft's motion; expected IMU or ATT, among {held or 'none'}")
+    return of_log(path, found, _flying(rows), (*notes, *lost(found)))
 
 
 def _columns(rows: Mapping[str, list[dict[str, Any]]], message: str, *fields: str) -> tuple[np.ndarray, ...] | None:
@@ -104,8 +86,7 @@ def _inertial(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series]
 def _attitude(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
     for message in ("XKQ", "NKQ"):
         if (read := _columns(rows, message, "Q1", "Q2", "Q3", "Q4")) is not None:
-            angles = euler_angles(np.stack(read[1:], axis=1))
-            found |= {name: (read[0], angles[:, i]) for i, name in enumerate(("phi", "theta", "psi"))}
+            found |= attitude(read[0], np.stack(read[1:], axis=1))
             return
     if (read := _columns(rows, "ATT", "Roll", "Pitch", "Yaw")) is not None:
         phi, theta, psi = (np.radians(values) for values in read[1:])
@@ -147,37 +128,62 @@ def _air(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], not
         found |= {"alpha_estimate": (read[0], np.radians(read[1])), "beta_estimate": (read[0], np.radians(read[2]))}
 
 
+def _battery(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
+    for message in ("BAT", "CURR"):
+        if (read := _columns(rows, message, "Volt")) is not None:
+            found["battery"] = read[0], read[1]
+            return
+
+
 def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    """Commands from -1 to 1, before the mixer; or else what went out to the servos."""
-    if (read := _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")) is not None:
+    """What went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
+    out = _servos(rows, notes)
+    found |= out
+    rotors = any(name[0] == "m" for name in out)
+    read = _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")
+    if read is not None:
         t, aileron, elevator, throttle, rudder = read
         commands = {"delta_a_command": aileron, "delta_e_command": elevator, "delta_r_command": rudder}
         found |= {name: (t, values / _FULL) for name, values in commands.items()} | {"throttle": (t, throttle / 100.0)}
-    else:
-        found |= _servos(rows)
-    if any(name.endswith("_command") for name in found):
-        notes.append(
-            "surfaces are commands from -1 to 1, with lag and delay of the servos before they act; the throw makes "
-            "them surfaces: --map delta_e=delta_e_command:deg*25"
-        )
+    surfaces = any(name.endswith("_command") for name in found)
+    kind = "VTOL" if rotors and surfaces else "multirotor" if rotors else "plane"
+    notes.insert(0, f"an ArduPilot log of a {kind}")
 
 
-def _servos(rows: Mapping[str, list[dict[str, Any]]]) -> dict[str, Series]:
-    """Commands by pulse widths and the parameters of the servos; of several for one surface the first."""
-    parameters = {row["Name"]: row["Value"] for row in rows.get("PARM", ())}
+def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:
+    """Commands by pulse widths and the parameters of the servos at the beginning; of several for one surface the first.
+    Motors are from 0 to 1. A function that is changed in flight is said."""
+    parameters, changed = dict[str, float](), dict[str, str]()
+    for row in rows.get("PARM", ()):
+        name, value = row["Name"], row["Value"]
+        if parameters.setdefault(name, value) != value and name.startswith("SERVO"):
+            changed[name] = f"parameter {name} is changed from {parameters[name]:g} to {value:g} in flight"
+    notes += changed.values()
     found: dict[str, Series] = {}
     for n in range(1, 17):
         name = _FUNCTIONS.get(int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
         read = _columns(rows, "RCOU", f"C{n}")
         if name is None or name in found or read is None:
             continue
+        motor = name.startswith("m")
+        ends, usual = ("MOT_PWM", (1000.0, 1500.0, 2000.0)) if motor else (f"SERVO{n}", (1100.0, 1500.0, 1900.0))
         low, trim, high = (
-            parameters.get(f"SERVO{n}_{end}", usual)
-            for end, usual in (("MIN", 1100.0), ("TRIM", 1500.0), ("MAX", 1900.0))
+            parameters.get(f"{ends}_{end}", value) for end, value in zip(("MIN", "TRIM", "MAX"), usual, strict=True)
         )
-        sign = -1.0 if parameters.get(f"SERVO{n}_REVERSED", 0.0) else 1.0
-        begin = low if name == "throttle" else trim
+        sign = -1.0 if parameters.get(f"SERVO{n}_REVERSED", 0.0) and not motor else 1.0
+        begin = low if motor or name == "throttle" else trim
         up, down = max(high - begin, 1.0), max(begin - low, 1.0)
         off = read[1] - begin
         found[name] = read[0], sign * np.where(off > 0.0, off / up, off / down)
     return found
+
+
+def _flying(rows: Mapping[str, list[dict[str, Any]]]) -> Series | None:
+    """In the air or not: of a plane by its own guess, of a copter by the events of its land detector."""
+    if (read := _columns(rows, "STAT", "isFlying")) is not None:
+        return read[0], read[1] > 0.0
+    events = [(row["TimeUS"] * 1e-6, row["Id"] == _NOT_LANDED) for row in rows.get("EV", ()) if row.get("Id") in _BOTH]
+    if not events:
+        return None
+    stamps, airborne = zip(*events, strict=True)
+    return np.array([-np.inf, *stamps]), np.array([not airborne[0], *airborne])

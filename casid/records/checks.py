@@ -13,7 +13,7 @@ from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of
 from casid.records.noise import time_scale
 from casid.records.table import RawTable, rows_of
-from casid.signals import CHANNELS, DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, label_of, unit_of
+from casid.signals import CHANNELS, DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, is_control, label_of, unit_of
 
 INPUTS = (*SURFACES, "thrust", "rho")
 MIN_SAMPLES = 50
@@ -24,8 +24,9 @@ LONG_GAP = 1.0  # s: a longer pause parts a record
 _MOVING = ("p", "q", "r", "alpha", "beta", "phi", "theta", "ay", "az")  # what tells of the motion's time scale
 _NINES = (99.0, 999.0, 9999.0, 99999.0)  # usual marks of a missing sample, of either sign
 
+_TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
-_POSITIVE = ("V", "rho", "qbar")
+_PITOT = ("V", "qbar")
 _JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
 _SLOW = 0.5  # s
 
@@ -69,8 +70,10 @@ def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str)
     )
 
 
-def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> None:
-    """Values that cannot be: an input with gaps, degrees in a radian column, no airspeed; InputError with the row."""
+def check_channel(name: str, values: np.ndarray, place: Place, column: str, limited: bool = True) -> None:
+    """Values that cannot be: an input with gaps, degrees in a radian column, no airspeed; InputError with the row.
+
+    `limited`: sizes are judged by what aircraft do; not so where the unit is stated, which is believed."""
     missing = np.flatnonzero(np.isnan(values))
     if name in INPUTS and len(missing):
         raise InputError(
@@ -92,25 +95,36 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str) -> N
                 f"{place(at)}, {column}: {number:.6g} marks a missing sample, {int(np.sum(values == code))} in all; "
                 + ("fill the gaps, or cut the record there" if name in INPUTS else "leave the cells empty")
             )
-        raise InputError(
-            f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
-            f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the column "
-            f"with --map {name}=COLUMN:{degrees}; else repair the value"
-        )
+        if limited:
+            raise InputError(
+                f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
+                f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the "
+                f"column with --map {name}=COLUMN:{degrees}; if it has {unit}, as '{name} [{unit}]'; else repair the "
+                "value"
+            )
     absurd = np.flatnonzero(np.abs(values) > FLIGHT_LIMITS.get(name, np.inf))
-    if len(absurd):
+    if limited and len(absurd):
         missing_sample = "repair the value" if name in INPUTS else "leave the cell empty if the sample is missing"
         raise InputError(
             f"{place(absurd[0])}, {column}: {values[absurd[0]]:.6g} {unit_of(name)} is no {label_of(name)} of an "
             f"aircraft; {missing_sample}, or write the header as '{name} [UNIT]' if the unit is another"
         )
     not_positive = np.flatnonzero(values <= 0.0)
-    if name in _POSITIVE and len(not_positive):
+    if name == "rho" and len(not_positive):
         first = not_positive[0]
         raise InputError(
-            f"{place(first)}, {column}: {label_of(name)} must be positive, got {values[first]:.6g}; "
-            "leave the cell empty if the sample is missing" + (", or fill the gap" if name in INPUTS else "")
+            f"{place(first)}, {column}: {label_of(name)} must be positive, got {values[first]:.6g}; fill the gap"
         )
+
+
+def airborne(name: str, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Readings of a pitot tube without those that are not positive, as on the ground, and what is to be said of it."""
+    still = values <= 0.0
+    if name not in _PITOT or not still.any():
+        return values, []
+    count, least = int(np.sum(still)), float(values[still].min())
+    said = f"{name}: {count} samples are not positive, down to {least:.4g} {unit_of(name)}, as on the ground"
+    return np.where(still, np.nan, values), [f"{said}; they are taken as missing"]
 
 
 def _is_nines(value: float) -> bool:
@@ -121,15 +135,6 @@ def _is_code(value: float, limit: float) -> bool:
     """Whether a value [rad] beyond a limit is -999 or the like, as it stands or in degrees, and so no angle in either.
     In degrees that a header names it has been converted already."""
     return (_is_nines(value) and abs(value) * DEGREE > limit) or _is_nines(value / DEGREE)
-
-
-def check_surfaces(channels: Mapping[str, np.ndarray], source: str) -> None:
-    """A record without any surface has no input: InputError."""
-    if not any(surface in channels for surface in SURFACES):
-        raise InputError(
-            f"{source}: no control surface; expected at least one of {', '.join(SURFACES)}: "
-            "add the column or map it, e.g. --map delta_e=COLUMN:deg"
-        )
 
 
 def time_notes(t: np.ndarray) -> list[str]:
@@ -154,25 +159,31 @@ def time_notes(t: np.ndarray) -> list[str]:
     return notes
 
 
-def channel_notes(name: str, values: np.ndarray) -> list[str]:
-    """Remarks on one channel: constant, missing samples, a unit that looks wrong."""
+def channel_notes(name: str, values: np.ndarray, stated: bool) -> list[str]:
+    """Remarks on one channel: constant, a unit that looks wrong."""
     good = values[~np.isnan(values)]
     notes = []
-    share = 1.0 - len(good) / len(values)
-    if share > _MANY_MISSING:
-        notes.append(f"{name}: {100 * share:.0f} % of the samples are missing")
     if unit_of(name) and np.all(good == good[0]):
         what = "nothing can be identified from it" if name in SURFACES else "it may not be measured at all"
         notes.append(f"{name}: constant at {good[0]:.6g}; {what}" if name not in ("thrust", "rho") else "")
     largest = float(np.max(np.abs(good)))
-    if name in ("alpha", "beta", *SURFACES) and largest > _DOUBTFUL:
+    if not stated and name in ("alpha", "beta", *SURFACES) and largest > _DOUBTFUL:
         notes.append(f"{name}: reaches {largest:.3g} rad ({np.degrees(largest):.0f} deg); is the column in degrees?")
+    if stated and name not in _TURNS and largest > RADIAN_LIMITS.get(name, np.inf):
+        notes.append(f"{name}: reaches {largest:.3g} {unit_of(name)}, believed since its unit is stated")
     middle = float(np.median(good))
     if name == "az" and 0.5 < abs(middle) < 2.0:
         notes.append(f"az: about {middle:.3g} m/s2; if the file is in g, write the header as 'az [g]'")
     if name == "az" and middle > 5.0:
         notes.append(f"az: about {middle:+.3g} m/s2; z points down, so that level flight has -9.81")
     return [note for note in notes if note]
+
+
+def missing_notes(channels: Mapping[str, np.ndarray], own: Collection[str]) -> list[str]:
+    """The channels of which many samples are missing, in one line."""
+    shares = {name: float(np.isnan(values).mean()) for name, values in channels.items() if name not in own}
+    many = [f"{name} {100 * share:.0f} %" for name, share in shares.items() if share > _MANY_MISSING]
+    return [f"samples are missing: {', '.join(many)}"] if many else []
 
 
 def checked_fields(
@@ -197,21 +208,26 @@ def checked_fields(
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
     empty: list[str] = []
+    aircraft = any(map(is_control, channels)) and not own
     for name in list(channels):
         if name in CHANNELS and name not in own:
-            check_channel(name, channels[name], table.place, columns.places[name])
+            limited = aircraft and name not in columns.stated
+            check_channel(name, channels[name], table.place, columns.places[name], limited)
+            channels[name], grounded = airborne(name, channels[name])
+            notes += grounded
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
             empty.append(name)
             del channels[name]
-    if not own:
+    if aircraft:
         check_length(t, channels, table.source)
-        check_surfaces(channels, table.source)
-    notes += time_notes(t)
+    elif not own:
+        notes.append("no control surface: signs, units and kinematics can be checked, and no aerodynamics identified")
+    notes += [*time_notes(t), *missing_notes(channels, own)]
     for name, values in channels.items():
         if name in own:
             continue
-        notes += channel_notes(name, values)
+        notes += channel_notes(name, values, name in columns.stated)
     return {
         "name": record_name,
         "t": t,
@@ -220,6 +236,7 @@ def checked_fields(
         "source": table.source,
         "notes": tuple(notes),
         "empty": tuple(empty),
+        "stated": columns.stated & channels.keys(),
     }
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from casid.errors import InputError, unknown
 from casid.records.column_map import ColumnMap, ColumnTerm
 from casid.records.table import RawTable, shown
-from casid.signals import CHANNELS, label_of, si_factor, with_suffix
+from casid.signals import CHANNELS, is_control, label_of, si_factor, with_suffix
 
 _HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 _CLOSE = 0.8
@@ -20,10 +20,12 @@ _CLOSE = 0.8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Columns:
-    """Channels of a table in SI, (N,) each with `t` among them, where each stands in the file, and remarks."""
+    """Channels of a table in SI, (N,) each with `t` among them, where each stands in the file, which of them have a
+    stated unit, and remarks."""
 
     channels: Mapping[str, np.ndarray]
     places: Mapping[str, str]
+    stated: frozenset[str]
     notes: tuple[str, ...]
 
 
@@ -52,6 +54,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     _check_duplicates(table, headers)
     channels: dict[str, np.ndarray] = {}
     places: dict[str, str] = {}
+    stated = {name for name, unit in headers if unit}
     used: set[int] = set()
     for channel, terms in column_map.columns.items():
         indices = [_find(table, headers, term, channel) for term in terms]
@@ -63,7 +66,10 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
         places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
         used.update(indices)
+        whole = all(term.unit or (headers and headers[i][1]) for term, i in zip(terms, indices, strict=True))
+        stated = stated | {channel} if whole else stated - {channel}
     notes: list[str] = []
+    extras: list[str] = []
     rest = [i for i in range(len(headers)) if i not in used]
     absent = set() if own else set(CHANNELS) - set(channels) - {headers[i][0] for i in rest}
     for index in rest:
@@ -73,8 +79,16 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
         else:
-            _add_extra(table, headers, index, channels, places, absent, notes, mapped=bool(column_map.columns))
-    return Columns(channels=channels, places=places, notes=tuple(notes))
+            _add_extra(table, headers, index, channels, places, absent, notes, extras, mapped=bool(column_map.columns))
+    if extras:
+        one = len(extras) == 1
+        is_none = (
+            "is no channel that casid knows; kept as it is"
+            if one
+            else "are no channels that casid knows; kept as they are"
+        )
+        notes.append(f"{', '.join(extras)} {is_none}")
+    return Columns(channels=channels, places=places, stated=frozenset(stated & channels.keys()), notes=tuple(notes))
 
 
 def _check_duplicates(table: RawTable, headers: list[tuple[str, str]]) -> None:
@@ -151,6 +165,7 @@ def _add_extra(
     places: dict[str, str],
     absent: set[str],
     notes: list[str],
+    extras: list[str],
     *,
     mapped: bool = False,
 ) -> None:
@@ -176,7 +191,8 @@ def _add_extra(
         notes.append(f"{place} is left out: {str(error).removeprefix(f'{table.source}: ')}")
         return
     places[name] = place
-    notes.append(f"{place} is no channel that casid knows; kept as it is" + (f" (nearest: '{near}')" if near else ""))
+    if not is_control(name):
+        extras.append(f"'{name}'" + (f" (nearest: '{near}')" if near else ""))
 
 
 def _same_letters(name: str, channel: str) -> bool:

@@ -20,9 +20,11 @@ from casid.records.checks import (
 )
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
-from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet, read_ulog
+from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
+from casid.records.px4 import read_ulog
 from casid.records.record import Record
 from casid.records.table import RawTable, read_columns, read_csv
+from casid.signals import RADIAN_LIMITS, unit_of
 
 _TEXT: Mapping[str, Callable[[Path], RawTable]] = MappingProxyType(
     {".csv": read_csv, ".tsv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
@@ -223,8 +225,14 @@ def write_record(record: Record, path: str | Path) -> None:
         if record.hold != "linear":
             file.write(f"# hold: {record.hold_in_words}\n")
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(("t", *record.channels))
+        writer.writerow(("t", *(_header(record, name) for name in record.channels)))
         writer.writerows(zip(*columns, strict=True))
+
+
+def _header(record: Record, name: str) -> str:
+    """The name of a channel; with its unit where only the unit says that values so large are right."""
+    large = np.abs(record[name]) > RADIAN_LIMITS.get(name, np.inf)
+    return f"{name} [{unit_of(name)}]" if name in record.stated and large.any() else name
 
 
 def _matches(item: str | Path) -> list[Path]:

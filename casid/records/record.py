@@ -17,7 +17,7 @@ from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.table import RawTable
-from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, label_of, unit_of
+from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -49,6 +49,8 @@ class Record:
         Remarks of whoever read it.
     empty
         Channels that the file names and of which it has no sample; they are left out.
+    stated
+        Channels whose unit the source states: it is believed, however large the values are.
     events
         Name -> times [s] of what a model declares as an event, such as a dose, {"dose": [0.0, 3.7]}: at samples or
         between them. A reading at the time of an event is one after it.
@@ -74,6 +76,7 @@ class Record:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     empty: tuple[str, ...] = ()
+    stated: frozenset[str] = frozenset()
     events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
@@ -89,7 +92,8 @@ class Record:
         object.__setattr__(self, "events", _checked_events(self.events, t, where))
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "channels", MappingProxyType(channels))
-        check_radians(self, least=2.0 * np.pi)  # of any system; `flight_inputs` knows that it is an aircraft
+        if any(map(is_control, channels)):  # of any other system a name means what its model says
+            check_radians(self, least=2.0 * np.pi)
 
     @classmethod
     def from_arrays(
@@ -192,6 +196,7 @@ class Record:
         hold = state["hold"]
         hold = hold if isinstance(hold, str) else MappingProxyType(hold)
         events = MappingProxyType(dict(state.get("events", {})))
+        state = {"stated": frozenset()} | state  # of a record that was kept before there was one
         self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold, events=events)
 
     def hold_of(self, channel: str) -> str:
@@ -437,14 +442,16 @@ def check_radians(record: Record, least: float = 0.0) -> None:
     """Raise InputError for values that can only be degrees in a channel that casid knows in rad: above what an aircraft
     does, and above `least`."""
     for name, values in record.channels.items():
-        limit = max(RADIAN_LIMITS.get(name, np.inf), least) if name not in _TURNS else np.inf
+        limit = max(RADIAN_LIMITS.get(name, np.inf), least)
+        if name in _TURNS or name in record.stated:
+            continue
         beyond = np.flatnonzero(np.abs(values) > limit)
         if len(beyond):
             unit, degrees = unit_of(name), unit_of(name).replace("rad", "deg")
             raise InputError(
                 f"record '{record.name}': {name} ({label_of(name)}) is {values[beyond[0]]:.6g} {unit}, more than "
-                f"{limit:.3g}; np.radians converts it, or Record.from_arrays(..., units={{'{name}': '{degrees}'}}); "
-                "or give it another name if it is another thing"
+                f"{limit:.3g}; np.radians converts it, or Record.from_arrays(..., units={{'{name}': '{degrees}'}}), "
+                f"where '{unit}' says that it is right; or give it another name if it is another thing"
             )
 
 

@@ -95,7 +95,6 @@ MISUSES: list[tuple[str, str]] = [
     ("check {d}/short.csv", "too few"),
     ("check {d}/ragged.csv", "ragged"),
     ("check {d}/degrees.csv", "deg"),
-    ("check {d}/nosurface.csv", "surface"),
     ("check {d}/notime.csv", "'t'"),
     ("check {d}/misspelt.csv", "alpha"),
     ("check {d}/cut.csv.gz", ".gz"),
@@ -198,6 +197,17 @@ def test_misuse_is_one_line(words, named, broken, tmp_path, monkeypatch, capsys)
     assert said.err.startswith("error: ") and said.err.count("\n") == 1 and ", ;" not in said.err
     assert named.format(**places) in said.err, said.err
     assert not list(tmp_path.iterdir()) and sorted(broken.iterdir()) == before
+
+
+def test_what_needs_a_surface_names_it(broken, monkeypatch, capsys):
+    """A record without a surface can be checked; what identifies from it says what is missing, in its last line."""
+    app = App(name="casid", version="0")
+    for name, where in COMMANDS.items():
+        app.command(where, name=name)
+    file = str(broken / "nosurface.csv")
+    assert status_of(app, ["estimate", file, "--aircraft", PLANE]) == 2
+    assert "surfaces delta_e, delta_a, delta_r are missing" in capsys.readouterr().err.splitlines()[-1]
+    assert status_of(app, ["check", file]) in (0, 1)
 
 
 def test_there_are_enough():

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from casid.errors import InputError
 from casid.records.clock import seconds_of, stride_of
 from casid.records.column_map import ColumnMap
-from casid.records.foreign import euler_angles
+from casid.records.log import euler_angles
 from casid.records.readers import read_record
 from casid.records.table import plain_numbers
 
@@ -248,7 +248,8 @@ def ulog(topics: dict[str, tuple[str, list[tuple[int, tuple[float, ...]]]]]) -> 
         message(b"A", struct.pack("<BH", 0, i) + name.encode())
     for i, (_, samples) in enumerate(topics.values()):
         for stamp, values in samples:
-            message(b"D", struct.pack("<HQ", i, stamp) + struct.pack(f"<{len(values)}f", *values))
+            layout = "f" if isinstance(values[0], float) else "B"
+            message(b"D", struct.pack("<HQ", i, stamp) + struct.pack(f"<{len(values)}{layout}", *values))
     return out.getvalue()
 
 
@@ -276,6 +277,60 @@ def test_px4_ulog(tmp_path):
     np.testing.assert_allclose(record["p"], 0.01 * np.arange(N), atol=1e-6)
     np.testing.assert_allclose(record["phi"], np.pi / 2.0, atol=1e-6)
     np.testing.assert_allclose(record["delta_e"], np.deg2rad(12.5), atol=1e-7)
+
+
+def old_px4(**changed) -> bytes:
+    """Ten seconds of a fixed wing before PX4 1.14, on the ground in the first two: rates at 50 Hz, commands and density
+    that begin later and end earlier, a pitot that reads nothing at first."""
+    us = [1_000_000 + 20_000 * i for i in range(500)]
+    topics = {
+        "sensor_combined": (
+            "float[3] gyro_rad;float[3] accelerometer_m_s2",
+            [(t, (0.01 * i, 0.0, 0.0, 0.0, 0.0, -9.8)) for i, t in enumerate(us)],
+        ),
+        "actuator_controls_0": ("float[8] control", [(t, (0.1, 0.2, 0.3, 0.4, *[0.0] * 4)) for t in us[5:-5:5]]),
+        "airspeed": ("float true_airspeed_m_s", [(t, (-1.5 + 0.5 * k,)) for k, t in enumerate(us[::50])]),
+        "vehicle_air_data": ("float rho", [(t, (1.2,)) for t in us[:-20:10]]),
+        "vehicle_land_detected": ("bool landed", [(t, (int(k < 2),)) for k, t in enumerate(us[::50])]),
+        "vehicle_status": ("uint8_t vehicle_type", [(us[0], (2,)), (us[-1], (2,))]),
+    }
+    return ulog(topics | changed)
+
+
+def test_an_old_px4_log_is_cut_to_what_it_has_in_the_air(tmp_path):
+    """Truth: the stamps that were written. In the air from 2 s on; density ends at 9.4 s, before the rates."""
+    pytest.importorskip("pyulog")
+    (tmp_path / "m.ulg").write_bytes(old_px4())
+    record = read_record(tmp_path / "m.ulg")
+    assert record.t[0] == pytest.approx(2.0) and record.t[-1] == pytest.approx(9.4, abs=0.21)
+    np.testing.assert_allclose(record["p"], 0.5 * record.t, atol=1e-5)
+    np.testing.assert_allclose(record["delta_e_command"], 0.2, atol=1e-6)
+    np.testing.assert_allclose(record["throttle"], 0.4, atol=1e-6)
+    np.testing.assert_allclose(record["rho"], 1.2, atol=1e-6)
+    assert np.nanmin(record["V"]) > 0.0
+    said = " ".join(record.notes)
+    assert "a PX4 log of a fixed wing" in said and "the rest is on the ground" in said and "not positive" in said
+
+
+def test_a_px4_multirotor_has_motors_and_no_limit_of_aeroplanes(tmp_path):
+    pytest.importorskip("pyulog")
+    us = [1_000_000 + 20_000 * i for i in range(250)]
+    nan = float("nan")
+    quick = "float[3] gyro_rad;float[3] accelerometer_m_s2", [(t, (17.0, 0.0, 0.0, 0.0, 0.0, -9.8)) for t in us]
+    motors = [(t, (0.4 + 0.001 * i, 0.5, 0.6, nan)) for i, t in enumerate(us)]
+    raw = old_px4(
+        sensor_combined=quick,
+        actuator_motors=("float[4] control", motors),
+        vehicle_status=("uint8_t vehicle_type", [(us[0], (1,)), (us[-1], (1,))]),
+        vehicle_land_detected=("bool landed", [(us[0], (0,))]),
+        battery_status=("float voltage_v", [(t, (11.5,)) for t in us]),
+    )
+    (tmp_path / "m.ulg").write_bytes(raw)
+    record = read_record(tmp_path / "m.ulg")
+    np.testing.assert_allclose(record["p"], 17.0)
+    np.testing.assert_allclose(record["m1"], np.interp(record.t, 0.02 * np.arange(250), [m[0] for _, m in motors]))
+    assert "m4" not in record and "delta_e_command" not in record
+    np.testing.assert_allclose(record["battery"][np.isfinite(record["battery"])], 11.5)
 
 
 FORMATS = {"Q": "Q", "f": "f", "B": "B", "n": "4s", "N": "16s", "Z": "64s", "L": "i", "h": "h", "H": "H", "I": "I"}
@@ -377,6 +432,33 @@ def test_ardupilot_log(tmp_path):
     ):
         assert part in said
     assert "lost" not in said
+
+
+def test_an_ardupilot_copter(tmp_path):
+    """Pulse widths of 1200 and 1800 us are 0.2 and 0.8 of a motor's range; event 28 is a lift-off, 18 a landing."""
+    pytest.importorskip("pymavlink")
+    us = [int(1e6 + 2e4 * i) for i in range(500)]
+    parameters = {"SERVO1_FUNCTION": 33.0, "SERVO2_FUNCTION": 34.0}
+    changed = {
+        "AETR": None,
+        "ARSP": None,
+        "AOA": None,
+        "RCOU": ("QHHH", "TimeUS,C1,C2,C3", [(t, 1200, 1800, 1500) for t in us[::2]]),
+        "EV": ("QB", "TimeUS,Id", [(us[100], 28), (us[400], 18)]),
+        "BAT": ("QBf", "TimeUS,Instance,Volt", [(t, 0, 12.0) for t in us[::5]]),
+        "PARM": (
+            "QNf",
+            "TimeUS,Name,Value",
+            [*((0, name.encode(), value) for name, value in parameters.items()), (us[300], b"SERVO1_FUNCTION", 1.0)],
+        ),
+    }
+    (tmp_path / "m.bin").write_bytes(flown_log(**changed))
+    record = read_record(tmp_path / "m.bin")
+    assert (record.t[0], record.t[-1]) == (pytest.approx(2.0), pytest.approx(7.98))
+    np.testing.assert_allclose(record["m1"], 0.2, rtol=1e-9)
+    np.testing.assert_allclose(record["m2"], 0.8, rtol=1e-9)
+    assert not any(name.endswith("_command") for name in record.channels)
+    assert any("SERVO1_FUNCTION is changed from 33 to 1" in note for note in record.notes)
 
 
 def test_ardupilot_quaternion_servos_and_no_airspeed(tmp_path):

@@ -182,7 +182,7 @@ def noted(tmp_path, **channels):
     [
         ({"beta": np.full(200, 0.02)}, "beta: constant at 0.02"),
         ({"delta_r": np.zeros(200)}, "delta_r: constant at 0; nothing can be identified from it"),
-        ({"r": np.where(np.arange(200) % 3, np.arange(200.0) / 100, np.nan)}, "r: 34 % of the samples are missing"),
+        ({"r": np.where(np.arange(200) % 3, np.arange(200.0) / 100, np.nan)}, "samples are missing: r 34 %"),
         ({"psi": np.full(200, np.nan)}, "psi: has no sample at all and is left out"),
         ({"beta": 1.2 * np.sin(np.arange(200))}, "is the column in degrees?"),
         ({"az": -1.0 + 0.1 * np.sin(np.arange(200))}, "if the file is in g, write the header as 'az [g]'"),
@@ -205,7 +205,7 @@ def test_columns_that_casid_does_not_know_are_kept(tmp_path):
     path = write(tmp_path / "m1.csv", ["t", "delta_e", "stick [deg]", "light"], rows)
     again = read_record(path)
     np.testing.assert_allclose(again["stick"], np.pi, rtol=1e-15)
-    assert "light" not in again and "'light' is left out: row 1 (line 2)" in again.notes[1]
+    assert "light" not in again and "'light' is left out: row 1 (line 2)" in again.notes[0]
 
 
 def test_patterns_and_names(tmp_path):
