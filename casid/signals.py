@@ -162,7 +162,8 @@ def with_suffix(name: str) -> tuple[str, str]:
         suffix = name[len(known) + 1 :]
         if known in CHANNELS and suffix in _SUFFIXES:
             return known, _SUFFIXES[suffix]
-    return name, ""
+    known, _, suffix = name.rpartition("_")
+    return (known, _SUFFIXES[suffix]) if known.lower() in ("time", "timestamp") and suffix in _SUFFIXES else (name, "")
 
 
 def si_factor(unit: str, channel: str, where: str = "") -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 
@@ -16,6 +16,10 @@ from casid.signals import CHANNELS, is_control, label_of, si_factor, with_suffix
 
 _HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 _CLOSE = 0.8
+# names of a column of time, without signs between the letters; the likeliest first
+_TIMES = ("t", "time", "timestamp", "timeus", "timems", "timesec", "times", "elapsedtime", "reltime", "relativetime")
+_TIMES += ("timeelapsed", "timestampsample", "irigtime", "irig", "utctime", "utc", "gpstime", "lcltime", "localtime")
+_TIMES += ("datetime", "datetimeutc", "zeit", "zeitstempel", "uhrzeit", "tempo", "temps", "tod", "offsettime")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,8 +46,9 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     """Channels of a table: what the map says, and every other named column under its own name; `own` names those of a
     system that is no aircraft, where nothing is nearly a channel of one.
 
-    Raises InputError for a name that is nearly that of an absent channel and for two columns of one name. Also for a
-    unit that is unknown or does not fit, text where a number belongs, and a column of the map that is not there.
+    Raises InputError for names that are nearly those of absent channels, all of them, and for two columns of one name.
+    Also for a unit that is unknown or does not fit, text where a number belongs, and a column of the map that is not
+    there.
     """
     if table.names is None and not column_map.columns:
         raise InputError(
@@ -52,43 +57,115 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         )
     headers = [split_header(name) for name in table.names or ()]
     _check_duplicates(table, headers)
-    channels: dict[str, np.ndarray] = {}
-    places: dict[str, str] = {}
-    stated = {name for name, unit in headers if unit}
-    used: set[int] = set()
-    for channel, terms in column_map.columns.items():
-        indices = [_find(table, headers, term, channel) for term in terms]
-        named = {headers[i][0] for i in indices} if headers else set()
-        if not own:
-            _check_target(channel, named, f"{table.source}: column map")
-        parts = zip(terms, indices, strict=True)
-        columns = [term.weight * _converted(table, headers, i, channel, term.unit) for term, i in parts]
-        channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
-        places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
-        used.update(indices)
-        whole = all(term.unit or (headers and headers[i][1]) for term, i in zip(terms, indices, strict=True))
-        stated = stated | {channel} if whole else stated - {channel}
+    channels, places, stated, used = _mapped(table, headers, column_map, checked=not own)
     notes: list[str] = []
-    extras: list[str] = []
     rest = [i for i in range(len(headers)) if i not in used]
-    absent = set() if own else set(CHANNELS) - set(channels) - {headers[i][0] for i in rest}
+    known = {headers[i][0] for i in rest} | channels.keys()
+    absent = set() if own else set(CHANNELS) - known
+    time = None if known & {"t", *own} else time_column([name for name, _ in headers], rest)
+    slips: dict[str, str] = {}
+    extras: list[int] = []
     for index in rest:
-        name = headers[index][0]
+        name, unit = headers[index]
+        if index == time:
+            notes.append(f"{table.column(index)} is taken as t, the time")
+            name = "t"
         if name in channels:
             notes.append(f"{table.column(index)} is left out: the column map takes '{name}' from elsewhere")
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
+            stated |= {name} if unit else set()
+        elif not name:
+            notes += _nameless(table, index)
+        elif (near := _near(name, absent)) and (not column_map.columns or _same_letters(name, near)):
+            slips.setdefault(near, name)
         else:
-            _add_extra(table, headers, index, channels, places, absent, notes, extras, mapped=bool(column_map.columns))
-    if extras:
-        one = len(extras) == 1
-        is_none = (
-            "is no channel that casid knows; kept as it is"
-            if one
-            else "are no channels that casid knows; kept as they are"
+            extras.append(index)
+    _check_slips(table, slips)
+    for index in extras:
+        name = headers[index][0]
+        try:
+            channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
+        except InputError as error:
+            notes.append(f"{table.column(index)} is left out: {str(error).removeprefix(f'{table.source}: ')}")
+    notes += _of_extras([name for i in extras if (name := headers[i][0]) in channels and not is_control(name)], absent)
+    last = {name: i for i, (name, _) in enumerate(headers)}
+    return Columns(
+        channels=dict(sorted(channels.items(), key=lambda one: last.get(one[0], -1))),
+        places=places,
+        stated=frozenset(stated),
+        notes=tuple(notes),
+    )
+
+
+def _mapped(
+    table: RawTable, headers: list[tuple[str, str]], column_map: ColumnMap, *, checked: bool
+) -> tuple[dict[str, np.ndarray], dict[str, str], set[str], set[int]]:
+    """Channels of a map, where each stands in the file, those with a stated unit, and the columns that it uses."""
+    channels: dict[str, np.ndarray] = {}
+    places: dict[str, str] = {}
+    stated: set[str] = set()
+    used: set[int] = set()
+    for channel, terms in column_map.columns.items():
+        indices = [_find(table, headers, term, channel) for term in terms]
+        named = {headers[i][0] for i in indices} if headers else set()
+        if checked:
+            _check_target(channel, named, f"{table.source}: column map")
+        parts = list(zip(terms, indices, strict=True))
+        columns = [term.weight * _converted(table, headers, i, channel, term.unit) for term, i in parts]
+        channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
+        places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
+        used.update(indices)
+        if all(term.unit or (headers and headers[i][1]) for term, i in parts):
+            stated.add(channel)
+    return channels, places, stated, used
+
+
+def time_column(names: Sequence[str], among: Iterable[int]) -> int | None:
+    """The column that is called as loggers call time, the likeliest name first; None where there is none."""
+    plain = {i: re.sub(r"[\W_]", "", names[i]).lower() for i in among}
+    found = [(_TIMES.index(name), i) for i, name in plain.items() if name in _TIMES]
+    return min(found)[1] if found else None
+
+
+def _nameless(table: RawTable, index: int) -> list[str]:
+    """Say that a column without a name counts the rows, or raise InputError where it holds anything else."""
+    values = table.values[:, index]
+    if np.array_equal(values, np.arange(len(values)) + values[0]):
+        return [f"column {index + 1} has no name and counts the rows; left out"]
+    if index in table.text or not np.isnan(values).all():
+        raise InputError(f"{table.source}: header: column {index + 1} has no name; name or remove it")
+    return []
+
+
+def _check_slips(table: RawTable, slips: Mapping[str, str]) -> None:
+    """Raise InputError that names every column whose name is nearly that of a channel."""
+    if not slips:
+        return
+    options = " ".join(f"'{near}={name}'" if " " in name else f"{near}={name}" for near, name in slips.items())
+    if len(slips) == 1:
+        near, name = next(iter(slips.items()))
+        raise InputError(
+            f"{table.source}: header: unknown channel '{name}'; did you mean '{near}'? Rename it, or say what it is: "
+            f"--map {options}, or --map {name}={name} to keep it as it is"
         )
-        notes.append(f"{', '.join(extras)} {is_none}")
-    return Columns(channels=channels, places=places, stated=frozenset(stated & channels.keys()), notes=tuple(notes))
+    said = ", ".join(f"'{name}' ('{near}'?)" for near, name in slips.items())
+    raise InputError(
+        f"{table.source}: header: unknown channels {said}; rename them, or say what they are: --map {options}; "
+        f"casid check {table.source} --write-map map.toml writes such a map"
+    )
+
+
+def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
+    """Say which columns are no channels."""
+    if not names:
+        return []
+    near = {name: _near(name, absent) for name in names}
+    said = ", ".join(f"'{name}'" + (f" (nearest: '{near[name]}')" if near[name] else "") for name in names)
+    return [
+        f"{said} {'is no channel' if len(names) == 1 else 'are no channels'} that casid knows; kept as "
+        f"{'it is' if len(names) == 1 else 'they are'}"
+    ]
 
 
 def _check_duplicates(table: RawTable, headers: list[tuple[str, str]]) -> None:
@@ -155,44 +232,6 @@ def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, chan
             "repair it, or leave the cell empty if the sample is missing"
         )
     return values * (si_factor(unit, channel, where) if unit else 1.0)
-
-
-def _add_extra(
-    table: RawTable,
-    headers: list[tuple[str, str]],
-    index: int,
-    channels: dict[str, np.ndarray],
-    places: dict[str, str],
-    absent: set[str],
-    notes: list[str],
-    extras: list[str],
-    *,
-    mapped: bool = False,
-) -> None:
-    """Keep a column that is no channel casid knows, or say what is wrong with it."""
-    name = headers[index][0]
-    place = table.column(index)
-    if not name:
-        if np.array_equal(table.values[:, index], np.arange(len(table.values)) + table.values[0, index]):
-            notes.append(f"column {index + 1} has no name and counts the rows; left out")
-            return
-        if index in table.text or not np.isnan(table.values[:, index]).all():
-            raise InputError(f"{table.source}: header: column {index + 1} has no name; name or remove it")
-        return
-    near = _near(name, absent)
-    if near and (not mapped or _same_letters(name, near)):
-        raise InputError(
-            f"{table.source}: header: unknown channel '{name}'; did you mean '{near}'? Rename it, or say what it is: "
-            f"--map {near}={name}, or --map {name}={name} to keep it as it is"
-        )
-    try:
-        channels[name] = _converted(table, headers, index, name)
-    except InputError as error:
-        notes.append(f"{place} is left out: {str(error).removeprefix(f'{table.source}: ')}")
-        return
-    places[name] = place
-    if not is_control(name):
-        extras.append(f"'{name}'" + (f" (nearest: '{near}')" if near else ""))
 
 
 def _same_letters(name: str, channel: str) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from casid.errors import InputError
-from casid.records import Record, read_record, write_record
+from casid.records import ColumnMap, Record, read_record, write_record
 
 NAMES = ("t", "V", "alpha", "q", "az", "delta_e", "thrust", "rho")
 
@@ -72,7 +72,7 @@ HEADERS = [
     ("alpha", "angle of attack", "did you mean 'alpha'?"),
     ("delta_e", "elevator", "did you mean 'delta_e'? Rename it, or say what it is: --map delta_e=elevator"),
     ("delta_e", "Delta-E", "did you mean 'delta_e'?"),
-    ("t", "time", "unknown channel 'time'; did you mean 't'?"),
+    ("t", "tme", "no column 't', the time in s"),
     ("t", "count", "no column 't', the time in s"),
     ("V", "v", "did you mean 'V'?"),
     ("q", "alpha", "columns 3 and 4 are both called 'alpha'"),
@@ -88,6 +88,21 @@ HEADERS = [
 def test_a_wrong_header(tmp_path, good, bad, part):
     line = message(tmp_path, [bad if name == good else name for name in NAMES], rows())
     assert part in line
+
+
+def test_all_slips_are_told_at_once_with_the_map_that_mends_them(tmp_path):
+    names = [name.upper() for name in NAMES]
+    line = message(tmp_path, ["t", *names[1:]], rows())
+    options = line.partition("--map ")[2].partition(";")[0].split()
+    assert "V" not in dict(option.split("=") for option in options)
+    record = read_record(tmp_path / "m1.csv", ColumnMap.from_options(options))
+    assert {"V", "alpha", "q", "az", "delta_e", "thrust", "rho"} <= set(record.channels)
+
+
+@pytest.mark.parametrize("name", ["time", "Time", "TIME", "timestamp", "TIME_s", "Time (s)", "t [s]", "Elapsed Time"])
+def test_time_has_many_names(tmp_path, name):
+    record = read_record(write(tmp_path, rows(), [name, *NAMES[1:]]))
+    assert len(record) == 200 and record.t[-1] == pytest.approx(3.98)
 
 
 def test_degrees_under_a_header_without_unit(tmp_path):
