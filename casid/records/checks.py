@@ -170,7 +170,7 @@ def channel_notes(name: str, values: np.ndarray, stated: bool) -> list[str]:
     if not stated and name in ("alpha", "beta", *SURFACES) and largest > _DOUBTFUL:
         notes.append(f"{name}: reaches {largest:.3g} rad ({np.degrees(largest):.0f} deg); is the column in degrees?")
     if stated and name not in _TURNS and largest > RADIAN_LIMITS.get(name, np.inf):
-        notes.append(f"{name}: reaches {largest:.3g} {unit_of(name)}, believed since its unit is stated")
+        notes.append(f"{name}: reaches {largest:.3g} {unit_of(name)}, accepted since its unit is stated")
     middle = float(np.median(good))
     if name == "az" and 0.5 < abs(middle) < 2.0:
         notes.append(f"az: about {middle:.3g} m/s2; if the file is in g, write the header as 'az [g]'")

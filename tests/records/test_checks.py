@@ -120,7 +120,7 @@ def test_a_stated_unit_is_believed_and_written_back(tmp_path):
         cell[3] = repr(30.0 * math.sin(0.3 * row))
     stated = ["q [rad/s]" if name == "q" else name for name in NAMES]
     record = read_record(write(tmp_path, cells, stated))
-    assert record["q"].max() > 29.9 and any("believed" in note for note in record.notes)
+    assert record["q"].max() > 29.9 and any("accepted" in note for note in record.notes)
     write_record(record, tmp_path / "again.csv")
     np.testing.assert_array_equal(read_record(tmp_path / "again.csv")["q"], record["q"])
     assert "'q [rad/s]'" in message(tmp_path, NAMES, cells)
