@@ -7,6 +7,7 @@ is still found.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -437,10 +438,41 @@ def deviation(evidence: Evidence, name: str, records: Sequence[int] = ()) -> flo
     because no value is known better.
     """
     index = [slot.name for slot in evidence.fit.slots].index(name)
-    std = float(np.sqrt(evidence.covariance[index, index]))
-    apart = max(std, scatter(evidence, index), jackknife(evidence, name, records))
-    parts = apart, evidence.newton[index], evidence.criteria.structure.known * evidence.fit[name]
-    return float(np.linalg.norm([*parts, *left_open(evidence, index)]))
+    along = np.eye(len(evidence.newton))[index]
+    slope = deviation_along(evidence, along, evidence.fit[name], jackknife(evidence, name, records))
+    return float(np.linalg.norm([slope, *left_open(evidence, index)]))
+
+
+def deviation_along(evidence: Evidence, along: np.ndarray, value: float, least: float = 0.0) -> float:
+    """Corrected standard deviation of a sum of parameters and small terms with factors `along` (k,), which is `value`
+    (see `deviation`); `least` is one by leaving out records.
+    """
+    std = float(np.sqrt(max(along @ evidence.covariance @ along, 0.0)))
+    apart = max(std, scatter(evidence, along), least)
+    moved = float(along @ evidence.newton)
+    return math.hypot(apart, moved, evidence.criteria.structure.known * value)
+
+
+def straight_lines(evidence: Evidence) -> np.ndarray:
+    """(slots, k) Factors of parameters and small terms in the derivative of each slot, as a model without these terms
+    has it: the straight line that is nearest along the records.
+
+    A small term has a slope of its own. The derivative beside it is the slope where the term vanishes, which neither a
+    file without the term means nor records determine.
+    """
+    fit, k = evidence.fit, len(evidence.fit.slots)
+    number, live = {slot.name: i for i, slot in enumerate(fit.slots)}, fit.batch.live
+    lines = np.eye(k, len(evidence.newton))
+    for coefficient in evidence.scales:
+        mine = [k + j for j, (owner, _) in enumerate(evidence.terms) if owner == coefficient]
+        present = {term: name for c, name, term in fit.flight.terms if c == coefficient and "dot" not in term}
+        bent = series_of(fit, [evidence.terms[j - k][1] for j in mine]) * evidence.factors[[j - k for j in mine]]
+        basis = series_of(fit, ["0", *(term for term in present if term != "0")])
+        slopes = np.linalg.lstsq(basis[live], bent[live], rcond=None)[0]
+        for name, slope in zip((present.get("0"), *(n for t, n in present.items() if t != "0")), slopes, strict=True):
+            if name in number:
+                lines[number[name], mine] = slope
+    return lines
 
 
 def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
@@ -509,14 +541,15 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
     )
 
 
-def scatter(evidence: Evidence, index: int) -> float:
-    """Standard deviation of a parameter from the differences between stretches of record, whatever their reason.
+def scatter(evidence: Evidence, along: np.ndarray) -> float:
+    """Standard deviation of a sum of parameters with factors `along` (k,) from the differences between stretches of
+    record, whatever their reason.
 
     This is the sandwich covariance with stretches as clusters. Each stretch is weighted up by what it determines of the
-    parameter itself, as in the jackknife (Bell and McCaffrey 2002). For a correct model it equals the posterior
+    sum itself, as in the jackknife (Bell and McCaffrey 2002). For a correct model it equals the posterior
     standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
-    along, pulls, shares = evidence.along(evidence.covariance[index]), [], []
+    along, pulls, shares = evidence.along(evidence.covariance @ along), [], []
     criteria = evidence.criteria.structure
     for r, record in enumerate(evidence.fit.flight.records):
         first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))

@@ -19,7 +19,7 @@ import numpy as np
 
 from casid.data_check.relations import FILE_UNITS
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.evidence.evidence import Evidence, deviation
+from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
 from casid.estimation.residual_colour import (
@@ -67,37 +67,42 @@ class FlightValue:
 def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
     """Name -> flight value of every fitted number of a model.
 
-    The 1-sigma is the largest of those that allow for the model discrepancy, for differences between stretches of
-    record, and for coloured residuals.
+    A derivative is the slope of the straight line nearest along the records. The 1-sigma is the largest of those
+    that allow for the model discrepancy, for differences between stretches of record, and for coloured residuals.
     """
     fit, found = evidence.fit, {}
     coloured, bends = coloured_deviation(fit), {} if fit.flight.sizes else _bends(fit)
+    lines = straight_lines(evidence)
     for i, slot in enumerate(fit.slots):
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
-        variance = float(evidence.covariance[i, i])
+        variance = float(lines[i] @ evidence.covariance @ lines[i])
         from_records = 1.0 - weight * variance
-        corrected = max(deviation(evidence, slot.name), float(coloured[i]))
+        slope = deviation_along(evidence, lines[i], value)
+        corrected = max(math.hypot(slope, *left_open(evidence, i)), float(coloured[i]))
         if not (variance > 0.0 and from_records > 0.0):
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
         determined = from_records > fit.flight.criteria.given.from_records
         one = FlightValue(value=own, std=corrected / from_records, determined=determined)
-        found[slot.name] = replace(one, at_middle=_at_middle(evidence, i, one, bends.get(slot.name, {})))
+        found[slot.name] = replace(one, at_middle=_at_middle(evidence, lines[i], one, bends.get(slot.name, {})))
     return found
 
 
-def _at_middle(evidence: Evidence, index: int, one: FlightValue, bend: dict[int, float]) -> tuple[float, float] | None:
-    """Slope and its 1-sigma at the middle of the flight, with the added terms; None where these add nothing."""
+def _at_middle(
+    evidence: Evidence, line: np.ndarray, one: FlightValue, bend: dict[int, float]
+) -> tuple[float, float] | None:
+    """Slope and its 1-sigma at the middle of the flight, with the added terms; None where these add nothing. `line` has
+    the factors of the slope without them.
+    """
     if not bend:
         return None
-    along = np.zeros(len(evidence.covariance))
-    along[index] = 1.0
+    along = line.copy()
     for j, part in bend.items():
-        along[j] = part
+        along[j] += part
     added = sum(part * float(evidence.fit.values[j]) for j, part in bend.items())
     variance = max(float(along @ evidence.covariance @ along), 0.0)
-    return one.value + added, one.std * math.sqrt(variance / float(evidence.covariance[index, index]))
+    return one.value + added, one.std * math.sqrt(variance / float(line @ evidence.covariance @ line))
 
 
 def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:

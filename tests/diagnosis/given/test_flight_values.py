@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pytest
 from diagnosis_flights import flights
@@ -33,3 +35,33 @@ def test_the_nearer_of_both_slopes_counts() -> None:
     """A table whose slope at trim is the file's looked contradicted, 0.06 for 0.375, beside an added alpha^2."""
     one = FlightValue(value=0.06, std=0.02, determined=True, at_middle=(0.37, 0.02))
     assert one.nearest(0.375).value == 0.37 and one.nearest(0.05).value == 0.06
+
+
+def errors(found: Mapping[str, FlightValue], truth: Mapping[str, float]) -> np.ndarray:
+    """Errors of the values that flight determines, in their own deviations."""
+    known = [name for name, one in found.items() if name in truth and one.determined]
+    return np.array([abs(found[name].value - truth[name]) / found[name].std for name in known])
+
+
+def test_deviations_of_an_exactly_linear_aircraft_are_calibrated() -> None:
+    """Errors of a normal distribution have a median of 0.67 deviations and a 90 % quantile of 1.64."""
+    all_of_them = []
+    for seed in range(4):
+        flight = prepare(do328(), flights(seed=seed))
+        all_of_them.append(errors(flight_values(weigh(fit(flight, (), flight.noise()))), do328().derivatives))
+    ratio = np.concatenate(all_of_them)
+    assert 0.3 < np.median(ratio) < 0.9
+    assert 1.0 < np.quantile(ratio, 0.9) < 1.9
+
+
+def test_deviations_hold_the_slopes_of_a_curved_aircraft() -> None:
+    """The fitted model has no alpha^2; the slope along the flight is Cm_alpha + 2 b alpha at the middle."""
+    bent = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": -4.0})
+    flight = prepare(do328(), flights([bent], seed=3))
+    fitted = fit(flight, (), flight.noise())
+    truth, alpha = dict(do328().derivatives), fitted.regressors["alpha"][fitted.batch.live]
+    truth["Cm_alpha"] -= 8.0 * float(np.median(alpha))
+    found = {name: one for name, one in flight_values(weigh(fitted)).items() if name != "Cm_0"}
+    naive = abs(found["Cm_alpha"].value - truth["Cm_alpha"]) / fitted.std("Cm_alpha")
+    assert naive > 3.0
+    assert np.quantile(errors(found, truth), 0.95) < 2.5
