@@ -24,6 +24,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
 from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import flight_values
+from casid.diagnosis.kinematics.kinematics import in_other_air
 from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
 from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.records.record import Record
@@ -202,7 +203,8 @@ def judged(
     belief = probabilities(causes, unexplained, state, left)
     causes = belief.causes
     faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
-    bare, flight = begun.without_causes({c.key for c in causes}), flight_values(kept.evidence)
+    bare = begun.without_causes({c.key for c in causes})
+    flight = flight_values(kept.evidence, in_other_air(kept.fit) if kept.fit.noise.coloured else None)
     kept.evidence.forget()
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit

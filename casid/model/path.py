@@ -92,6 +92,8 @@ def wind_station(path: SignalPath) -> None:
 # of the span behind; the axis of the velocity; and that part in units of span / pi
 AIR_STATES: Mapping[str, tuple[str, int, float]] = MappingProxyType({"q": ("air_w", 2, 4.0), "r": ("air_v", 1, 3.0)})
 
+TURNING: Mapping[str, float] = MappingProxyType({"q": -1.0, "r": 1.0})  # the signs of MIL-F-8785C, 3.7.5
+
 
 def air_rotation(path: SignalPath) -> dict[str, Any]:
     """Rotation of the air [rad/s] about p, q, r: of its own, and what the gradient of its velocity along the path makes

@@ -64,11 +64,13 @@ class FlightValue:
         return min((self, other), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
 
-def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
+def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dict[str, FlightValue]:
     """Name -> flight value of every fitted number of a model.
 
     A derivative is the slope of the straight line nearest along the records. The 1-sigma is the largest of those
-    that allow for the model discrepancy, for differences between stretches of record, and for coloured residuals.
+    that allow for the model discrepancy, for differences between stretches of record, and for coloured residuals. Where
+    the records leave it open how the air moves, `otherwise` is the fit in its other form, and its distance is part of
+    the 1-sigma.
     """
     fit, found = evidence.fit, {}
     coloured, bends = coloured_deviation(fit), {} if fit.flight.sizes else _bends(fit)
@@ -79,6 +81,8 @@ def flight_values(evidence: Evidence) -> dict[str, FlightValue]:
         from_records = 1.0 - weight * variance
         slope = deviation_along(evidence, lines[i], value)
         corrected = max(math.hypot(slope, *left_open(evidence, i)), float(coloured[i]))
+        if otherwise is not None:
+            corrected = math.hypot(corrected, otherwise[slot.name] - value)
         if not (variance > 0.0 and from_records > 0.0):
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False)
             continue

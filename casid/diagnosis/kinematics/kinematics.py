@@ -22,7 +22,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.filtering.innovations import NoiseModel
 from casid.model import station
-from casid.model.path import MOMENTS, coefficient_names
+from casid.model.path import MOMENTS, TURNING, coefficient_names
 from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side
 from casid.records.record import Record
@@ -258,12 +258,13 @@ def gusts(
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence.
 
-    The signs of the air's pitch and yaw rates due to the gradient of its velocity, which differ between simulators, and
-    the size of its own roll rate are estimated by maximum likelihood on a grid. Its own pitch and yaw rates are added
-    if they explain more than the approximate model of turbulence leaves.
+    The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
+    of its pitch and yaw rates due to that gradient, which differ between simulators, and the size of its own roll rate
+    are estimated by maximum likelihood on a grid. Its own pitch and yaw rates are added if they explain more than the
+    approximate model of turbulence leaves.
     """
 
-    scales, signs = flight.criteria.numerics.turbulence.rolling, {"q": -1.0, "r": 1.0}
+    scales, signs = flight.criteria.numerics.turbulence.rolling, dict(TURNING)
 
     def turned_about(*axes: str) -> Mapping[str, float]:
         """The rotation of the air with the opposite sign about some axes."""
@@ -283,15 +284,33 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
         return best
 
     best = at(_ROLLING, scales[0], start, signs)
-    others = side_by_side(lambda axis: at(_ROLLING, scales[0], best, turned_about(axis)), _TURNED)
+    forms = (({}, ()), *((turned_about(axis), _ROLLING) for axis in _TURNED))
+    uniform, *others = side_by_side(lambda form: at(form[1], scales[0], best, form[0]), forms)
     turned = [axis for axis, other in zip(_TURNED, others, strict=True) if other.deviance < best.deviance]
     if len(turned) > 1:
         best = at(_ROLLING, scales[0], best, turned_about(*turned))
     best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
+    if uniform.deviance < best.deviance:
+        return relaxed(uniform)
     besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), scales[0], best, best.flight.turning))
     return relaxed(
         besides if best.deviance - besides.deviance > flight.criteria.naming.approximate * turbulent.gain else best
     )
+
+
+def in_other_air(fitted: FlightFit) -> FlightFit:
+    """The same turbulence in the other form: uniform over the aircraft, or with its gradients.
+
+    Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
+    """
+    flight, sigma = fitted.flight, max(fitted.noise.coloured[axis][0] for axis in WIND if axis in fitted.noise.coloured)
+    length = typical_speed(flight) * max(tau for axis, (_, tau) in fitted.noise.coloured.items() if axis in WIND)
+    turning, moments = ({}, {}) if flight.turning else (TURNING, dict.fromkeys(_ROLLING, 1.0))
+    moving = {
+        name: one for name, one in gusts(flight, sigma, moments, length).items() if name in fitted.model.disturbances
+    }
+    noise = replace(fitted.noise, coloured=moving)
+    return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, tolerance=2.0)
 
 
 def reconstruct(

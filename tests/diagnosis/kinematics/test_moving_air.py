@@ -17,8 +17,9 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics.check import without_turbulence
-from casid.diagnosis.kinematics.kinematics import gusts, in_turbulence, reconstruct, still_air, turbulence
+from casid.diagnosis.kinematics.kinematics import gusts, in_other_air, in_turbulence, reconstruct, still_air, turbulence
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
@@ -139,6 +140,24 @@ def test_derivatives_in_turbulence_come_out_as_flown() -> None:
 
     assert found.flight.turning == {"q": -1.0, "r": 1.0}
     assert furthest(found) < 0.08 < furthest(calm), (furthest(found), furthest(calm))
+
+
+def test_air_that_moves_as_a_whole_is_a_form_of_turbulence() -> None:
+    """Dryden turbulence of 1 m/s that is uniform over the aircraft. With its gradients in the model derivatives take
+    them up; the deviations of a fit in one form hold what the other form says."""
+    air = flown.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM, 20.98)
+    uniform = {name: x for name, x in air.items() if name.startswith("wind")}
+    flight = prepare(rough_file(), flights(seed=7, count=3, disturbance=uniform))
+    found = in_turbulence(flight, replace(still_air(flight), sigma=1.0, length=533.0), fit(flight, [], flight.noise()))
+    assert not found.flight.turning and "dCl" not in found.noise.coloured
+    turned = in_other_air(found)
+    assert turned.flight.turning and turned.deviance > found.deviance + 50.0
+    values, wrong = flight_values(weigh(turned), found), 0.0
+    for name in ("Cm_alpha", "Cm_q", "Cm_delta_e", "Cl_p", "Cl_delta_a", "Cn_beta", "Cn_r", "Cn_delta_r"):
+        naive = abs(turned[name] - STABLE[name]) / turned.std(name)
+        wrong = max(wrong, naive)
+        assert abs(values[name].value - STABLE[name]) < 3.0 * values[name].std, name
+    assert wrong > 3.0
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
