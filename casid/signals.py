@@ -118,6 +118,9 @@ _UNITS: dict[str, tuple[str, float]] = {
     "knots": ("m/s", 1852.0 / 3600.0),
     "ft/s": ("m/s", FOOT),
     "km/h": ("m/s", 1 / 3.6),
+    "mph": ("m/s", 0.44704),
+    "fpm": ("m/s", FOOT / 60.0),
+    "ft/min": ("m/s", FOOT / 60.0),
     "m/s2": ("m/s2", 1.0),
     "ft/s2": ("m/s2", FOOT),
     "g": ("m/s2", GRAVITY),
@@ -138,6 +141,56 @@ _UNITS: dict[str, tuple[str, float]] = {
     "1": ("1", 1.0),
     "-": ("1", 1.0),
 }
+
+# units in other words
+_WORDS = {
+    **dict.fromkeys(("sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("usec", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("degree", "degrees", "degs", "grad"), "deg"),
+    **dict.fromkeys(("radian", "radians", "rads"), "rad"),
+    **dict.fromkeys(("deg/sec", "degrees/s", "degrees/sec", "degps", "degpsec", "deg_sec", "dps", "°/s"), "deg/s"),
+    **dict.fromkeys(("rad/sec", "radians/s", "radps", "rad_sec", "rps"), "rad/s"),
+    **dict.fromkeys(("deg/sec2", "deg/s/s", "degpsec2", "°/s2"), "deg/s2"),
+    **dict.fromkeys(("rad/sec2", "rad/s/s", "rad_sec2"), "rad/s2"),
+    **dict.fromkeys(("feet", "foot"), "ft"),
+    **dict.fromkeys(("meter", "meters", "metre", "metres", "mtr"), "m"),
+    **dict.fromkeys(("m/sec", "mps"), "m/s"),
+    **dict.fromkeys(("ft/sec", "fps"), "ft/s"),
+    **dict.fromkeys(("m/sec2", "m/s/s", "mps2", "ms-2"), "m/s2"),
+    **dict.fromkeys(("ft/sec2", "ft/s/s", "fps2", "fps_sec"), "ft/s2"),
+    **dict.fromkeys(("knot", "kn"), "kt"),
+    **dict.fromkeys(("kmh", "kph", "km/hr"), "km/h"),
+    **dict.fromkeys(("g's", "gs", "gee"), "g"),
+    **dict.fromkeys(("volt", "volts"), "V"),
+    **dict.fromkeys(("lbs", "lbf"), "lbf"),
+    **dict.fromkeys(("slugs/ft3", "slugs_ft3"), "slug/ft3"),
+}
+# of quantities that no channel has; in a row of units they are units all the same
+_OTHER_UNITS = frozenset(
+    (
+        "a",
+        "amp",
+        "amps",
+        "ma",
+        "w",
+        "mw",
+        "hz",
+        "khz",
+        "mhz",
+        "%",
+        "percent",
+        "bar",
+        "mbar",
+        "psi",
+        "inhg",
+        "degc",
+        "degf",
+    )
+    + ("c", "k", "kg", "lb", "nm", "n.m", "ft-lb", "inch", "in", "mm", "cm", "bool", "enum", "count", "counts", "raw")
+    + ("string", "ident", "ratio", "norm", "norml", "part", "gal", "gals", "gph", "qt", "pph", "hh:mm", "hh:mm:ss")
+    + ("yyy-mm-dd", "yyyy-mm-dd", "dd/mm/yyyy", "ddd:hh:mm:ss", "fsd", "mt", "°c", "none", "unitless", "dimensionless")
+)
 
 # how a unit is written behind a name, `alpha_deg`
 _SUFFIXES = {
@@ -166,12 +219,33 @@ def with_suffix(name: str) -> tuple[str, str]:
     return (known, _SUFFIXES[suffix]) if known.lower() in ("time", "timestamp") and suffix in _SUFFIXES else (name, "")
 
 
+def _unit_key(unit: str) -> str:
+    """A unit as the table has it, however it is written: `m/s^2`, `DEG`, `knots`; the text itself where it is none."""
+    key = unit.strip().replace("^", "").replace("**", "").replace("²", "2").replace("³", "3")
+    if key in _UNITS:
+        return key
+    lower = key.lower()
+    lower = _WORDS.get(lower, lower)
+    return next((known for known in _UNITS if known.lower() == lower), key)
+
+
+def is_unit(text: str) -> bool:
+    """Tell whether a text is a unit, also of quantities that no channel has."""
+    first = text.lower().split()[:1]  # "ft msl", "deg C"
+    return _unit_key(text) in _UNITS or bool(first) and (_unit_key(first[0]) in _UNITS or first[0] in _OTHER_UNITS)
+
+
+def is_known(name: str) -> bool:
+    """Tell whether a name is that of a channel or of the time."""
+    return name in CHANNELS or name.lower() in ("time", "timestamp")
+
+
 def si_factor(unit: str, channel: str, where: str = "") -> float:
     """Factor that converts `unit` to the SI unit of `channel`.
 
     Raises InputError when the unit is unknown or is of another quantity than the channel's.
     """
-    key = unit.strip().replace("^", "").replace("**", "").replace("²", "2").replace("³", "3")
+    key = _unit_key(unit)
     prefix = f"{where}: " if where else ""
     if key not in _UNITS:
         near = nearest(key, _UNITS)

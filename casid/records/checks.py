@@ -201,7 +201,7 @@ def checked_fields(
         raise InputError(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
         )
-    t, counted = from_first(channels.pop("t"))
+    t, counted = from_first(channels.pop("t"), "t" in columns.stated)
     if between is not None:
         table, t, channels = _part(table, t, channels, between)
     channels, slower = on_one_clock(t, channels, INPUTS)

@@ -55,8 +55,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             f"{table.source}: its {table.values.shape[1]} columns have no names; say which is which with a column map, "
             "e.g. --map t=1 --map alpha=12:deg"
         )
-    headers = [split_header(name) for name in table.names or ()]
-    _check_duplicates(table, headers)
+    headers = _without_twins(table, [split_header(name) for name in table.names or ()])
     channels, places, stated, used = _mapped(table, headers, column_map, checked=not own)
     notes: list[str] = []
     rest = [i for i in range(len(headers)) if i not in used]
@@ -168,15 +167,22 @@ def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
     ]
 
 
-def _check_duplicates(table: RawTable, headers: list[tuple[str, str]]) -> None:
+def _without_twins(table: RawTable, headers: list[tuple[str, str]]) -> list[tuple[str, str]]:
+    """Headers in which no name stands twice: a second column that casid does not know gets a number. InputError for a
+    channel that stands twice."""
     first: dict[str, int] = {}
-    for index, (name, _) in enumerate(headers):
+    found = []
+    for index, (name, unit) in enumerate(headers):
         if name and name in first:
-            raise InputError(
-                f"{table.source}: header: columns {first[name] + 1} and {index + 1} are both called '{name}'; "
-                "rename or remove one"
-            )
+            if name in CHANNELS:
+                raise InputError(
+                    f"{table.source}: header: columns {first[name] + 1} and {index + 1} are both called '{name}'; "
+                    "rename or remove one"
+                )
+            name = f"{name}_{index + 1}"
         first[name] = index
+        found.append((name, unit))
+    return found
 
 
 def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int:

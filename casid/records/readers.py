@@ -23,12 +23,10 @@ from casid.records.columns import split_header
 from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
-from casid.records.table import RawTable, read_columns, read_csv
+from casid.records.table import RawTable, read_text
 from casid.signals import RADIAN_LIMITS, unit_of
 
-_TEXT: Mapping[str, Callable[[Path], RawTable]] = MappingProxyType(
-    {".csv": read_csv, ".tsv": read_csv, ".asc": read_columns, ".txt": read_columns, ".dat": read_columns}
-)
+_TEXT = (".csv", ".tsv", ".asc", ".txt", ".dat")
 _BINARY: Mapping[str, Callable[[Path, str | None, str], RawTable]] = MappingProxyType(
     {
         ".mat": read_mat,
@@ -254,7 +252,7 @@ def _stem(path: Path) -> str:
 def _read_table(path: Path, column_map: ColumnMap) -> RawTable:
     ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if ending in _TEXT:
-        return _TEXT[ending](path)
+        return read_text(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder; name the files in it, like '{path / '*.csv'}'")
     if ending not in _BINARY:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 import csv
 import gzip
-import io
 import re
 import warnings
 import zlib
 from array import array
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from casid.errors import InputError
-from casid.records.clock import seconds_of
+from casid.records.clock import clock_of
+from casid.records.layout import MISSING, NUMBER, Layout, layout_of
 
+_MARKS = {"utf-8": b"\xef\xbb\xbf", "utf-32": b"\xff\xfe\0\0", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}
 _BLOCK = 1 << 23  # bytes
-_PLAIN = b"0123456789+-.eE\r\n"
+_PLAIN = b"0123456789+-.eE\n"
 
 
 def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndarray | None:
@@ -47,7 +49,8 @@ def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndar
 
 
 def _block_numbers(block: bytes, width: int, mark: bytes) -> np.ndarray | None:
-    if block.translate(None, _PLAIN + mark):
+    block = block.replace(b"\r\n", b"\n").removesuffix(b"\r")
+    if block.translate(None, _PLAIN + mark):  # a carriage return within a line too: it parts nothing
         return None
     text = np.frombuffer(block, np.uint8)
     ends = np.append(np.flatnonzero(text == ord("\n")), len(text))
@@ -57,16 +60,10 @@ def _block_numbers(block: bytes, width: int, mark: bytes) -> np.ndarray | None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # how older versions of numpy say that text is no number
-            numbers = np.fromstring(block.replace(b"\r", b"").replace(b"\n", mark).decode(), sep=mark.decode())
+            numbers = np.fromstring(block.replace(b"\n", mark).decode(), sep=mark.decode())
     except (ValueError, DeprecationWarning):
         return None
     return numbers.reshape(-1, width) if numbers.size == width * len(ends) else None
-
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
-_DECIMAL_COMMA, _DECIMAL_POINT = re.compile(r"\d,\d"), re.compile(r"\d\.\d")
-_SEPARATOR = re.compile(r"sep=.\s*", re.IGNORECASE)
-_HOLD = re.compile(r"#\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,42 +110,24 @@ def shown(cell: str) -> str:
     return repr(cell if len(cell) <= 40 else cell[:37] + "...")
 
 
-def read_csv(path: Path) -> RawTable:
-    """Table of a CSV file: comma, semicolon or tab, by what stands most often in its first row; UTF-8.
+def read_text(path: Path) -> RawTable:
+    """Table of a text file: columns parted by commas, semicolons, tabs, bars or blanks, with decimal points or commas,
+    in UTF-8, UTF-16 or an encoding of one byte, below any preamble; see `layout`.
 
-    A line ``sep=;`` on top is skipped. Decimal commas are read where semicolons or tabs part the columns and no number
-    has a decimal point.
+    A last row that is cut short is left out, and said.
     """
     raw = _raw(path)
     quick = _plain_table(path, raw)
     if quick is not None:
         return quick
-    content, skipped, hold = _content(path, raw)
-    first, _, rest = content.partition("\n")
-    delimiter = _delimiter(first)
-    if delimiter != "," and _DECIMAL_COMMA.search(rest) and not _DECIMAL_POINT.search(rest):
-        content = f"{first}\n{rest.replace(',', '.')}"
-    reader = csv.reader(io.StringIO(content, newline=""), delimiter=delimiter, skipinitialspace=True, strict=True)
-
-    def rows() -> Iterator[tuple[int, list[str]]]:
-        try:
-            for cells in reader:
-                yield reader.line_num + skipped, cells
-        except csv.Error as error:
-            raise InputError(f"{path}: line {reader.line_num + skipped}: not valid CSV: {error}") from None
-
-    return _table(path, rows(), hold, exact="_" not in content[len(first) :] and content.isascii())
-
-
-def read_columns(path: Path) -> RawTable:
-    """Table of a text file with columns between blanks, with or without a row of names."""
-    content, skipped, hold = _content(path, _raw(path))
-    rows = ((number, line.split()) for number, line in enumerate(content.splitlines(), start=1 + skipped))
-    return _table(path, rows, hold, exact="_" not in content and content.isascii())
-
-
-def _delimiter(first: str) -> str:
-    return max(",;\t", key=first.count)
+    content, notes = _decoded(path, raw)
+    lines = content.split("\n")
+    layout = layout_of(lines)
+    if layout is None:
+        raise InputError(f"{path}: {_without_rows(lines)}")
+    if layout.above:
+        notes += (f"{layout.above} lines above the numbers are no names and no units, and are left out",)
+    return _numbers(path, lines, layout, notes)
 
 
 def _plain_table(path: Path, raw: bytes) -> RawTable | None:
@@ -158,9 +137,9 @@ def _plain_table(path: Path, raw: bytes) -> RawTable | None:
     if end < 0 or not head.isascii() or head.startswith((b"#", b"%")) or b'"' in head:
         return None
     first = head.decode().rstrip("\r")
-    delimiter = _delimiter(first)
+    delimiter = max(",;\t", key=first.count)
     names = tuple(cell.strip() for cell in first.split(delimiter))
-    if _SEPARATOR.fullmatch(first) or len(names) < 2 or all(_NUMBER.fullmatch(name) for name in names):
+    if len(names) < 2 or any(NUMBER.fullmatch(name) for name in names):
         return None
     values = plain_numbers(raw, end + 1, len(names), delimiter)
     if values is None:
@@ -178,85 +157,106 @@ def _raw(path: Path) -> bytes:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
-def _content(path: Path, raw: bytes) -> tuple[str, int, str | dict[str, str]]:
-    """Text of a file without the comment lines on top, their number, and what they say about `hold`."""
-    try:
-        content = raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text (byte {error.start}); save it as CSV in UTF-8") from None
-    skipped, start = 0, 0
-    hold: str | dict[str, str] = ""
-    if _SEPARATOR.fullmatch(content.partition("\n")[0]):
-        skipped, start = 1, content.find("\n") + 1
-    while content.startswith("#", start) or content.startswith("%", start):
-        end = content.find("\n", start)
-        end = len(content) if end < 0 else end + 1
-        said = _HOLD.fullmatch(content[start:end].strip())
-        hold = _hold(said[1].strip()) if said else hold
-        skipped, start = skipped + 1, end
-    return content[start:], skipped, hold
+def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
+    """Text of a file with lines that end in \\n, and what is to be said of its encoding."""
+    mark = next((name for name, bom in _MARKS.items() if raw.startswith(bom)), None)
+    encodings = (mark,) if mark else ("utf-8", *_without_mark(raw))
+    for encoding in encodings:
+        try:
+            content = raw.decode(encoding)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise InputError(f"{path}: not a text in UTF-8, UTF-16, cp1252 or Latin-1; save it as CSV in UTF-8")
+    if "\0" in content:
+        raise InputError(f"{path}: not a text: it has zeros between its letters; save it as CSV in UTF-8")
+    content = content.removeprefix("\ufeff").replace("\r\n", "\n")
+    content = content if "\n" in content else content.replace("\r", "\n")
+    return content, () if encoding.startswith("utf") else (f"read as {encoding}, since it is not UTF-8",)
 
 
-def _hold(said: str) -> str | dict[str, str]:
-    """One word of all channels, or "u = held, v = cubic"."""
-    if "=" not in said:
-        return said
-    parts = (part.partition("=") for part in said.split(","))
-    return {name.strip(): how.strip() for name, _, how in parts}
+def _without_mark(raw: bytes) -> tuple[str, ...]:
+    """Encodings to try besides UTF-8: of two bytes where every second one is zero, else of one byte."""
+    head = np.frombuffer(raw[: 1 << 12], np.uint8)
+    zeros = [float(np.mean(head[i::2] == 0)) if len(head) > 1 else 0.0 for i in (0, 1)]
+    return ("utf-16-le",) if zeros[1] > 0.4 else ("utf-16-be",) if zeros[0] > 0.4 else ("cp1252", "latin-1")
 
 
-def _table(
-    path: Path, rows: Iterator[tuple[int, list[str]]], hold: str | Mapping[str, str], *, exact: bool
-) -> RawTable:
-    full = ((line, cells) for line, cells in rows if len(cells) > 1 or "".join(cells).strip())
-    line, head = next(full, (0, []))
-    if not head:
-        raise InputError(f"{path}: the file is empty; expected a row of channel names and rows of numbers")
-    names: tuple[str, ...] | None = tuple(cell.strip() for cell in head)
-    if all(_NUMBER.fullmatch(name) for name in names):
-        names, full = None, _chain((line, head), full)
-    numbers, lines, text = _numbers(path, full, len(head), exact)
-    if not lines:
-        raise InputError(f"{path}: no rows of numbers below the header")
-    values = np.frombuffer(numbers, dtype=float).reshape(-1, len(head))
-    return RawTable(source=str(path), names=names, values=values, lines=np.array(lines), text=text, hold=hold)
+def _without_rows(lines: list[str]) -> str:
+    """What is wrong with a text in which no row of numbers was found."""
+    full = [line for line in lines if line.strip() and not line.startswith(("#", "%"))]
+    if not full:
+        return "the file is empty; expected a row of channel names and rows of numbers"
+    return f"no rows of numbers below the header; the first line is {shown(full[0].strip())}"
 
 
-def _chain(first: tuple[int, list[str]], rest: Iterable[tuple[int, list[str]]]) -> Iterator[tuple[int, list[str]]]:
-    yield first
-    yield from rest
+_SIMPLE = re.compile(r"[\x00-^`-\x7f]*")  # float() takes more than numbers of a file, but of these letters nothing else
 
 
-def _numbers(
-    path: Path, rows: Iterable[tuple[int, list[str]]], width: int, exact: bool
-) -> tuple[array, list[int], dict[int, tuple[int, str]]]:
-    """Numbers of all rows, one after the other, their lines, and per column the first cell that is no number.
-
-    `exact`: float() accepts what a number in a file may be and no more. Only then it may read whole rows.
-    """
-    numbers, lines, text = array("d"), [], {}
-    for line, cells in rows:
-        if len(cells) != width:
-            kind = "truncated or ragged" if len(cells) < width else "ragged"
+def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...]) -> RawTable:
+    """Numbers of all rows, dates and clocks as seconds from the first; per column the first cell that is neither."""
+    numbers, at, words = array("d"), [], dict[int, list[tuple[int, str]]]()
+    while lines and not lines[-1].strip():
+        del lines[-1]
+    for line, cells in _rows(path, lines, layout):
+        if len(cells) == layout.width + 1 and not cells[-1].strip():
+            del cells[-1]
+        if len(cells) != layout.width:
+            if line == len(lines) and len(cells) < layout.width and at:
+                notes += (f"the last row (line {line}) is cut off: {len(cells)} of {layout.width} cells; left out",)
+                continue
+            kind = "truncated or ragged" if len(cells) < layout.width else "ragged"
             raise InputError(
-                f"{path}: row {len(lines) + 1} (line {line}) has {len(cells)} cells, expected {width} as in the first "
-                f"row; the row is {kind}: repair or remove it"
+                f"{path}: row {len(at) + 1} (line {line}) has {len(cells)} cells, expected {layout.width} as in the "
+                f"first row; the row is {kind}: repair or remove it"
             )
+        at.append(line)
         start = len(numbers)
-        lines.append(line)
-        if exact:
-            try:
-                numbers.extend(map(float, cells))
-                continue
-            except ValueError:
-                del numbers[start:]
+        try:
+            numbers.extend(map(float, cells if _SIMPLE.fullmatch("".join(cells)) else [""]))
+            continue
+        except ValueError:
+            del numbers[start:]
         for column, cell in enumerate(cells):
-            stripped = cell.strip()
-            if _NUMBER.fullmatch(stripped):
-                numbers.append(float(stripped))
+            text = cell.strip()
+            if NUMBER.fullmatch(text):
+                numbers.append(float(text))
                 continue
-            seconds = seconds_of(stripped)
-            numbers.append(np.nan if seconds is None else seconds)
-            if stripped and seconds is None:
-                text.setdefault(column, (len(lines) - 1, stripped))
-    return numbers, lines, text
+            numbers.append(np.nan)
+            if text.lower() not in MISSING:
+                words.setdefault(column, []).append((len(at) - 1, text))
+    values = np.frombuffer(numbers, dtype=float).reshape(-1, layout.width).copy()
+    names, text = layout.names, {}
+    for column, some in words.items():
+        seconds = clock_of([cell for _, cell in some])
+        if seconds is None:
+            text[column] = next((row, cell) for row, cell in some if clock_of([cell]) is None or len(some) == 1)
+            continue
+        values[[row for row, _ in some], column] = seconds - seconds[0]
+        called = names[column] if names else column + 1
+        notes += (f"column '{called}' is a clock; time is counted from its first sample, {some[0][1]}",)
+    return RawTable(
+        source=str(path), names=names, values=values, lines=np.array(at), text=text, hold=layout.hold, notes=notes
+    )
+
+
+def _rows(path: Path, lines: list[str], layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Number of the line and cells of each row, empty lines and comments left out."""
+    body = lines[layout.first :]
+    if layout.comma:
+        body = [line.replace(",", ".") for line in body]
+    if not layout.delimiter:
+        rows = ((layout.first + k + 1, line.split()) for k, line in enumerate(body))
+    else:
+        reader = csv.reader(body, delimiter=layout.delimiter, skipinitialspace=True, strict=True)
+        rows = _read(path, reader, layout.first)
+    yield from ((line, cells) for line, cells in rows if (len(cells) > 1 or "".join(cells).strip()))
+
+
+def _read(path: Path, reader: Any, skipped: int) -> Iterator[tuple[int, list[str]]]:
+    try:
+        for cells in reader:
+            yield reader.line_num + skipped, cells
+    except csv.Error as error:
+        raise InputError(f"{path}: line {reader.line_num + skipped}: not valid CSV: {error}") from None

@@ -1,0 +1,181 @@
+"""Where the numbers of a text file begin, what parts its columns, and which line has their names and which their units.
+
+Loggers write a preamble of any length, titles, names, units and descriptions above the numbers; the numbers are what
+repeats. The first two neighbouring rows with the same number of cells, most of them numbers or times, are the first two
+samples, by the separator that makes the most cells numbers.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+from casid.records.clock import seconds_of
+from casid.signals import is_known, is_unit
+
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
+MISSING = frozenset(("", "n/a", "na", "null", "none", "-", "--", "---", "*", "***", "#n/a", "nodata"))
+_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+_HOLD = re.compile(r"[#%]\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
+_DELIMITERS = ",;\t| "  # a blank: any blanks
+_HEAD = 500  # lines: the longest preamble that is looked at
+_NAMING = 3  # lines above the numbers that may name columns, units and more
+_MOSTLY = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """How a text file is laid out.
+
+    delimiter  between columns; "" for blanks
+    first      index of the line of the first row of numbers
+    width      cells of a row
+    names      of the columns, with units where a row has them; None when no line has them
+    comma      decimals are written with a comma
+    hold       what a comment `# hold: held` says
+    above      lines above the numbers that are neither names nor units nor comments
+    """
+
+    delimiter: str
+    first: int
+    width: int
+    names: tuple[str, ...] | None
+    comma: bool
+    hold: str | dict[str, str]
+    above: int
+
+
+def layout_of(lines: Sequence[str]) -> Layout | None:
+    """The layout of a text; None where it has no row of numbers."""
+    head = list(islice(lines, _HEAD))
+    told = _SEPARATOR.fullmatch(head[0]) if head else None
+    found = [_rows_by(head, one) for one in (told[1] if told else _DELIMITERS)]
+    found = [one for one in found if one is not None]
+    if not found:
+        return None
+    _, width, _, delimiter, first, comma = max(found, key=lambda one: one[:3])
+    open_end = not cells_of(head[first], delimiter)[-1]  # a separator behind the last column, or an empty cell
+    names, used = _names_above(head, delimiter, first, width, open_end)
+    above = [i for i in range(first) if i not in used and head[i].strip() and not _is_comment(head[i])]
+    above = [i for i in above if not _SEPARATOR.fullmatch(head[i])]
+    return Layout(
+        delimiter="" if delimiter == " " else delimiter,
+        first=first,
+        width=width,
+        names=names,
+        comma=comma,
+        hold=_hold(head[:first]),
+        above=len(above),
+    )
+
+
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """Cells of a line, without blanks around them; one that cannot be parted is one cell."""
+    if delimiter in (" ", ""):
+        return line.split()
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter)]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+    except csv.Error:
+        return [line]
+
+
+def _is_comment(line: str) -> bool:
+    return line.startswith(("#", "%"))
+
+
+def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str, int, bool] | None:
+    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin."""
+    for (i, here), (_, after) in _pairs(lines):
+        one, two = cells_of(here, delimiter), cells_of(after, delimiter)
+        if len(one) != len(two) or len(one) < 2:
+            continue
+        comma = delimiter not in (",", "") and _commas(one + two)
+        data = [_is_data(a, comma) for a in one], [_is_data(b, comma) for b in two]
+        shares = [sum(row) / len(row) for row in data]
+        named = any(not a and b and c.strip() for a, b, c in zip(*data, one, strict=True))
+        if min(shares) <= _MOSTLY or not any(map(NUMBER.fullmatch, _pointed(one, comma))):
+            continue
+        if named and i == 0:  # a name among numbers that are names
+            continue
+        return sum(shares) / 2.0, len(one), -_DELIMITERS.find(delimiter), delimiter, i, comma
+    return None
+
+
+def _pairs(lines: Sequence[str]) -> Iterator[tuple[tuple[int, str], tuple[int, str]]]:
+    """Neighbouring lines that are neither empty nor comments; the last one stands beside itself where it is alone."""
+    full = [(i, line) for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+    for k, one in enumerate(full):
+        yield one, full[k + 1] if k + 1 < len(full) else one
+
+
+def _commas(cells: Sequence[str]) -> bool:
+    """Tell whether decimals have a comma: a cell has one, and none has a point."""
+    comma = any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
+    return comma and not any("." in cell and NUMBER.fullmatch(cell) for cell in cells)
+
+
+def _pointed(cells: Sequence[str], comma: bool) -> list[str]:
+    return [cell.replace(",", ".") if comma else cell for cell in cells]
+
+
+def _is_data(cell: str, comma: bool) -> bool:
+    cell = cell.replace(",", ".") if comma else cell
+    return bool(NUMBER.fullmatch(cell)) or cell.lower() in MISSING or seconds_of(cell) is not None
+
+
+def _names_above(
+    lines: Sequence[str], delimiter: str, first: int, width: int, open_end: bool
+) -> tuple[tuple[str, ...] | None, set[int]]:
+    """Names of the columns with their units, of the nearest lines above the numbers with as many cells; and which lines
+    these are."""
+    candidates: list[tuple[int, list[str]]] = []
+    for i in range(first - 1, -1, -1):
+        line = lines[i]
+        if not line.strip():
+            continue
+        if _SEPARATOR.fullmatch(line) or _HOLD.fullmatch(line.strip()):
+            break
+        cells = cells_of(line.lstrip("#% ") if _is_comment(line) else line, delimiter)
+        cells = cells[:-1] if len(cells) == width + 1 and not cells[-1] else cells
+        cells = [*cells, ""] if len(cells) == width - 1 and open_end else cells
+        if len(cells) != width or len(candidates) == _NAMING:
+            break
+        candidates.append((i, cells))
+    units = next((one for one in candidates if _are_units(one[1])), None)
+    named = [one for one in candidates if one is not units]
+    if not named:
+        return (None, set()) if units is None else (tuple(units[1]), {units[0]})
+    beyond = [one for one in named if units is not None and one[0] < units[0]]
+    line, names = (beyond or named)[0]
+    if units is not None:
+        names = [_with_unit(name, unit) for name, unit in zip(names, units[1], strict=True)]
+    return tuple(names), {i for i, _ in candidates}
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Tell whether a row has units: more cells are units than are names of channels, and at least half are."""
+    full = [cell.strip("[](){} ") for cell in cells if cell.strip("[](){} ")]
+    units, names = sum(map(is_unit, full)), sum(map(is_known, full))
+    return bool(full) and units >= _MOSTLY * len(full) and units > names
+
+
+def _with_unit(name: str, unit: str) -> str:
+    unit = unit.strip("[](){} ")
+    return name if not unit or unit == "-" or name.endswith(("]", ")")) else f"{name} [{unit}]"
+
+
+def _hold(lines: Sequence[str]) -> str | dict[str, str]:
+    """One word of all channels, or "u = held, v = cubic"; the last comment counts."""
+    said = [found[1].strip() for line in lines if (found := _HOLD.fullmatch(line.strip()))]
+    if not said:
+        return ""
+    if "=" not in said[-1]:
+        return said[-1]
+    parts = (part.partition("=") for part in said[-1].split(","))
+    return {name.strip(): how.strip() for name, _, how in parts}
