@@ -7,6 +7,7 @@ named by the checksum of its content, so that a truncated or foreign one is buil
 from __future__ import annotations
 
 import atexit
+import ctypes
 import hashlib
 import logging
 import os
@@ -32,17 +33,33 @@ def cache_folder() -> Path:
 
 
 def find(key: str) -> Path | None:
-    """The library of a key, when it is in the cache and its content is what its name says."""
-    if not cache_folder().exists():
-        return None  # nothing is made before something is compiled
-    for library in _folder(cache_folder()).glob(f"{key}-*.so"):
-        if _is_whole(library):
-            with suppress(OSError):
-                os.utime(library)  # the longest unused go first
-            state = library.stat()
-            _seen[library] = (state.st_mtime, state.st_size)
-            return library
+    """Find the library of a key whose content is what its name says, and that loads on this machine."""
+    with suppress(OSError):  # a folder that cannot be read holds nothing for us
+        if not cache_folder().exists():
+            return None  # nothing is made before something is compiled
+        for library in _folder(cache_folder()).glob(f"{key}-*.so"):
+            if _is_whole(library) and _loads_or_goes(library):
+                with suppress(OSError):
+                    os.utime(library)  # the longest unused go first
+                state = library.stat()
+                _seen[library] = (state.st_mtime, state.st_size)
+                return library
     return None
+
+
+def check_loads(library: Path) -> None:
+    """Raise OSError for a library that does not load here: garbage, a foreign one, a mount without execution."""
+    ctypes.CDLL(str(library))
+
+
+def _loads_or_goes(library: Path) -> bool:
+    try:
+        check_loads(library)
+    except OSError as error:
+        _LOG.warning("%s: does not load, and is built again: %s", library, str(error)[-200:])
+        library.unlink(missing_ok=True)
+        return False
+    return True
 
 
 def keep(key: str, binary: Path) -> Path:

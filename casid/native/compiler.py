@@ -13,6 +13,7 @@ import logging
 import os
 import platform
 import shutil
+import signal
 import subprocess
 import threading
 import time
@@ -25,7 +26,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.native.cache import find, keep, workshop
+from casid.native.cache import check_loads, find, keep, workshop
 from casid.native.emitter import UnknownOperationError
 from casid.native.tape import Tape
 
@@ -36,12 +37,16 @@ _SOURCE_PER_INSTRUCTION = 2e-6  # s, to write and hash the C source
 # CasADi lets go of Python's lock, and marks the expressions that it works on: one thread at a time may build from them
 BUILDING = threading.RLock()
 _BATCHES = 6  # sizes of which a function keeps its arrays
+# s that a compilation may take, and more by byte of source: ten times the slowest that was measured (-O1, Hessians)
+_LONGEST, _LONGEST_PER_BYTE = 20.0, 4e-5
+_FAILED = "compiling failed, the CasADi virtual machine is used"
+_given_up: list[str] = []  # why this process compiles nothing more
 
 
 @cache
 def c_compiler() -> str | None:
-    """Path of the C compiler; None when there is none or CASID_NO_COMPILER is set (said once)."""
-    if os.environ.get("CASID_NO_COMPILER"):
+    """Find the C compiler; None (said once) when there is none, it was given up, or CASID_NO_COMPILER is set."""
+    if _given_up or os.environ.get("CASID_NO_COMPILER"):
         return None
     for name in (os.environ.get("CC", "cc"), "gcc", "clang"):
         found = shutil.which(name)
@@ -55,10 +60,35 @@ def c_compiler() -> str | None:
 def _version(compiler: str) -> str | None:
     """What the compiler says of itself; None when it cannot even do that."""
     try:
-        done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True, timeout=30.0)
+        return _run([compiler, "--version"], 10.0, dict(os.environ))
     except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout
+
+
+def _run(command: list[str], seconds: float, environment: dict[str, str]) -> str:
+    """Run a command that may take so long, and return what it prints; what it has started ends with it."""
+    pipe = subprocess.PIPE
+    with subprocess.Popen(
+        command, stdout=pipe, stderr=pipe, text=True, env=environment, start_new_session=True
+    ) as process:
+        try:
+            out, error = process.communicate(timeout=seconds)
+        except BaseException:
+            if hasattr(os, "killpg"):
+                os.killpg(process.pid, signal.SIGKILL)
+            process.kill()
+            raise
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command, out, error)
+    return out
+
+
+def _give_up(why: str) -> None:
+    """Compile nothing more in this process, and say why."""
+    if not _given_up:
+        _LOG.warning("%s: %s", _FAILED, why)
+        _given_up.append(why)
+        c_compiler.cache_clear()
 
 
 def compile_first() -> bool:
@@ -70,13 +100,13 @@ def compile_first() -> bool:
 
 @cache
 def _machine() -> str:
-    """What a compiled library depends on besides its source: compiler version and processor."""
+    """What a compiled library depends on besides its source: versions of compiler and C library, processor."""
     compiler = c_compiler()
     version = _version(str(compiler))
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     cpu = next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
-    return f"{version}{platform.machine()}{cpu}"
+    return f"{version}{platform.machine()}{cpu}{platform.libc_ver()}"
 
 
 def _source(function: ca.Function) -> str:
@@ -106,9 +136,10 @@ def _load(function: ca.Function, library: Path) -> ca.Function:
 
 
 def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
-    """The library of a C source, from the cache or made now; None (and said) when compiling fails."""
+    """Find the library of a C source in the cache or make it; None (and said once) where that fails."""
     library = cached_library(source, flags)
-    if library is not None:
+    compiler = c_compiler()
+    if library is not None or compiler is None:
         return library
     try:
         with workshop() as folder:
@@ -116,14 +147,17 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
             text.write_text(source)
             options = [flag for flag in flags if not flag.startswith("-l")]
             libraries = [flag for flag in flags if flag.startswith("-l")]
-            command = [str(c_compiler()), *options, str(text), "-o", str(binary), *libraries, "-lm"]
-            environment = {**os.environ, "TMPDIR": str(folder)}
-            subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+            command = [compiler, *options, str(text), "-o", str(binary), *libraries, "-lm"]
+            _run(command, _LONGEST + _LONGEST_PER_BYTE * len(source), {**os.environ, "TMPDIR": str(folder)})
+            check_loads(binary)
             return keep(_key(source, flags), binary)
-    except (OSError, subprocess.CalledProcessError) as error:
-        detail = getattr(error, "stderr", "") or str(error)
-        _LOG.warning("compiling failed, the CasADi virtual machine is used: %s", detail.strip()[-200:])
-        return None
+    except subprocess.CalledProcessError as error:  # of this source alone
+        _LOG.warning("%s: %s", _FAILED, (error.stderr or str(error)).strip()[-200:])
+    except subprocess.TimeoutExpired as error:
+        _give_up(f"'{compiler}' has not ended after {error.timeout:.0f} s")
+    except OSError as error:
+        _give_up(str(error)[-200:])
+    return None
 
 
 _NO_C = ("CallbackInternal", "Newton")  # a Python function, and Newton's method of algebraic states

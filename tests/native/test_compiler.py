@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import casadi as ca
 import numpy as np
@@ -201,6 +204,111 @@ def test_the_cache_is_bounded_and_the_longest_unused_go_first(own_cache, monkeyp
     y = ca.SX.sym("y")
     assert compile_function(ca.Function("g", [y], [ca.cos(y)])) is not None
     assert not old.exists() and library.exists()
+
+
+@pytest.fixture
+def bad_compiler(own_cache, tmp_path, monkeypatch):
+    """Write a compiler that answers to --version and else does what a line of shell says."""
+    monkeypatch.setattr(compiler, "_given_up", [])
+
+    def write(line: str) -> None:
+        script = tmp_path / "bad-cc"
+        script.write_text(f'#!/bin/sh\nfor word; do out="$word"; test "$word" = --version && exit 0; done\n{line}\n')
+        script.chmod(0o755)
+        monkeypatch.setenv("CC", str(script))
+        compiler.c_compiler.cache_clear()
+        compiler._machine.cache_clear()
+
+    yield write
+    compiler._given_up.clear()
+    compiler.c_compiler.cache_clear()
+    compiler._machine.cache_clear()
+
+
+def in_the_machine(argument: str) -> bool:
+    """Whether two new functions give their values, and stay in the virtual machine although they would pay."""
+    x = ca.SX.sym(argument)
+    for f in (ca.Function("f", [x], [ca.sin(x) * x]), ca.Function("g", [x], [ca.cos(x) - x])):
+        kernel = Compilable(f)
+        kernel.spent = 1e3
+        used = kernel.current()
+        if used.class_name() == "External" or float(used(2.0)) != float(f(2.0)):  # pyright: ignore[reportArgumentType]
+            return False
+    return True
+
+
+@needs_compiler
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("for w; do case $w in *.so) echo garbage > $w;; esac; done; exit 0", "invalid ELF|too short"),
+        ("sleep 600 & sleep 600", "has not ended after 1 s"),  # with a child that would keep the pipe open
+        ("exit 0", "No such file|cannot open"),
+    ],
+)
+def test_a_compiler_that_lies_or_hangs_is_given_up_and_said_once(bad_compiler, monkeypatch, caplog, line, fault):
+    monkeypatch.setattr(compiler, "_LONGEST", 1.0)
+    bad_compiler(line)
+    begin = time.monotonic()
+    assert in_the_machine("x")
+    assert time.monotonic() - begin < 20.0
+    assert len(caplog.records) == 1 and re.search(fault, caplog.text) and compiler.c_compiler() is None
+
+
+@needs_compiler
+def test_a_kept_library_that_does_not_load_here_is_dropped_and_built_again(own_cache, caplog):
+    """As a mount without execution or another C library leaves it: its content is what its name says."""
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    key = library.stem.rpartition("-")[0]
+    library.unlink()
+    foreign = own_cache.parent / "foreign"
+    foreign.write_bytes(b"\x7fELF of another machine" * 100)
+    bad = cache.keep(key, foreign)
+    assert compiled() == pytest.approx(2.0 * np.sin(2.0), rel=1e-15)
+    assert not bad.exists() and len(list(own_cache.glob("*.so"))) == 1
+    assert caplog.text.count("does not load") == 1
+
+
+@needs_compiler
+@pytest.mark.parametrize("place", ["parent", "folder", "library"])
+def test_a_cache_without_permission_is_no_traceback(own_cache, monkeypatch, caplog, place):
+    """Truth: the operating system's refusal, raised at each place where the cache asks it."""
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    refused = {"parent": own_cache.parent, "folder": own_cache, "library": library}[place]
+
+    def forbidden(original):
+        def ask(path, *arguments, **named):
+            if str(path).startswith(str(refused)):
+                raise PermissionError(13, "Permission denied", str(path))
+            return original(path, *arguments, **named)
+
+        return ask
+
+    for function in ("stat", "lstat", "read_bytes", "mkdir", "glob", "write_text"):
+        monkeypatch.setattr(Path, function, forbidden(getattr(Path, function)))
+    monkeypatch.setattr(cache, "_seen", {})
+    cache._folder.cache_clear()
+    monkeypatch.setattr(compiler, "_given_up", [])
+    x = ca.SX.sym("x")
+    f = ca.Function("f", [x], [ca.sin(x) * x])
+    kernel = Compilable(f)
+    kernel.spent = 1e3
+    assert float(kernel.current()(2.0)) == float(f(2.0))  # pyright: ignore[reportArgumentType]
+    assert len(caplog.records) <= 1
+    cache._folder.cache_clear()
+
+
+def test_a_library_is_of_one_c_library(monkeypatch):
+    """Two versions of it, as under one home on two machines, have a key each."""
+    keys = set()
+    for version in ("2.28", "2.36"):
+        monkeypatch.setattr("platform.libc_ver", lambda version=version: ("glibc", version))
+        compiler._machine.cache_clear()
+        keys.add(compiler._key("source", ("-O2",)))
+    compiler._machine.cache_clear()
+    assert len(keys) == 2
 
 
 def test_a_compiler_that_fails_is_no_compiler(tmp_path, monkeypatch):
