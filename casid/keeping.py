@@ -8,7 +8,10 @@ code. What is to last, or to be read by others, is `Fit.to_dict`, `Diagnosis.wri
 from __future__ import annotations
 
 import json
+import os
 import pickle
+import secrets
+import stat
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,11 +27,16 @@ _FORMAT = 2  # goes up when a file of before cannot be read any more
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A file beside `path` to be written, which takes its place when the block ends well; what stood there stays
-    otherwise. Raises InputError when it cannot be written, as where the disk is full."""
+    """A file beside `path` to be written, which takes its place and mode when the block ends well; what stood there
+    stays otherwise. Its name is random, and a link is replaced, not followed. Raises InputError when it cannot be
+    written, as where the disk is full."""
     target = Path(path)
-    temporary = target.with_name(f".partial-{target.name}")
+    temporary = target.with_name(f".{secrets.token_hex(8)}-{target.name}")
     try:
+        if target.is_file() and not target.is_symlink():
+            mode = stat.S_IMODE(target.stat().st_mode)
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, mode))
+            temporary.chmod(mode)
         yield temporary
         temporary.replace(target)
     except OSError as error:

@@ -2,26 +2,37 @@
 
 from __future__ import annotations
 
+import ctypes
+import errno
 import json
 import os
 import platform
+import re
+import secrets
 import shutil
+import stat
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 from casid.errors import InputError
 
+try:
+    import fcntl
+except ImportError:  # Windows: what a killed run left stays
+    fcntl = None
+
 _PACKAGES = ("casid", "casadi", "numpy", "scipy", "matplotlib")
 _ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-_PARTIAL = ".partial-"  # the folder in which a run writes, named by its process: .partial-PID-xxxx
+_UNFINISHED = ".casid-unfinished"  # stands in a folder until it is whole
+_PLAN = ".casid-plan"  # names of what is moved, one after the other
+_EXCHANGE = 2  # of renameat2
 
 
 def out_folder(text: str) -> Path:
@@ -33,51 +44,164 @@ def out_folder(text: str) -> Path:
 
 @contextmanager
 def whole_folder(folder: str | Path) -> Iterator[Path]:
-    """A temporary folder inside `folder`; what was written into it moves up to `folder` when the block ends well.
+    """Make a folder beside `folder`, which takes its place in one step when the block ends well.
 
-    Files of the same name are replaced one by one, sub-folders of the same name as a whole; other files in `folder`
-    stay. What a killed run left behind is swept away. Raises InputError at once, before any work is done, when nothing
-    can be written there or when another run is writing there.
+    What was there under the same names is gone then, and other files go over; modes of files and folders stay. The new
+    folder has a random name, and no link is followed. What a killed run left is taken away, or finished. A folder that
+    cannot be renamed, such as the one in which the user stands, gets its files one after the other, all or none.
+    Raises InputError at once, before any work is done, when nothing can be written.
     """
-    target = Path(folder)
-    made = [place for place in (target, *target.parents) if not place.exists()]  # the deepest first
+    target = Path(os.path.abspath(folder))
+    if target.is_symlink() or (target.exists() and not target.is_dir()):
+        what = "a link" if target.is_symlink() else "a file"
+        raise InputError(f"{folder}: cannot be written to: is {what}; choose another --out")
+    made = [place for place in target.parents if not place.exists()]  # the deepest first
     try:
-        target.mkdir(parents=True, exist_ok=True)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        fixed = _cannot_be_renamed(target)
         _sweep(target)
-        temporary = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{os.getpid()}-", dir=target))
+        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else 0o777
+        temporary = (target if fixed else target.parent) / f".{target.name}-{secrets.token_hex(8)}"
+        temporary.mkdir(mode)
+        (temporary / _UNFINISHED).touch()
+        lock = _locked(temporary)
     except OSError as error:
-        raise InputError(f"{target}: cannot be written to: {error.strerror or error}; choose another --out") from None
+        raise InputError(f"{folder}: cannot be written to: {error.strerror or error}; choose another --out") from None
     try:
         yield temporary
-        for item in sorted(temporary.iterdir()):
-            place = target / item.name
-            if item.is_dir() and place.is_dir():
-                shutil.rmtree(place)
-            item.replace(place)
+        _keep_modes(temporary, target)
+        if fixed:
+            _move_in(temporary, target)
+        else:
+            _take_place(temporary, target)
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        if (temporary / _UNFINISHED).is_file():
+            shutil.rmtree(temporary, ignore_errors=True)
+        if lock is not None:
+            os.close(lock)
         for place in made:
-            if place.is_dir() and not any(place.iterdir()):
+            with suppress(OSError):
                 place.rmdir()
 
 
-def _sweep(target: Path) -> None:
-    """Take away what runs that are no more left in the folder; refuse a folder in which one still works."""
-    for left in target.glob(f"{_PARTIAL}*"):
-        process = left.name.removeprefix(_PARTIAL).split("-")[0]
-        if process.isdigit() and int(process) != os.getpid() and _alive(int(process)):
-            raise InputError(f"{target}: process {process} is writing its results there; wait, or choose another --out")
-        shutil.rmtree(left, ignore_errors=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
+def _cannot_be_renamed(target: Path) -> bool:
+    """Judge a folder that is there: a mount, the one of this process or above it, or in a folder that is not ours."""
+    if not target.exists():
         return False
-    except PermissionError:
-        pass
-    return True
+    with suppress(OSError):
+        if Path.cwd().is_relative_to(target.resolve()):
+            return True
+    return os.path.ismount(target) or not os.access(target.parent, os.W_OK)
+
+
+def _keep_modes(temporary: Path, target: Path) -> None:
+    """Give what is new the modes of what it takes the place of."""
+    for new, old in ((item, target / item.relative_to(temporary)) for item in (temporary, *temporary.rglob("*"))):
+        if old.exists() and not old.is_symlink() and not new.is_symlink() and old.is_dir() == new.is_dir():
+            new.chmod(stat.S_IMODE(old.stat().st_mode))
+
+
+def _take_place(temporary: Path, target: Path) -> None:
+    """Rename a whole folder to its name; what else was under that name goes over to it."""
+    old = temporary
+    if target.exists() and not _exchanged(temporary, target):
+        old = temporary.with_name(f".{target.name}-{secrets.token_hex(8)}")
+        target.rename(old)
+        try:
+            temporary.rename(target)
+        except BaseException:
+            old.rename(target)
+            raise
+    elif not target.exists():
+        temporary.rename(target)
+    _hand_over(old, target)
+
+
+def _hand_over(old: Path, target: Path) -> None:
+    """Move what `target` does not have from the folder that it replaces, and take that away."""
+    (target / _UNFINISHED).unlink(missing_ok=True)
+    for item in old.iterdir() if old.exists() else ():
+        if item.name != _UNFINISHED and not os.path.lexists(target / item.name):
+            item.rename(target / item.name)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _exchanged(one: Path, other: Path) -> bool:
+    """Swap two folders in one step; False where the system has no call for that."""
+    swap = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None) if os.name == "posix" else None
+    if swap is None:
+        return False
+    here = -100  # AT_FDCWD
+    if swap(here, os.fsencode(one), here, os.fsencode(other), _EXCHANGE) == 0:
+        return True
+    if (fault := ctypes.get_errno()) in (errno.EINVAL, errno.ENOSYS):
+        return False
+    raise OSError(fault, os.strerror(fault), str(other))
+
+
+def _move_in(temporary: Path, target: Path) -> None:
+    """Move the files of a folder into another one, those of the same names out; back again where that fails."""
+    (temporary / _UNFINISHED).unlink()
+    new, old = [item.name for item in temporary.iterdir()], temporary / _UNFINISHED
+    (temporary / _PLAN).write_text("\0".join(new), encoding="utf-8")
+    old.mkdir()
+    try:
+        for name in new:
+            if os.path.lexists(target / name):
+                (target / name).rename(old / name)
+        for name in new:
+            (temporary / name).rename(target / name)
+        old.rename(temporary / "replaced")  # from here on it is done
+    except BaseException:
+        _move_back(temporary, target)
+        raise
+    shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _move_back(temporary: Path, target: Path) -> None:
+    """Put back what `_move_in` had taken out."""
+    old = temporary / _UNFINISHED
+    if old.is_dir():
+        for name in (temporary / _PLAN).read_text(encoding="utf-8").split("\0"):
+            if os.path.lexists(target / name) and not os.path.lexists(temporary / name):
+                (target / name).rename(temporary / name)
+        for item in old.iterdir():
+            item.rename(target / item.name)
+    shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _locked(folder: Path) -> int | None:
+    """Lock a folder for as long as this process lives and keeps the descriptor; None where that cannot be or is done by
+    another process."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(descriptor)
+        return None
+    return descriptor
+
+
+def _sweep(target: Path) -> None:
+    """Take away what killed runs left half-written, and finish what they left half-moved."""
+    named = re.compile(rf"\.{re.escape(target.name)}-[0-9a-f]{{16}}")
+    for place in (target.parent, target):
+        for left in [item for item in place.iterdir() if named.fullmatch(item.name)] if place.is_dir() else ():
+            if left.is_symlink() or not left.is_dir() or (lock := _locked(left)) is None:
+                continue
+            try:
+                if place == target:
+                    _move_back(left, target)
+                elif (left / _UNFINISHED).exists():
+                    shutil.rmtree(left, ignore_errors=True)
+                elif target.exists():
+                    _hand_over(left, target)
+                else:
+                    left.rename(target)
+            finally:
+                os.close(lock)
 
 
 def provenance(seed: int) -> dict[str, Any]:

@@ -28,7 +28,6 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.trim import trim
 from casid.records.readers import read_record
-from casid.report.folder import whole_folder
 
 REPO = Path(__file__).resolve().parents[2]
 
@@ -99,25 +98,11 @@ def test_a_stopped_run_leaves_nothing(tmp_path: Path, sent: signal.Signals, stat
     out = tmp_path / "out"
     command = [sys.executable, "-m", "casid", "demo", "--out", str(out)]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    while not list(out.glob(".partial-*")) and running.poll() is None:
+    while not list(tmp_path.glob(".out-*")) and running.poll() is None:
         time.sleep(0.01)
     running.send_signal(sent)
     _, said = running.communicate(timeout=60)
-    assert running.returncode == status and said.count("\n") == 1 and not out.exists()
-
-
-def test_what_a_killed_run_left_is_swept_and_a_running_one_is_respected(tmp_path: Path) -> None:
-    ended = subprocess.Popen([sys.executable, "-c", ""])
-    ended.wait()
-    left = tmp_path / f".partial-{ended.pid}-abc"
-    left.mkdir()
-    with whole_folder(tmp_path) as folder:
-        (folder / "a").write_text("a")
-    assert [p.name for p in tmp_path.iterdir()] == ["a"]
-    other = tmp_path / f".partial-{os.getppid()}-abc"
-    other.mkdir()
-    with pytest.raises(InputError, match="is writing its results there"), whole_folder(tmp_path):
-        pass
+    assert running.returncode == status and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
