@@ -49,6 +49,33 @@ def one_of(value: Any, valid: Iterable[str], what: str) -> str:
     raise InputError(f"{what} is {given(value)}; {hint}")
 
 
+_LONGEST_NAME = 200
+
+
+def one_line(value: Any, what: str, most: int = _LONGEST_NAME) -> str:
+    """Return `value` when it is a text of one line, of `most` printable characters; InputError otherwise."""
+    if not isinstance(value, str):
+        raise InputError(f"{what} is {given(value)}; expected a text in quotes")
+    if not value.isprintable() or len(value) > most:
+        raise InputError(f"{what} is {given(value)}; expected one line of printable characters, {most} at most")
+    return value
+
+
+def identifier(value: Any, what: str) -> str:
+    """Return `value` when it can be a name in code: letters of ASCII, digits and _, no digit first; InputError
+    otherwise."""
+    if not (isinstance(value, str) and value.isascii() and value.isidentifier() and len(value) <= _LONGEST_NAME):
+        raise InputError(f"{what} is {given(value)}; expected a name of letters, digits and _, like frequency")
+    return value
+
+
+def sequence(value: Any, what: str, of: str) -> tuple[Any, ...]:
+    """Return the members of a list, tuple or array; InputError, which says `of` what, for anything else."""
+    if not isinstance(value, (list, tuple)) and not getattr(value, "ndim", 0):
+        raise InputError(f"{what} is {given(value)}; expected {of}")
+    return tuple(value)
+
+
 def table_of(value: Any, what: str, like: str) -> Mapping[str, Any]:
     """`value` when it is a table whose keys are names; InputError that shows one `like` it otherwise."""
     if isinstance(value, Mapping) and all(isinstance(name, str) for name in value):
@@ -88,7 +115,7 @@ def names(value: Any, what: str) -> tuple[str, ...]:
     """`value` as texts; InputError for one text alone, and for what is no text."""
     if isinstance(value, str):
         raise InputError(f"{what} is {given(value)}; expected a list of names: write [{value!r}]")
-    if isinstance(value, Mapping) or not isinstance(value, Iterable):
+    if isinstance(value, Mapping) or not isinstance(value, Iterable) or getattr(value, "ndim", 1) == 0:
         raise InputError(f"{what} is {given(value)}; expected a list of names, like ['Cm_alpha', 'Cm_q']")
     found = tuple(value)
     for one in found:

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+_LONGEST = 2000  # characters of a message
+
 
 class CasidError(Exception):
-    """Base class of every error that casid raises on purpose; `str()` is one line.
+    """Base class of every error that casid raises on purpose; `str()` is one line of printable characters.
 
     Examples
     --------
@@ -18,6 +20,10 @@ class CasidError(Exception):
     ...     print(error)
     absent.csv: cannot be read: No such file or directory
     """
+
+    def __str__(self) -> str:
+        message = "".join(c if c.isprintable() else repr(c)[1:-1] for c in super().__str__())
+        return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 
 
 class InputError(CasidError):
@@ -44,11 +50,14 @@ class EstimationError(CasidError):
     """
 
 
+_MOST_NAMES = 60  # that a message lists
+
+
 def nearest(name: str, valid: Iterable[str]) -> str | None:
     """The valid name that `name` was probably meant to be, or None."""
     pool = list(valid)
     lowered = {v.lower(): v for v in reversed(pool)}
-    match = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.5)
+    match = get_close_matches(name[:200].lower(), list(lowered), n=1, cutoff=0.5)
     return lowered[match[0]] if match else None
 
 
@@ -56,6 +65,7 @@ def unknown(what: str, name: str, valid: Iterable[str], where: str = "") -> Inpu
     """An InputError for a name that does not exist: `what` is e.g. "channel", `where` a file."""
     pool, name = sorted(valid), str(name)
     near = nearest(name, pool)
-    hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool)}"
+    more = f" and {len(pool) - _MOST_NAMES} more" if len(pool) > _MOST_NAMES else ""
+    hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool[:_MOST_NAMES])}{more}"
     prefix = f"{where}: " if where else ""
-    return InputError(f"{prefix}unknown {what} '{name}'; {hint}")
+    return InputError(f"{prefix}unknown {what} '{name if len(name) <= 60 else name[:57] + '...'}'; {hint}")

@@ -85,7 +85,7 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: cs.Record(name="m", t=T, channels={"alpha": U[1:]}), "both need the same"),
     (lambda o: cs.Record(name="m", t=T, channels={"alpha": 5.0 * np.degrees(U), "delta_e": U}), "np.radians"),
     (lambda o: cs.flight_inputs(o.plane, o.flown[0].with_channels(alpha=np.full(200, 3.0))), "np.radians"),
-    (lambda o: cs.Record(name=1, t=T, channels={}), "expected a text, like 'm1'"),
+    (lambda o: cs.Record(name=1, t=T, channels={}), "expected a text in quotes"),
     (lambda o: cs.Record(name="m", t=T, channels={"u": U}, hold="linaer"), "did you mean 'linear'"),
     (lambda o: o.record["alfa"], "did you mean 'alpha'"),
     (lambda o: arrays(channels={"alpha": np.degrees(U)}), "write the header as 'alpha [deg]'"),

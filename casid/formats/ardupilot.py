@@ -104,6 +104,9 @@ def _with_head(aircraft: Aircraft, size: dict[str, float], left: list[str]) -> s
         "SIM_Plane flies: area and moment coefficients are scaled by mass and inertia.",
         f"A full input stands for {inputs}.",
         "Not held:",
-        *(f"  {line}" for line in left),
     ]
-    return "".join(f"# {' '.join(line.split()) if line[:1] != ' ' else line}\n" for line in lines)
+    return "".join([*(f"# {_in_comment(line)}\n" for line in lines), *(f"#   {_in_comment(line)}\n" for line in left)])
+
+
+def _in_comment(text: str) -> str:
+    return " ".join(text.split())

@@ -223,7 +223,12 @@ def said(effect: EffectValue, why: str) -> str:
     return f"{effect.kind}{target} {effect.value:.6g} {effect.unit}: it {why}"
 
 
+def in_comment(text: str) -> str:
+    """Return a text as one line that may stand in a comment of XML: no -- in it, and no - at its end."""
+    return re.sub(r"-(?=-|$)", "- ", " ".join(text.split()))
+
+
 def comment(left: Sequence[str]) -> str:
     """What a file cannot say, as a comment of it."""
-    lines = "".join(f"\n       {line.replace('--', '- -')}" for line in left)
+    lines = "".join(f"\n       {in_comment(line)}" for line in left)
     return f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n"

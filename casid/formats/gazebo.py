@@ -10,6 +10,7 @@ import math
 import xml.etree.ElementTree as ET
 
 from casid.formats.absorbed import Absorbed, absorbed, in_wind_axes, need_derivatives, polar_of
+from casid.formats.file_tables import in_comment
 from casid.model.aircraft import Aircraft
 
 SURFACES = {"delta_e": "elevator_joint", "delta_a": "aileron_joint", "delta_r": "rudder_joint"}
@@ -131,6 +132,6 @@ def _head(aircraft: Aircraft, left: list[str]) -> str:
         "Join your surfaces by elevator_joint, aileron_joint and rudder_joint, positive as in the file of casid.",
         "Releases of gz-sim before the fix of August 2026 lose Cem0 and Cema: the pitching moment is then wrong.",
         "Not held:",
-        *(f"  {line}" for line in left),
     ]
-    return '<?xml version="1.0"?>\n<!--\n' + "".join(f"  {line.replace('--', '- -')}\n" for line in lines) + "-->\n"
+    written = [*(f"  {in_comment(line)}\n" for line in lines), *(f"    {in_comment(line)}\n" for line in left)]
+    return f'<?xml version="1.0"?>\n<!--\n{"".join(written)}-->\n'

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.arguments import identifier
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.terms import derivative_term
@@ -80,9 +81,10 @@ def struct_of(aircraft: Aircraft) -> dict[str, Any]:
 
 def matlab_text(struct: dict[str, Any]) -> str:
     """The struct as a script."""
-    name = _quoted(struct["name"])
-    lines = [f"% {struct['name']}, written by casid. SI units and radians; body axes x forward, y right, z down.", ""]
-    lines += [
+    name, line = _quoted(struct["name"]), " ".join(struct["name"].split())
+    lines = [
+        f"% {line}, written by casid. SI units and radians; body axes x forward, y right, z down.",
+        "",
         "% A coefficient is the sum of its terms, value times monomial, p, q, r made dimensionless with",
         "% rate_length_lateral / V and rate_length_pitch / V, and of its tables.",
         f"clear aircraft; aircraft.name = {name};",
@@ -121,7 +123,7 @@ def _for_mat(value: Any) -> Any:
 def _assigned(name: str, value: Any) -> list[str]:
     """Lines that give a name a value."""
     if isinstance(value, dict):
-        found = [line for key, one in value.items() for line in _assigned(f"{name}.{key}", one)]
+        found = [line for key, one in value.items() for line in _assigned(f"{name}.{identifier(key, name)}", one)]
         return found or [f"{name} = struct();"]
     if isinstance(value, list) and value and isinstance(value[0], dict):
         return [line for i, one in enumerate(value, 1) for line in _assigned(f"{name}({i})", one)]
@@ -143,4 +145,5 @@ def _value(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    return "'" + text.replace("'", "''") + "'"
+    """Return a text as MATLAB has it, which ends neither the quotes nor the line."""
+    return "'" + " ".join(text.splitlines()).replace("'", "''") + "'"

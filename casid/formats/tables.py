@@ -16,7 +16,10 @@ from casid.model.terms import derivative_term, parse_term
 HEAD = ("section", "name", "value", "std", "unit")
 _UNITS = {"mass": "kg", "gravity": "m/s2", "area": "m2"}
 _TRIM_UNITS = {"V": "m/s", "altitude": "m", "rho": "kg/m3", "thrust": "N", "gravity": "m/s2"}
-_LATEX = str.maketrans({c: "\\" + c for c in "_%#&$"} | {"^": r"\textasciicircum{}"})
+_LATEX = str.maketrans(
+    {c: "\\" + c for c in "_%#&${}"}
+    | {"^": r"\textasciicircum{}", "~": r"\textasciitilde{}", "\\": r"\textbackslash{}"}
+)
 
 Row = tuple[str, str, float, float, str]
 
@@ -58,16 +61,24 @@ def csv_text(aircraft: Aircraft) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEAD)
-    writer.writerow(("aircraft", "name", aircraft.name, "", ""))
+    writer.writerow(("aircraft", "name", _cell(aircraft.name), "", ""))
     writer.writerow(("aircraft", "force_axes", aircraft.force_axes, "", ""))
     for section, name, value, std, unit in rows_of(aircraft):
-        writer.writerow((section, name, repr(value), "" if math.isnan(std) else repr(std), unit))
+        writer.writerow((_cell(section), _cell(name), repr(value), "" if math.isnan(std) else repr(std), unit))
     return out.getvalue()
+
+
+def _cell(text: str) -> str:
+    """Return a text as a cell that a spreadsheet does not take for a formula."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@") else text
 
 
 def latex_text(aircraft: Aircraft) -> str:
     """A tabular with rules of booktabs, to six digits."""
-    lines = [f"% {aircraft.name}, written by casid; needs \\usepackage{{booktabs}}", r"\begin{tabular}{llrrl}"]
+    lines = [
+        f"% {' '.join(aircraft.name.split())}, written by casid; needs \\usepackage{{booktabs}}",
+        r"\begin{tabular}{llrrl}",
+    ]
     lines += [r"\toprule", " & ".join(HEAD) + r" \\"]
     before = ""
     for section, name, value, std, unit in rows_of(aircraft):

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import a_path, given, is_path, number, numbers_by_name
+from casid.arguments import Kind, a_path, given, is_path, number, numbers_by_name, one_line, require, sequence, table_of
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
@@ -118,7 +118,9 @@ class Aircraft:
 
     def __post_init__(self) -> None:
         lengths = ("moment_length_lateral", "moment_length_pitch", "rate_length_lateral", "rate_length_pitch")
-        values: dict[str, Any] = {
+        values: dict[str, Any] = {"name": one_line(self.name, "'name'")}
+        require(self.inertia, Inertia, "'inertia'", "cs.Inertia(Ixx=..., Iyy=..., Izz=..., Ixz=...)")
+        values |= {
             name: number(getattr(self, name), f"'{name}'", positive=True)
             for name in ("mass", "gravity", "area", *lengths)
         }
@@ -129,13 +131,16 @@ class Aircraft:
         values["relative_uncertainty"] = number(self.relative_uncertainty, "'relative_uncertainty'", least=0.0)
         values["noise"] = _checked(self.noise, [c for c in CHANNELS if c != "t"], "noise", "channel", CHANNELS)
         values["trim"] = _checked(self.trim, _TRIM, "trim", "key", _POSITIVE_TRIM)
-        if self.force_axes not in AXES_COEFFICIENTS:
-            raise unknown("force_axes", str(self.force_axes), AXES_COEFFICIENTS)
-        values["derivatives"] = self._checked_derivatives()
-        values["terms"] = self._checked_terms(values["derivatives"])
+        if one_line(self.force_axes, "'force_axes'") not in AXES_COEFFICIENTS:
+            raise unknown("force_axes", self.force_axes, AXES_COEFFICIENTS)
+        if not (self.aerodynamics is None or callable(self.aerodynamics)):
+            raise InputError(f"'aerodynamics' is {given(self.aerodynamics)}; expected a function of the regressors")
         values["tables"] = self._checked_tables()
-        values["std"] = {name: number(one, f"std: '{name}'", least=0.0) for name, one in self.std.items()}
-        values["effects"] = tuple(self.effects)
+        values["derivatives"] = self._checked_derivatives(values["tables"])
+        values["terms"] = self._checked_terms(values["derivatives"])
+        std = table_of(self.std, "std", "{'Cm_alpha': 0.1}")
+        values["std"] = {name: number(one, f"std: '{name}'", least=0.0) for name, one in std.items()}
+        values["effects"] = _several(self.effects, EffectValue, "effects", "[cs.EffectValue(kind=..., value=...)]")
         for effect in values["effects"]:
             if KINDS[effect.kind].of_coefficients:
                 for coefficient in KINDS[effect.kind].parts(effect.target):
@@ -155,10 +160,10 @@ class Aircraft:
             )
         raise unknown("coefficient", coefficient, valid, where)
 
-    def _checked_derivatives(self) -> dict[str, float]:
-        if not (self.derivatives or self.tables or self.aerodynamics):
-            raise InputError("'derivatives' is empty; give at least one, like Cm_alpha = -1.2")
+    def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
         derivatives = numbers_by_name(self.derivatives, "derivatives")
+        if not (derivatives or tables or self.aerodynamics):
+            raise InputError("'derivatives' is empty; give at least one, like Cm_alpha = -1.2")
         for name in derivatives:
             coefficient, term = derivative_term(name, "derivatives")
             self._check_coefficient(coefficient, f"derivatives: '{name}'")
@@ -171,7 +176,7 @@ class Aircraft:
 
     def _checked_terms(self, derivatives: Mapping[str, float]) -> dict[str, dict[str, float]]:
         terms: dict[str, dict[str, float]] = {}
-        for coefficient, row in self.terms.items():
+        for coefficient, row in table_of(self.terms, "terms", "{'Cm': {'alpha^2': 0.4}}").items():
             self._check_coefficient(coefficient, "terms")
             table = terms.setdefault(coefficient, {})
             for spelled, value in numbers_by_name(row, f"terms: '{coefficient}'").items():
@@ -183,12 +188,13 @@ class Aircraft:
         return terms
 
     def _checked_tables(self) -> tuple[Table, ...]:
-        names = [one.name for one in self.tables]
-        for one in self.tables:
+        tables = _several(self.tables, Table, "tables", "[cs.table(...)]")
+        names = [one.name for one in tables]
+        for one in tables:
             self._check_coefficient(one.coefficient, f"table '{one.name}'")
             if names.count(one.name) > 1:
                 raise InputError(f"table '{one.name}' stands twice; give each a name of its own")
-        return tuple(self.tables)
+        return tables
 
     @property
     def coefficients(self) -> tuple[str, ...]:
@@ -385,10 +391,15 @@ def _checked(
     table: Mapping[str, float], valid: Iterable[str], section: str, what: str, positive: Iterable[str]
 ) -> dict[str, float]:
     pool, above_zero = tuple(valid), tuple(positive)
-    for key in table:
+    for key in table_of(table, section, "{'alpha': 0.0035}" if what == "channel" else "{'V': 60.0}"):
         if key not in pool:
             raise unknown(what, key, pool, section)
     return {key: number(v, f"{section}: '{key}'", positive=key in above_zero) for key, v in table.items()}
+
+
+def _several(value: Any, kind: type[Kind], what: str, write: str) -> tuple[Kind, ...]:
+    """Return `value` as values of one kind; InputError for anything else."""
+    return tuple(require(one, kind, f"a member of {what}", write) for one in sequence(value, what, write))
 
 
 def given_aircraft(value: Any, where: str) -> Aircraft:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from casid.arguments import given, number, numbers_by_name
+from casid.arguments import given, identifier, number, numbers_by_name, one_line, sequence, table_of
 from casid.errors import InputError, unknown
-from casid.model.aircraft_file import numbers, text
+from casid.model.aircraft_file import numbers
 from casid.model.vocabulary import KINDS, check_effect, effect_unit
 
 
@@ -60,9 +60,12 @@ class EffectValue:
     sentence: str = ""
 
     def __post_init__(self) -> None:
-        where = f"effect '{self.kind}'"
-        if isinstance(self.records, str):
-            raise InputError(f"{where}: records is {given(self.records)}; expected a list of names")
+        where = f"effect '{one_line(self.kind, 'an effect: kind')}'"
+        for key in ("target", "term", "unit"):
+            if (given_text := getattr(self, key)) is not None:
+                one_line(given_text, f"{where}: {key}")
+        one_line(self.sentence, f"{where}: sentence", 2000)
+        records = sequence(self.records, f"{where}: records", "a list of names")
         check_effect(self.kind, self.target, self.term)
         unit = effect_unit(self.kind, self.target, self.term)
         if self.unit not in ("", unit):
@@ -73,22 +76,26 @@ class EffectValue:
             "value": number(self.value, f"{where}: value"),
             "std": number(self.std, f"{where}: std", least=0.0),
             "unit": unit,
-            "records": tuple(text(name, f"{where}: a name in records") for name in self.records),
+            "records": tuple(one_line(name, f"{where}: a name in records") for name in records),
             "onset_s": self._onsets(where),
-            "parameters": numbers_by_name(self.parameters, f"{where}: parameters"),
+            "parameters": {
+                identifier(name, f"{where}: a name in parameters"): size
+                for name, size in numbers_by_name(self.parameters, f"{where}: parameters").items()
+            },
         }
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
     def _onsets(self, where: str) -> dict[str, tuple[float, float]] | None:
-        if not self.onset_s:
+        if self.onset_s is None:
             return None
         onsets = {}
-        for record, interval in self.onset_s.items():
+        for record, interval in table_of(self.onset_s, f"{where}: onset_s", "{'m1': (9.0, 9.4)}").items():
+            one_line(record, f"{where}: a name in onset_s")
             if self.records and record not in self.records:
                 raise unknown("record", record, self.records, f"{where}: onset_s")
             low, high = numbers(interval, f"{where}: onset_s of '{record}'", 2)
             if low > high:
                 raise InputError(f"{where}: onset_s of '{record}' runs backwards, [{low}, {high}]; earliest time first")
             onsets[record] = (low, high)
-        return onsets
+        return onsets or None

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from casid.arguments import given, number, require
+from casid.arguments import given, number, one_line, one_of, require, sequence
 from casid.arguments import names as argument_names
 from casid.errors import InputError, unknown
 from casid.model.aircraft_file import check_keys, text
@@ -40,10 +40,13 @@ class Grid:
     outside: str = "hold"
 
     def __post_init__(self) -> None:
-        if self.method not in METHODS:
-            raise unknown("method", str(self.method), METHODS)
-        if self.outside not in OUTSIDE:
-            raise unknown("outside", str(self.outside), OUTSIDE)
+        one_of(self.method, METHODS, "method")
+        one_of(self.outside, OUTSIDE, "outside")
+        axes = sequence(self.breakpoints, "breakpoints", "one list of numbers per axis")
+        points = tuple(tuple(number(x, "a breakpoint") for x in sequence(axis, "an axis", "numbers")) for axis in axes)
+        object.__setattr__(self, "breakpoints", points)
+        values = tuple(number(x, "a value") for x in sequence(self.values, "values", "numbers"))
+        object.__setattr__(self, "values", values)
         if self.method == "spline" and self.outside == "linear":
             raise InputError('a spline is held outside its breakpoints; write outside = "hold", or method = "linear"')
         if not 1 <= len(self.breakpoints) <= 3:
@@ -56,14 +59,10 @@ class Grid:
                 f"{' x '.join(map(str, self.shape))} breakpoints need {math.prod(self.shape)} values, "
                 f"got {len(self.values)}"
             )
-        if not all(map(math.isfinite, self.values)):
-            raise InputError("a value of the table is not finite; give a number for each point of the grid")
 
     def _check_axis(self, position: int, axis: Sequence[float], least: int) -> None:
         if len(axis) < least:
             raise InputError(f"axis {position} has {len(axis)} breakpoints; a {self.method} table needs {least}")
-        if not all(map(math.isfinite, axis)):
-            raise InputError(f"axis {position}: a breakpoint is not finite")
         for low, high in zip(axis, axis[1:], strict=False):
             if high < low or (high == low and self.method == "spline"):
                 raise InputError(f"axis {position}: breakpoints must ascend, got {low:g} before {high:g}")
@@ -206,15 +205,18 @@ class Table:
     free: bool = False
 
     def __post_init__(self) -> None:
-        where = f"table '{self.name}'"
-        if self.coefficient not in COEFFICIENTS:
+        where = f"table '{one_line(self.name, 'a table: name')}'"
+        if one_line(self.coefficient, f"{where}: coefficient") not in COEFFICIENTS:
             raise unknown("coefficient", self.coefficient, COEFFICIENTS, where)
+        require(self.grid, Grid, f"{where}: grid", "a cs.table(...) of breakpoints and values")
+        require(self.free, bool, f"{where}: free", "free=True or free=False")
+        object.__setattr__(self, "axes", argument_names(self.axes, f"{where}: axes"))
         for axis in self.axes:
             if axis not in VARIABLES:
                 raise unknown("axis", axis, VARIABLES, where)
         if len(set(self.axes)) != len(self.axes) or len(self.axes) != len(self.grid.shape):
             raise InputError(f"{where}: {len(self.grid.shape)} axes of breakpoints for the regressors {self.axes}")
-        object.__setattr__(self, "times", parse_term(self.times, where).name)
+        object.__setattr__(self, "times", parse_term(one_line(self.times, f"{where}: times"), where).name)
 
     @cached_property
     def knots(self) -> dict[str, float]:
@@ -362,26 +364,19 @@ def table(
     >>> pitch.coefficient, pitch.axes
     ('Cm', ('alpha',))
     """
-    for what, value in (("coefficient", coefficient), ("name", name), ("times", times)):
-        require(value, str, f"table: {what}", "a text, like 'Cm'")
-    require(free, bool, "table: free", "free=True or free=False")
+    one_line(coefficient, "table: coefficient")
     names = (axes,) if isinstance(axes, str) else argument_names(axes, "table: axes")
     called = name or f"{coefficient}({', '.join(names)})" + (f"*{times}" if times != "0" else "")
-    lists = (
-        [breakpoints] if len(breakpoints) and not isinstance(breakpoints[0], (list, tuple, np.ndarray)) else breakpoints
-    )
     try:
-        grid = Grid(
-            breakpoints=tuple(tuple(number(x, "a breakpoint") for x in axis) for axis in lists),
-            values=tuple(number(x, "a value") for x in np.asarray(values, dtype=float).ravel()),
-            method=method,
-            outside=outside,
-        )
+        lists = sequence(breakpoints, "breakpoints", "a list of numbers, or one per axis")
+        if lists and not isinstance(lists[0], (list, tuple, np.ndarray)):
+            lists = (lists,)
+        grid = Grid(breakpoints=lists, values=tuple(np.asarray(values, float).ravel()), method=method, outside=outside)
         if np.shape(values) != grid.shape:
             raise InputError(f"values of shape {np.shape(values)} on breakpoints of shape {grid.shape}")
     except InputError as error:
         raise InputError(f"table '{called}': {error}") from None
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InputError(f"table '{called}': values must be lists of numbers of one length") from None
     return Table(name=called, coefficient=coefficient, axes=names, grid=grid, times=times, free=free)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import given, listed, require
+from casid.arguments import given, listed, one_line, require
 from casid.arguments import names as argument_names
 from casid.errors import InputError, nearest, unknown
 from casid.records.checks import checked_fields
@@ -80,14 +80,14 @@ class Record:
     events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise InputError(f"Record: name is {given(self.name)}; expected a text, like 'm1'")
-        where = f"record '{self.name}'"
+        where = f"record '{one_line(self.name, 'Record: name')}'"
         t = _samples(self.t, f"{where}: t")
         _check_increasing(t, where)
         if not isinstance(self.channels, Mapping):
             raise InputError(f"{where}: channels is {given(self.channels)}; expected a table like {{'alpha': alpha}}")
         channels = {name: _channel(name, values, t, where) for name, values in self.channels.items()}
+        for key in ("notes", "empty"):
+            object.__setattr__(self, key, argument_names(getattr(self, key), f"{where}: {key}"))
         object.__setattr__(self, "hold", _checked_hold(self.hold, channels, where))
         object.__setattr__(self, "events", _checked_events(self.events, t, where))
         object.__setattr__(self, "t", t)
@@ -377,7 +377,7 @@ def _checked_hold(hold: Any, channels: Mapping[str, np.ndarray], where: str) -> 
 
 def _hold_word(how: Any, where: str) -> str:
     word = _ALSO.get(how, how) if isinstance(how, str) else how
-    if word not in _HOLDS:
+    if not isinstance(word, str) or word not in _HOLDS:
         raise unknown("hold", str(how), (*_HOLDS, *_ALSO), where)
     return word
 
