@@ -99,7 +99,8 @@ def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: 
     try:
         parameters, correlation = document["parameters"], document["correlation"]
         values = {name: float(one["value"]) for name, one in parameters.items()}
-        std = np.array([_number(parameters[name]["std_corrected"]) for name in correlation["names"]])
+        key = "std_corrected" if document.get("schema") == "casid.estimate/1" else "std"
+        std = np.array([_number(parameters[name][key]) for name in correlation["names"]])
         matrix = np.array([[_number(value) for value in row] for row in correlation["matrix"]])
         covariance = matrix * std[:, None] * std
         ordered = {name: values[name] for name in correlation["names"]}

@@ -12,7 +12,8 @@ from casid.errors import InputError
 from casid.estimation.attempt import build_objective
 from casid.estimation.cost import OutputError
 from casid.estimation.fit import Fit
-from casid.estimation.problem import Problem, of_record
+from casid.estimation.initial_state import of_record
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.point import Point
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.simulate import Simulation, simulate

@@ -19,6 +19,8 @@ from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
 
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
+_PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
+_WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
@@ -57,8 +59,38 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
     if isinstance(method, Stepping):
         end = integrated(objective, outcome, method, solver)
         objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
+    objective, outcome = _freed(objective, outcome, solver)
     outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
     return Attempt(objective=objective, outcome=outcome, method=method, fine=fine)
+
+
+def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objective, Outcome]:
+    """The solution where initial states that are not given weigh nothing: their priors are widened as long as they
+    do."""
+    loose = ~objective.problem.is_initial_given
+    for _ in range(_TIMES):
+        pulled = outcome.status == "converged" and _pull(objective, outcome, loose) > _PULL
+        if not pulled or solver.left <= 0.0:
+            break
+        objective = Objective(_with_wider(objective.problem, loose), objective.dynamics, outcome.point)
+        outcome = solver.minimise(objective)
+    return objective, outcome
+
+
+def _pull(objective: Objective, outcome: Outcome, loose: np.ndarray) -> float:
+    """What the priors of the `loose` (records, states) initial states add to -ln(likelihood)."""
+    if objective.dynamics is None:
+        return 0.0
+    apart = outcome.point.nodes[objective.layout.first] - objective.centre
+    return 0.5 * float(((apart * objective.initial_precision)[loose] ** 2).sum())
+
+
+def _with_wider(problem: Problem, loose: np.ndarray) -> Problem:
+    std = problem.initial_knowledge[1] * np.where(loose, _WIDER, 1.0)
+    names = [(f"{s}[{r.name}]") for r in problem.records for s in problem.model.states]
+    wider = {name: float(v) for name, v, free in zip(names, std.ravel(), loose.ravel(), strict=True) if free}
+    known = replace(problem.initial_state, std={**problem.initial_state.std, **wider})
+    return replace(problem, initial_state=known)
 
 
 def build_objective(problem: Problem, method: Transcription) -> Objective:

@@ -164,6 +164,34 @@ class Fit:
             for i, (name, value) in enumerate(self.values.items())
         }
 
+    @cached_property
+    def initial_states(self) -> dict[str, dict[str, Estimate]]:
+        """Record -> state -> Estimate of its value at the first sample, with the prior that `InitialState` gave (not a
+        number and infinite where it gave none: the data alone decide). A state that the model's `initial` gives is no
+        estimate and not listed."""
+        errors, posed = self.uncertainty.initial_std, self.problem
+        found: dict[str, dict[str, Estimate]] = {}
+        for r, record in enumerate(posed.records if self.states else ()):
+            value, std = posed.initial_state.of(record.name)
+            first = dict(zip(posed.model.states, self.states[record.name].nodes[0].tolist(), strict=True))
+            found[record.name] = {}
+            for i, name in enumerate(posed.model.states):
+                if name in posed.model.initial and name not in std:
+                    continue
+                bound, corrected = (math.nan, math.nan) if errors is None else errors[:, r, i].tolist()
+                reach = self.uncertainty.quantile * max(bound, corrected)
+                found[record.name][name] = Estimate(
+                    name=f"{name}[{record.name}]",
+                    value=first[name],
+                    std=max(bound, corrected),
+                    std_cramer_rao=bound,
+                    std_corrected=corrected,
+                    interval=(first[name] - reach, first[name] + reach),
+                    prior=value.get(name, math.nan),
+                    prior_std=std.get(name, math.inf),
+                )
+        return found
+
     def __getitem__(self, name: str) -> Estimate:
         if name not in self.parameters:
             raise unknown("parameter", name, self.parameters, "fit")
@@ -213,8 +241,8 @@ class Fit:
         parameters = {
             name: {
                 "value": number(e.value),
-                "std": number(e.std_cramer_rao),
-                "std_corrected": number(e.std_corrected),
+                "std": number(e.std),
+                "std_cramer_rao": number(e.std_cramer_rao),
                 "prior": number(e.prior),
                 "prior_std": number(e.prior_std),
             }
@@ -225,7 +253,7 @@ class Fit:
             for name, c in self.channels.items()
         }
         return {
-            "schema": "casid.estimate/1",
+            "schema": "casid.estimate/2",
             "model": self.problem.model.name,
             "status": self.status,
             "converged": self.converged,
@@ -245,6 +273,19 @@ class Fit:
                 "matrix": [[number(v) for v in row] for row in self.correlations],
             },
             **({"population": {n: asdict(one) for n, one in self.population.items()}} if self.population else {}),
+            "initial_states": {
+                record: {
+                    state: {
+                        "value": number(e.value),
+                        "std": number(e.std),
+                        "std_cramer_rao": number(e.std_cramer_rao),
+                        "prior": number(e.prior),
+                        "prior_std": number(e.prior_std),
+                    }
+                    for state, e in states.items()
+                }
+                for record, states in self.initial_states.items()
+            },
             "noise": {name: number(v) for name, v in self.noise.items()},
             "channels": channels,
             "remarks": list(self.remarks),

@@ -1,8 +1,9 @@
 """A first guess of states that no channel measures: what the model, at its start values, makes of what is measured.
 
 A smoother: outputs weigh as if their noise were a twentieth of their range. Every state may wander by ten times its
-size over a record, so that a wrong start value does not keep the motion from the data. Where its explicit steps run
-off, a stiff system, it is the simulation at the start values by CVODES.
+size over a record, so that a wrong start value does not keep the motion from the data. The size of a state that nobody
+measures is that of the model, or as many thousand times more as the readings need to be followed. Where its explicit
+steps run off, a stiff system, it is the simulation at the start values by CVODES.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.cost import OutputError
+from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
@@ -29,6 +31,8 @@ _WANDER = 10.0  # sizes of a state over a record
 _ITERATIONS = 30
 _RELATIVE, _ABSOLUTE = 1e-6, 1e-9  # tolerances of CVODES
 _MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
+_LARGER, _TIMES = 1e3, 5  # factors of the size of states, up to fifteen orders of magnitude
+_FOLLOWED = 1.0  # mean square of residuals in units of the assumed noise: a twentieth of the range
 
 
 def with_guess(problem: Problem, inner: Problem) -> Problem:
@@ -44,14 +48,9 @@ def with_guess(problem: Problem, inner: Problem) -> Problem:
     found = _guessed_states(inner)
     if found is None:
         return inner
-    std, wide = dict(inner.initial_state.std), {}
     for record, own in missing.items():
         table[record][:, own] = found[record][:, own]
-        for i in own:  # as large as the guess itself: nobody measured it
-            if not {states[i], f"{states[i]}[{record}]"} & set(std):
-                size = float(np.abs(found[record][:, i]).max())
-                wide[f"{states[i]}[{record}]"] = max(size, inner.model.state_scale[states[i]])
-    return _guessing(replace(inner, initial_state=replace(inner.initial_state, std=std | wide)), table)
+    return _guessing(inner, table)
 
 
 def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
@@ -67,7 +66,20 @@ def _guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
 
 
 def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
-    """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
+    """Record -> (N, states) at the start values of a problem; None where the model has no motion there. With the
+    smallest sizes of the states with which the readings are followed, or else those that come nearest."""
+    best, nearest = None, np.inf
+    for k in range(_TIMES + 1):
+        found, square = _smoothed_at(problem, _LARGER**k)
+        if square < nearest:
+            best, nearest = found, square
+        if nearest < _FOLLOWED or (best is not None and square > 0.99 * nearest and k > 1 and found is not best):
+            break
+    return best
+
+
+def _smoothed_at(problem: Problem, larger: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
+    """As `_smoothed`, with states so many times larger than the model says, and the mean square of the residuals."""
     held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
     model = share_cache(replace(held, guess=problem.model.guess), held)
     # in continuous time noise gathers over a record's duration, in discrete time over its samples
@@ -80,20 +92,31 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
         cost=OutputError(),
         noise={name: _twentieth(problem.records, name) for name in model.outputs},
         prior=True,
-        initial_state=problem.initial_state,
+        initial_state=_with_sizes(problem, larger),
     )
-    wander = {s: _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
+    wander = {s: larger * _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
     method = MultipleShooting(interval=1, process_noise=wander, substeps=1)
     try:
         objective = Objective(smoothing, method.dynamics(smoothing))
         outcome = GaussNewton(iterations=_ITERATIONS).minimise(objective)
     except np.linalg.LinAlgError:
-        return None
-    trajectory = outcome.value.trajectory
-    if trajectory is None or not np.isfinite(trajectory.states).all() or not outcome.value.worst() < _MOTION:
-        return None
+        return None, np.inf
+    trajectory, levels = outcome.value.trajectory, outcome.value.noise.levels
+    if trajectory is None or not np.isfinite(trajectory.states).all():
+        return None, np.inf
+    if not outcome.value.worst() < _MOTION * larger:
+        return None, np.inf
     flat = trajectory.states.reshape(-1, len(model.states))
-    return {r.name: flat[own] for r, own in zip(problem.records, objective.layout.sample, strict=True)}
+    square = 2.0 * levels.cost(outcome.value.squares) / levels.count
+    return {r.name: flat[own] for r, own in zip(problem.records, objective.layout.sample, strict=True)}, square
+
+
+def _with_sizes(problem: Problem, larger: float) -> InitialState:
+    """What is known of the initial states, and of the others a deviation of so many sizes."""
+    given, model = problem.initial_state, problem.model
+    known = {name.split("[")[0] for name in given.std}
+    sizes = {s: larger * model.state_scale[s] for s in model.states if s not in known}
+    return replace(given, std={**given.std, **sizes})
 
 
 def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:

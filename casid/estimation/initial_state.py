@@ -10,7 +10,10 @@ from casid.arguments import table_of
 
 @dataclass(frozen=True, kw_only=True)
 class InitialState:
-    """What is known of the initial states: each is free, with a prior, unless its 1-sigma is zero.
+    """What is known of the initial states. Each is free unless its 1-sigma is zero.
+
+    An initial state without a 1-sigma is as free as the data decide. It has a prior only for the sake of what no
+    reading tells: thirty times the size of its readings or its guess, and wider where that would weigh anything.
 
     A name with a record behind it, "x[m1]", is of that record alone. A model that says `initial` itself needs nothing
     here: what it names is held there exactly.
@@ -18,9 +21,9 @@ class InitialState:
     Attributes
     ----------
     value
-        State -> centre of the prior; default: the first row of `model.guess(record)`.
+        State -> centre of the prior, and where the search begins; default: the first row of `model.guess(record)`.
     std
-        State -> 1-sigma of the prior, 0: exactly the value; default: `model.state_scale`, which is weak.
+        State -> 1-sigma of the prior, 0: exactly the value; default: no knowledge.
 
     Examples
     --------
@@ -38,3 +41,25 @@ class InitialState:
     def __post_init__(self) -> None:
         table_of(self.value, "InitialState: value", "{'alpha': 0.1}")
         table_of(self.std, "InitialState: std", "{'alpha': 0.01}")
+
+    def of(self, record: str) -> tuple[dict[str, float], dict[str, float]]:
+        """Values and deviations of one record, by state.
+
+        Parameters
+        ----------
+        record
+            Name of the record.
+
+        Returns
+        -------
+        tuple
+            State -> value, and state -> 1-sigma, where they are given.
+        """
+        return of_record(self.value, record), of_record(self.std, record)
+
+
+def of_record(table: Mapping[str, float], record: str) -> dict[str, float]:
+    """Name -> value of a table whose names may have a record behind them, as it is for one record."""
+    everywhere = {name: value for name, value in table.items() if "[" not in name}
+    own = {name.split("[")[0]: value for name, value in table.items() if name.endswith(f"[{record}]")}
+    return everywhere | own

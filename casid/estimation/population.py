@@ -22,6 +22,7 @@ import scipy
 from casid.errors import EstimationError
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Population
+from casid.estimation.initial_errors import initial_errors
 from casid.estimation.problem import Problem
 from casid.estimation.uncertainty import Rescaled, Uncertainty, freedom
 
@@ -98,7 +99,9 @@ class _Seen:
         prior = np.diag(1.0 / inner.prior_std**2)
         data, theta = base.linear.hessian - prior, base.linear.point.theta
         pull = prior @ (theta - inner.nominal)  # of the prior, which the data balance at the estimates
-        told = float(np.trace(np.linalg.pinv(base.linear.hessian, hermitian=True) @ data))
+        inverse = np.linalg.pinv(base.linear.hessian, hermitian=True)
+        initial = initial_errors(base.objective, base.linear)
+        told = float(np.trace(inverse @ data)) + (0.0 if initial is None else initial.told(inverse))
         factor = freedom(base.objective, levels, told)
         if not np.isfinite(factor):
             raise EstimationError("solve: as many unknowns as samples; a spread cannot be told with estimated noise")

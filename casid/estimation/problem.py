@@ -27,13 +27,15 @@ from casid.estimation.checks import (
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
-from casid.estimation.initial_state import InitialState
+from casid.estimation.initial_state import InitialState, of_record
 from casid.estimation.noise import Huber, Noise, StudentT
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
 from casid.records.given import given_records
 from casid.records.record import Record
+
+_WIDE = 30.0  # times the size of a state: moves an estimate by less than 1/30^2 of its standard error
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -329,15 +331,49 @@ class Problem:
 
     @cached_property
     def initial_knowledge(self) -> tuple[np.ndarray, np.ndarray]:
-        """(records, states) value of the initial states, NaN where nothing is known, and its 1-sigma, 0 if exact."""
-        initial, states = self.initial_state, self.model.states
-        values, stds = [], []
+        """(records, states) value of the initial states, NaN where nothing is known, and its 1-sigma, 0 if exact.
+
+        A 1-sigma that is not given is wide: many times the largest magnitude of the state's readings or guess in any
+        record, so that a motion within the readings is moved by less than a thousandth of its standard error.
+        """
+        states, values, stds = self.model.states, [], []
         for record in self.records:
-            value, std = of_record(initial.value, record.name), of_record(initial.std, record.name)
+            value, std = self.initial_state.of(record.name)
             values.append([value.get(s, np.nan) for s in states])
-            stds.append([std.get(s, self.model.state_scale[s]) for s in states])
+            stds.append([std.get(s, np.nan) for s in states])
         shape = (len(self.records), len(states))
-        return np.reshape(values, shape), np.reshape(stds, shape).astype(float)
+        known, given = np.reshape(values, shape).astype(float), np.reshape(stds, shape).astype(float)
+        if not np.isnan(given).any():
+            return known, given
+        size = np.maximum(self._guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
+        size = np.where(size > 0.0, size, self.model.scale_vector())
+        return known, np.where(np.isnan(given), _WIDE * size, given)
+
+    @cached_property
+    def state_size(self) -> np.ndarray:
+        """(states,) order of magnitude of each state: of its readings where it is measured, else the larger one of what
+        the model says and of the guess."""
+        read = [any(s in r and np.isfinite(r[s]).any() for r in self.records) for s in self.model.states]
+        guessed, stated = self._guessed_size, self.model.scale_vector()
+        with np.errstate(divide="ignore"):
+            rounded = 10.0 ** np.round(np.log10(guessed))  # the same for all records of one experiment
+        return np.where(guessed > 0.0, np.where(read, rounded, np.maximum(rounded, stated)), stated)
+
+    @cached_property
+    def _guessed_size(self) -> np.ndarray:
+        """(states,) largest magnitude of readings or guess in any record."""
+        size = np.zeros(len(self.model.states))
+        for record in self.records:
+            guess = np.asarray(self.model.guess(record), dtype=float)
+            size = np.maximum(size, np.abs(guess, where=np.isfinite(guess), out=np.zeros_like(guess)).max(axis=0))
+        return size
+
+    @cached_property
+    def is_initial_given(self) -> np.ndarray:
+        """(records, states) whether the problem states a 1-sigma of the initial state."""
+        stds = [self.initial_state.of(record.name)[1] for record in self.records]
+        given = np.array([[s in std for s in self.model.states] for std in stds], dtype=bool)
+        return given.reshape(len(stds), len(self.model.states))
 
     def outputs_of(self, record: Record) -> np.ndarray:
         """(N, outputs) measured outputs, NaN where missing.
@@ -396,13 +432,6 @@ class Problem:
     def path_constraints(self) -> tuple[PathConstraint, ...]:
         """The constraints on states and outputs."""
         return tuple(c for c in self.constraints if isinstance(c, PathConstraint))
-
-
-def of_record(table: Mapping[str, float], record: str) -> dict[str, float]:
-    """Name -> value of a table whose names may have a record behind them, as it is for one record."""
-    everywhere = {name: value for name, value in table.items() if "[" not in name}
-    own = {name.split("[")[0]: value for name, value in table.items() if name.endswith(f"[{record}]")}
-    return everywhere | own
 
 
 def chosen_parameters(globs: Sequence[str], model: Model, where: str) -> tuple[str, ...]:

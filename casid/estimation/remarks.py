@@ -44,6 +44,7 @@ def remarks(fit: Any) -> tuple[str, ...]:
     found = [*_start(fit.problem), *_channels(fit.channels), *readings, *_parameters(fit.problem, fit.parameters)]
     if not fit.converged:
         return tuple(found)
+    found += _initial(fit)
     held = [*_held(fit), *_held_paths(fit)]
     errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *held, *_errors(fit.parameters)]
     return (*_noise(fit), *found, *errors)
@@ -163,6 +164,18 @@ def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterato
             yield f"{name}: of the opposite sign of its a-priori value, {numbers}"
         elif far >= _FAR:
             yield f"{name}: {far:.1f} a-priori deviations from its a-priori value, {numbers}"
+
+
+def _initial(fit: Any) -> Iterator[str]:
+    """Initial states far from what was said of them."""
+    for states in fit.initial_states.values():
+        for e in states.values():
+            far = abs(e.value - e.prior) / e.prior_std if e.prior_std > 0.0 else 0.0
+            if far >= _FAR:
+                yield (
+                    f"initial state {e.name}: {far:.1f} deviations from what InitialState gives, "
+                    f"{with_deviation(e.value, e.std)} against {e.prior:.4g} +- {e.prior_std:.2g}"
+                )
 
 
 def _errors(parameters: Mapping[str, Estimate]) -> Iterator[str]:

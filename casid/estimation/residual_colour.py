@@ -233,10 +233,11 @@ class _Lagged:
 Product = tuple[np.ndarray, np.ndarray]  # columns (f,), and a matrix (f+1, f+1) of those parameters and the residuals
 
 
-def spread(total: np.ndarray, products: list[Product]) -> None:
-    """Add the parameters' part of the products to `total` (parameters, parameters)."""
+def spread(total: np.ndarray, products: list[Product]) -> np.ndarray:
+    """Add the parameters' part of the products to `total` (parameters, parameters), which is returned."""
     for columns, matrix in products:
         total[np.ix_(columns, columns)] += matrix[:-1, :-1]
+    return total
 
 
 class ChannelSums:

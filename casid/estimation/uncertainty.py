@@ -25,10 +25,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
 
+from casid.estimation.initial_errors import InitialErrors, initial_errors
 from casid.estimation.residual_colour import (
     ORDER,
     ChannelSums,
@@ -42,14 +42,14 @@ from casid.estimation.residual_colour import (
     spread,
     variance_scatter,
 )
-from casid.estimation.solvers.identified import lost, weakest
+from casid.estimation.solvers.identified import determined_along, weakest
+from casid.estimation.solvers.levels import NoiseLevels
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.paths import HeldPaths, diagonal
 from casid.estimation.solvers.point import Levels, Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import free_directions, inverse_along
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.kernel import whitened
-from casid.model.system import Model
 from casid.native.threads import single_threaded
 from casid.views import brief
 
@@ -73,8 +73,12 @@ class Uncertainty:
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
     does, bias above all, is in neither covariance.
-    A parameter that an active limit holds has an error to one side (see above). Both covariances are not a number
-    where parameters are confused and where nothing could be linearised (`linear` None).
+    A parameter that an active limit holds has an error to one side (see above). Both covariances are not a number in
+    the rows and columns of parameters that are confused, and where nothing could be linearised (`linear` None).
+
+    Intervals take Student's quantile where the noise is estimated. The variance v of a parameter has the degrees of
+    freedom v^2 / sum (a_c^2 / f_c) (Satterthwaite, Biometrics Bull. 2, 1946). a_c is the part of v that comes from the
+    noise of channel c; f_c is the channel's samples less the share of the unknowns that it determines.
     """
 
     objective: Objective
@@ -86,7 +90,16 @@ class Uncertainty:
 
     def __getstate__(self) -> dict[str, Any]:
         """What is kept of it are the numbers: how they came about is not pickled."""
-        names = ("covariance", "corrected", "confused", "is_coloured", "coloured_channels", "sides")
+        names = (
+            "covariance",
+            "corrected",
+            "confused",
+            "is_coloured",
+            "coloured_channels",
+            "sides",
+            "initial_std",
+            "quantile",
+        )
         known = {name: getattr(self, name) for name in names}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
@@ -136,11 +149,88 @@ class Uncertainty:
         """(2, parameters) how far the 95 % interval reaches below and above the estimates."""
         if self._inverse is None:
             return np.full((2, len(self.objective.problem.parameters)), np.nan)
-        if not self.is_coloured:
-            return np.sqrt(self._squares(*self._cramer_rao))
-        wider = (stdtrit(self._freedom_of_colour, 0.975) / _Z95) ** 2
-        coloured = wider[: self._count] * self._squares(*self._coloured)
-        return np.sqrt(np.maximum(coloured, self._squares(*self._cramer_rao)))  # as of `honest`
+        white = self._squares(*self._cramer_rao, self._freedom)
+        if self.is_coloured:
+            white = np.maximum(white, self._squares(*self._coloured, self._freedom_of_colour))  # as of `honest`
+        return self._named(np.sqrt(white))
+
+    @cached_property
+    def _freedom(self) -> np.ndarray:
+        """(unknowns,) degrees of freedom of the variances for white noise, infinite where that is given."""
+        assert self._inverse is not None
+        levels, inverse, unknowns = self.value.noise.levels, self._inverse, len(self._information)
+        if levels.fixed or not np.isfinite(self._more):
+            return np.full(unknowns, np.inf)
+        if not isinstance(levels, NoiseLevels) or levels.proportional:
+            return np.full(unknowns, levels.count / (1.0 + self._more))  # one common factor
+        free = np.diagonal(inverse) > 0.0
+        total, parts = np.zeros(unknowns), np.zeros(unknowns)
+        told = levels.count - levels.count / (1.0 + self._more)
+        information = {c: spread(np.zeros_like(inverse), own.gram(1.0)) for c, own in self._scores.sums.items()}
+        by_parameters = {c: float(np.trace(inverse @ h)) for c, h in information.items()}
+        rest = told - sum(by_parameters.values())  # initial states and what equations have eliminated
+        for c, h in information.items():
+            own = np.diagonal(inverse @ h @ inverse)
+            samples = float(levels.present[c])
+            left = max(samples - by_parameters[c] - rest * samples / levels.count, 1e-9)
+            total, parts = total + own, parts + own**2 / left
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(free & (parts > 0.0), total**2 / parts, np.inf)
+
+    @cached_property
+    def _more(self) -> float:
+        """Share by which the variance of estimated noise is larger than at the maximum of likelihood."""
+        assert self._inverse is not None
+        levels = self.value.noise.levels
+        if levels.fixed:
+            return 0.0
+        plain = not levels.proportional and (levels.share == 1.0).all()
+        data, further = self._data_information, len(self._information) - self._count
+        # initial states count in full; what path limits take from them is taken off again
+        told = float(np.trace(self._inverse @ data)) if plain else self._free.shape[1]
+        return freedom(self.objective, levels, told - further + self._initial_told) - 1.0
+
+    @cached_property
+    def _initial_told(self) -> float:
+        """Initial states that the data determine."""
+        assert self._inverse is not None
+        return 0.0 if self._initial is None else self._initial.told(self._inverse[: self._count, : self._count])
+
+    @cached_property
+    def _initial(self) -> InitialErrors | None:
+        if self.linear is None:
+            return None
+        try:
+            return initial_errors(self.objective, self.linear)
+        except np.linalg.LinAlgError:
+            return None
+
+    @cached_property
+    def initial_std(self) -> np.ndarray | None:
+        """(2, records, states) standard errors of the initial states by Cramer and Rao's bound, and with the colour of
+        the residuals; None where nothing was simulated or linearised."""
+        if self._inverse is None or self._initial is None:
+            return None
+        more = 1.0 + self._more
+        known = [np.nan_to_num(c) for c in (self.covariance, self.honest)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.nanmean(np.diagonal(known[1]) / np.diagonal(known[0])) if self.is_coloured else 1.0
+        return np.sqrt([self._initial.variances(known[0], more), ratio * self._initial.variances(known[0], more)])
+
+    @cached_property
+    def quantile(self) -> float:
+        """Standard errors that half a 95 % interval of an initial state is long."""
+        if self._inverse is None or self.value.noise.levels.fixed or not np.isfinite(self._more):
+            return _Z95
+        return float(stdtrit(self.value.noise.levels.count / (1.0 + self._more), 0.975))
+
+    @property
+    def _data_information(self) -> np.ndarray:
+        """(unknowns, unknowns) of what weighs the parameters, without priors."""
+        plain = not self.value.noise.levels.proportional and (self.value.noise.levels.share == 1.0).all()
+        data = (self._information if plain else self._scores.white).copy()
+        data[: self._count, : self._count] -= np.diag(1.0 / self.objective.problem.prior_std**2)
+        return data
 
     @property
     def _freedom_of_colour(self) -> np.ndarray:
@@ -152,11 +242,19 @@ class Uncertainty:
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(scatter > 0.0, np.maximum(2.0 * variance**2 / scatter, 1.0), np.inf)
 
-    def _squares(self, base: np.ndarray, score: np.ndarray) -> np.ndarray:
-        """(2, parameters) squares of the reach below and above, by a covariance and that of its gradient."""
-        squares = np.tile(_Z95**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
-        squares = squares if self._held is None else squares + self._held.sides(score, _Z95)
+    def _squares(self, base: np.ndarray, score: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+        """(2, parameters) squares of the reach below and above, by a covariance, that of its gradient, and the degrees
+        of freedom (unknowns,) of its variances."""
+        quantile = np.where(np.isfinite(freedom), stdtrit(np.minimum(freedom, 1e9), 0.975), _Z95)
+        squares = np.tile(quantile**2 * np.maximum(np.diagonal(base), 0.0), (2, 1))
+        if self._held is not None:
+            squares = squares + (quantile / _Z95) ** 2 * self._held.sides(score, _Z95)
         return squares[:, : self._count]
+
+    def _named(self, values: np.ndarray) -> np.ndarray:
+        """Values (..., parameters) without those of parameters that are confused."""
+        lost = np.isin(self.objective.problem.parameters, self.confused)
+        return np.where(lost, np.nan, values)
 
     @property
     def _count(self) -> int:
@@ -173,14 +271,10 @@ class Uncertainty:
         covariance = inverse if plain else inverse @ score @ inverse
         if levels.fixed:
             return covariance, score
-        data, further = score.copy(), len(score) - self._count
-        data[: self._count, : self._count] -= np.diag(1.0 / self.objective.problem.prior_std**2)
-        # initial states count in full; what path limits take from them is taken off again
-        told = float(np.trace(inverse @ data)) if plain else self._free.shape[1]
-        more = freedom(self.objective, levels, told - further) - 1.0
-        if not np.isfinite(more):
+        if not np.isfinite(self._more):
             return np.full_like(score, np.nan), score
-        return covariance + more * inverse @ data @ inverse, score + more * data
+        data = self._more * self._data_information
+        return covariance + inverse @ data @ inverse, score + data
 
     @cached_property
     def _coloured(self) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +285,8 @@ class Uncertainty:
     def _of_parameters(self, covariance: np.ndarray, score: np.ndarray) -> np.ndarray:
         """The parameters' part, with what leaving the limits adds."""
         found = covariance if self._held is None else covariance + self._held.covariance(score)
-        return found[: self._count, : self._count]
+        found = self._named(found[: self._count, : self._count])
+        return self._named(found.T)
 
     @cached_property
     def _held(self) -> HeldDirections | None:
@@ -222,12 +317,19 @@ class Uncertainty:
         further = 0 if self._paths is None else self._paths.rows.shape[1] - self._count
         return diagonal(self.linear.hessian, np.eye(further))
 
-    @cached_property
+    @property
     def confused(self) -> tuple[str, ...]:
         """Parameters that the data cannot tell apart, or of which they say nothing."""
+        return self._determined[0]
+
+    @cached_property
+    def _determined(self) -> tuple[tuple[str, ...], np.ndarray]:
+        """Parameters that are confused, and the directions (parameters, k) that the data determine."""
         if self.linear is None:
-            return ()
-        return lost(self.objective, self.linear, self.limit_multipliers)
+            return (), np.zeros((self._count, 0))
+        theta = self.linear.point.theta
+        free = self.objective.free_directions(theta, self.limit_multipliers)
+        return determined_along(self.objective.problem, self.linear.hessian, free, theta)
 
     @property
     def weakest(self) -> tuple[str, ...]:
@@ -237,11 +339,13 @@ class Uncertainty:
     @cached_property
     def _free(self) -> np.ndarray:
         rows, multipliers, equal = self._limits
+        if self.confused:
+            return self._determined[1]
         return free_directions(rows, np.where(equal, 1.0, multipliers))
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:
-        if self.linear is None or self.confused:
+        if self.linear is None or (self.confused and (not self._determined[1].size or self._paths is not None)):
             return None
         try:
             return inverse_along(self._free, self._information)
@@ -320,6 +424,17 @@ class Rescaled:
     def confused(self) -> tuple[str, ...]:
         """Parameters that the data cannot tell apart, or of which they say nothing."""
         return self.of.confused
+
+    @property
+    def initial_std(self) -> np.ndarray | None:
+        """(2, records, states) standard errors of the initial states."""
+        found = self.of.initial_std
+        return None if found is None else math.sqrt(self.inflation) * found
+
+    @property
+    def quantile(self) -> float:
+        """Standard errors that half a 95 % interval of an initial state is long."""
+        return self.of.quantile
 
     @property
     def objective(self) -> Objective:
@@ -435,39 +550,19 @@ def _parts(
             yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
 
 
-def freedom(objective: Objective, levels: Levels, parameters: float) -> float:
+def freedom(objective: Objective, levels: Levels, told: float) -> float:
     """Factor N / (N - f) of the variance of noise that was estimated from N samples along with f unknowns; 1 where the
     noise was given, infinity where nothing is left of the samples.
 
-    The unknowns are the `parameters` as far as the data and not a prior determine them. So are the initial states of
-    all records that some output shows and of which the caller knew no more than the scale, and what the equations have
-    eliminated. It is exact for one channel (Draper and Smith, Applied Regression Analysis, ch. 1); several channels
-    share the unknowns evenly.
+    The unknowns `told` are parameters and initial states as far as the data and not a prior determine them; what the
+    equations have eliminated is counted here. It is exact for one channel (Draper and Smith, Applied Regression
+    Analysis, ch. 1); several channels share the unknowns evenly.
     """
     if levels.fixed:
         return 1.0
-    unknown, samples = parameters + _initial_states(objective), levels.count
+    unknown, samples = told, levels.count
     unknown += objective.equations.eliminated if objective.equations is not None else 0
     return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf
-
-
-def _initial_states(objective: Objective) -> int:
-    if objective.dynamics is None:
-        return 0
-    model = objective.problem.model
-    weak = objective.initial_precision * model.scale_vector() <= 1.0 + 1e-9
-    return int((weak & ~objective.exact & shown_states(model)).sum())
-
-
-def shown_states(model: Model) -> np.ndarray:
-    """(states,) whether any output depends on the state, at once or by way of other states."""
-    shown = np.array([ca.depends_on(model.h, model.x[i]) for i in range(len(model.states))], dtype=bool)
-    moved_by = np.zeros((len(model.states),) * 2, dtype=bool)
-    for motion in (model.f, *model.events.values()):
-        moved_by |= np.array(ca.DM(ca.jacobian_sparsity(motion, model.x), 1.0).full(), dtype=bool)
-    for _ in model.states:
-        shown = shown | (shown @ moved_by)
-    return shown
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

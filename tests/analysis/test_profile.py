@@ -300,7 +300,7 @@ def test_groups_of_segments_give_what_the_whole_matrices_give(hold, monkeypatch)
     monkeypatch.setattr("casid.analysis.input_noise._GROUP_SAMPLES", 30)  # groups of four segments, the last shorter
     method = MultipleShooting(interval=7)
     at, weights = relinearise(fit, method), 1.0 / np.array(list(NOISE.values()))
-    scale = problem.model.scale_vector()
+    scale = problem.initial_knowledge[1][0]
     information, driven, gains = np.zeros((5, 5)), np.zeros((5, 5)), all_gains(at)
     for r in range(2):
         by_unknown, by_input = whole_slopes(problem, fit, r)

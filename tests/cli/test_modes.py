@@ -44,7 +44,7 @@ def test_an_estimate_stands_beside_its_file(tmp_path, capsys) -> None:
         modes(out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
     document = {
-        "parameters": {"Cm_alpha": {"value": -2.0, "std_corrected": 0.02}},
+        "parameters": {"Cm_alpha": {"value": -2.0, "std": 0.02}},
         "correlation": {"names": ["Cm_alpha"], "matrix": [[1.0]]},
     }
     wrong.write_text(json.dumps(document), encoding="utf-8")

@@ -15,6 +15,7 @@ from casid.estimation import (
     CombinedError,
     EquationError,
     GaussNewton,
+    InitialState,
     Ipopt,
     MultipleShooting,
     OutputError,
@@ -116,8 +117,11 @@ def test_missing_samples_take_no_part():
     spoiled[40:80] = np.nan
     everywhere_else = np.isfinite(spoiled)
     gap = first.with_channels(alpha=spoiled)
+    known = InitialState(std={"alpha": 0.05, "q": 0.1})
     fits = [
-        solve(Problem(short_period(), [r, second], free=["*"], start=START, noise=NOISE), m, PRECISE)
+        solve(
+            Problem(short_period(), [r, second], free=["*"], start=START, noise=NOISE, initial_state=known), m, PRECISE
+        )
         for r, m in ((gap, MultipleShooting()), (gap, SingleShooting()))
     ]
     np.testing.assert_allclose(vector(fits[0]), vector(fits[1]), rtol=1e-8)
@@ -125,7 +129,7 @@ def test_missing_samples_take_no_part():
     # whatever stands in the place of the missing samples, the cost is that of the others
     residuals = fits[0].residuals
     total = sum(np.nansum((residuals[n] / [NOISE["alpha"], NOISE["q"]]) ** 2) for n in residuals)
-    scales = np.array([0.05, 0.1])  # state scales, which are the default prior of the initial state
+    scales = np.array(list(known.std.values()))
     start = sum(
         (((fits[0].states[r.name].nodes[0] - r.matrix(["alpha", "q"])[0]) / scales) ** 2).sum() for r in (gap, second)
     )

@@ -106,7 +106,7 @@ def test_a_fit_is_addressed_by_name():
 def test_a_fit_goes_into_json_without_numbers_that_json_does_not_have():
     fit = solve(problem())
     again = json.loads(json.dumps(fit.to_dict(), allow_nan=False))
-    assert again["schema"] == "casid.estimate/1" and again["converged"] is True
+    assert again["schema"] == "casid.estimate/2" and again["converged"] is True
     assert again["parameters"]["Mq"]["value"] == fit["Mq"].value
     assert again["parameters"]["Mq"]["prior_std"] is None  # there is none
     assert again["correlation"]["names"] == list(fit.values) and len(again["correlation"]["matrix"]) == 5

@@ -8,7 +8,7 @@ from estimation_cases import NOISE, TRUTH, flight, short_period
 from scipy.linalg import expm
 
 from casid.errors import EstimationError, InputError
-from casid.estimation import EquationError, GaussNewton, Ipopt, MultipleShooting, Problem, solve
+from casid.estimation import EquationError, GaussNewton, InitialState, Ipopt, MultipleShooting, Problem, solve
 from casid.estimation.attempt import build_objective
 from casid.model.system import define_model
 from casid.records.record import Record
@@ -54,7 +54,8 @@ def test_soft_defects_are_generalised_least_squares(driver, solver):
     right = np.concatenate([record["theta"] / 0.05, record["q"][:-1] * dt / (0.3 * np.sqrt(dt)), record["theta"][:1]])
     expected = np.linalg.lstsq(system, right, rcond=None)[0]
     covariance = np.linalg.inv(system.T @ system)
-    given = Problem(drift_model(), [record], free=["bias"], noise={"theta": 0.05})
+    known = InitialState(std={"theta": 1.0})
+    given = Problem(drift_model(), [record], free=["bias"], noise={"theta": 0.05}, initial_state=known)
     fit = solve(given, MultipleShooting(interval=1, process_noise={driver: 0.3}), solver)
     assert fit.converged, fit.status
     assert fit["bias"].value == pytest.approx(expected[-1], rel=1e-7)

@@ -111,7 +111,8 @@ def test_a_line_has_the_covariance_of_ordinary_least_squares(method):
 
 def test_a_departed_motion_leaves_nothing_known():
     """Sensitivities that grew to 1e150 make an information matrix of garbage: no parameter is known, no exception."""
-    problem, levels = SimpleNamespace(parameters=("a", "b")), SimpleNamespace(proportional=False, share=np.ones(1))
+    problem = SimpleNamespace(parameters=("a", "b"), start_vector=np.ones(2))
+    levels = SimpleNamespace(proportional=False, share=np.ones(1))
     objective: Any = SimpleNamespace(free_directions=lambda *_: np.eye(2), problem=problem)
     linear: Any = SimpleNamespace(hessian=-1e300 * np.ones((2, 2)), point=SimpleNamespace(theta=np.ones(2)))
     value: Any = SimpleNamespace(noise=SimpleNamespace(levels=levels))

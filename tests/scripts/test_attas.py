@@ -47,7 +47,7 @@ def test_attas_script(attas_run):
         assert result[part]["converged"]
         for name, value in values.items():
             parameter = result[part]["parameters"][name]
-            assert abs(parameter["value"] - value) < 2.0 * parameter["std_corrected"], name
+            assert abs(parameter["value"] - value) < 2.0 * parameter["std"], name
     for manoeuvre in result["held_out"].values():
         for channel, found in manoeuvre.items():
             assert found["R2"] > 0.94 and found["lag1"] > 0.75, channel

@@ -162,7 +162,7 @@ class _Iteration:
         last = self.course[-_COURSE - 1 :]
         if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.value.noise.levels.count):
             return False
-        if last[-1] == 0.0:
+        if min(last[0], last[-1]) == 0.0:
             return True
         rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
         return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)

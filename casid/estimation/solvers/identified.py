@@ -46,21 +46,33 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
 def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
     """As `lost`, by an information matrix at theta, of parameters that can move in the directions `free`."""
-    names, inner = problem.parameters, free.T @ information @ free
-    scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        scaled = inner * np.outer(scale, scale)
-    if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
-        return tuple(names)
+    return determined_along(problem, information, free, theta)[0]
+
+
+def determined_along(
+    problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray
+) -> tuple[tuple[str, ...], np.ndarray]:
+    """As `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
+    names = problem.parameters
     start = np.abs(problem.start_vector)
     # a parameter that begins at zero and stays there has no size of its own
     size = np.where(start > 0.0, np.maximum(np.abs(theta), start), 0.0)
-    moves = size * np.sqrt(np.maximum(np.diagonal(information), 0.0))
-    moving = np.abs(free).max(axis=1, initial=0.0) > 0.0
-    idle = (size > 0.0) & (moves < _IDLE) & moving
+    with np.errstate(over="ignore", invalid="ignore"):
+        moves = size * np.sqrt(np.maximum(np.diagonal(information), 0.0))
+        idle = (size > 0.0) & (moves < _IDLE) & (np.abs(free).max(axis=1, initial=0.0) > 0.0)
+        inner = free.T @ information @ free
+        scale = jacobi_scale(inner) if len(inner) else np.zeros(0)
+        scaled = inner * np.outer(scale, scale)
+    if not np.isfinite(scaled).all():  # the motion has departed: nothing can be said
+        return tuple(names), free[:, :0]
     eigenvalues, vectors = np.linalg.eigh(scaled)
-    confused = vectors[:, eigenvalues < _RANK]
-    weight = np.zeros(len(names))
+    known = scale[:, None] * vectors
+    weight, confused = np.zeros(len(names)), known[:, eigenvalues < _RANK]
     if confused.size:
-        weight = np.abs(free @ (scale[:, None] * confused)).max(axis=1) / (np.abs(free) @ scale + 1e-300)
-    return tuple(name for name, w, i in zip(names, weight, idle, strict=True) if w > 0.1 or i)
+        weight = np.abs(free @ confused).max(axis=1) / (np.abs(free) @ scale + 1e-300)
+    determined = free @ known[:, eigenvalues >= _RANK]
+    if idle.any():
+        determined[idle] = 0.0
+        left, sizes, _ = np.linalg.svd(determined / np.maximum(np.linalg.norm(determined, axis=0), 1e-300))
+        determined = left[:, : int((sizes > 1e-9).sum())]
+    return tuple(name for name, w, i in zip(names, weight, idle, strict=True) if w > 0.1 or i), determined

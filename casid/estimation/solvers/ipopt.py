@@ -246,6 +246,7 @@ def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
             objective.layout.length,
             objective.layout.substeps,
             objective.exact.tobytes(),
+            objective.scale.tobytes(),
         )
         if objective.dynamics is not None
         else ()

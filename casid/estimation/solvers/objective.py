@@ -41,7 +41,7 @@ class Objective:
         self.part, self.equation_share = problem.weights
         self.equations = equations_of(problem) if self.equation_share else None
         n = len(problem.model.states)
-        self.scale = problem.model.scale_vector()
+        self.scale = problem.state_size
         self.limits = ParameterLimits(problem)
         if not np.isfinite(self.limits.at(problem.start_vector)[0]).all():
             raise EstimationError(

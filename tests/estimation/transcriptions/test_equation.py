@@ -12,6 +12,7 @@ from casid.estimation import (
     Collocation,
     CombinedError,
     EquationError,
+    InitialState,
     Ipopt,
     MultipleShooting,
     OutputError,
@@ -161,7 +162,8 @@ def test_combined_weight_runs_from_output_to_equation_error():
     output, equation = estimate(OutputError(), NOISE), estimate(EquationError(), WEIGHTS)
     np.testing.assert_allclose(estimate(CombinedError(equation_weight=1e-7), both), output, rtol=1e-5)
     np.testing.assert_allclose(estimate(CombinedError(equation_weight=1 - 1e-9), both), equation, rtol=1e-4)
-    half = solve(Problem(short_period(), [record], free=["*"], cost=CombinedError(), noise=both))
+    known = InitialState(std={"alpha": 0.05, "q": 0.1})
+    half = solve(Problem(short_period(), [record], free=["*"], cost=CombinedError(), noise=both, initial_state=known))
     residuals = half.residuals["m1"] / list(both.values())
     start = (half.states["m1"].nodes[0] - record.matrix(["alpha", "q"])[0]) / [0.05, 0.1]
     assert half.cost == pytest.approx(0.5 * (0.5 * (residuals**2).sum() + (start**2).sum()), rel=1e-12)
