@@ -3,16 +3,6 @@
 Initial states, and every other unknown of a record, are eliminated, not fixed. A sample's row is its sensitivity to
 the parameters with the states re-estimated (u_i below), obtained from the same banded system as the step.
 
-Errors at an active limit have one side. A limit r'p <= b has a multiplier m > 0: along the direction V that leaves it,
-all other parameters following, -ln(likelihood) rises by m d + K d^2/2 with the distance d, K = V'HV. It has risen by
-z^2/2 at
-
-    d = z^2 / (m + sqrt(m^2 + K z^2)).
-
-This is z standard deviations of the free estimate where the limit is only just active, and z^2/(2 m) where the
-multiplier is large. For noise other than the information H assumes, with the covariance S of the gradient, K becomes
-V'SV under the root and d is V'SV/K times as large. Each of several active limits counts separately.
-
 A limit on the path holds what the initial states do too, which are no parameters. Its rows, and the information, then
 have further unknowns: independent ones of unit information that move the samples which are held (see `HeldPaths`).
 """
@@ -28,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtri, ndtri, stdtrit
 
+from casid.estimation.held_directions import HeldDirections, held_directions
 from casid.estimation.initial_errors import InitialErrors, initial_errors
 from casid.estimation.residual_colour import (
     ORDER,
@@ -73,8 +64,8 @@ class Uncertainty:
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
     does, bias above all, is in neither covariance.
-    A parameter that an active limit holds has an error to one side (see above). Both covariances are not a number in
-    the rows and columns of parameters that are confused, and where nothing could be linearised (`linear` None).
+    A parameter that an active limit holds has an error to one side (see held_directions). Both covariances are not a
+    number in the rows and columns of confused parameters, and where nothing could be linearised (`linear` None).
 
     Intervals take Student's quantile where the noise is estimated. The variance v of a parameter has the degrees of
     freedom v^2 / sum (a_c^2 / f_c) (Satterthwaite, Biometrics Bull. 2, 1946). a_c is the part of v that comes from the
@@ -563,46 +554,3 @@ def freedom(objective: Objective, levels: Levels, told: float) -> float:
     unknown, samples = told, levels.count
     unknown += objective.equations.eliminated if objective.equations is not None else 0
     return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class HeldDirections:
-    """Directions (parameters, k) that leave the active limits, along which they are left by one; multipliers (k,);
-    curvature (k,) of -ln(likelihood) along them."""
-
-    directions: np.ndarray
-    multipliers: np.ndarray
-    curvature: np.ndarray
-
-    def distances(self, score: np.ndarray, z: float) -> np.ndarray:
-        """(k,) of the limits at which -ln(likelihood) has risen by z^2/2; score (parameters, parameters)."""
-        variance = np.maximum(np.einsum("ik,ij,jk->k", self.directions, score, self.directions), 0.0)
-        known = self.curvature > 0.0
-        excess = np.where(known, variance / np.where(known, self.curvature, 1.0), 1.0)
-        pull = np.abs(self.multipliers)
-        return excess * z**2 / (pull + np.sqrt(pull**2 + variance * z**2))
-
-    def covariance(self, score: np.ndarray) -> np.ndarray:
-        """(parameters, parameters) what leaving the limits by one deviation adds."""
-        moved = self.directions * self.distances(score, 1.0)
-        return moved @ moved.T
-
-    def sides(self, score: np.ndarray, z: float) -> np.ndarray:
-        """(2, parameters) squared changes of the parameters, down and up, at z deviations."""
-        moved = -self.directions * np.sign(self.multipliers) * self.distances(score, z)
-        return np.stack([(np.minimum(moved, 0.0) ** 2).sum(axis=1), (np.maximum(moved, 0.0) ** 2).sum(axis=1)])
-
-
-def held_directions(
-    rows: np.ndarray, multipliers: np.ndarray, equal: np.ndarray, hessian: np.ndarray, inverse: np.ndarray
-) -> HeldDirections | None:
-    """Of limits `rows` (rows, parameters); `equal` (rows,) those that are no inequality, which are never left.
-    `inverse` is that of the information `hessian` in the directions that are free. None where nothing is held."""
-    active = (multipliers != 0.0) & ~equal
-    if not active.any():
-        return None
-    holding = active | equal
-    leaving = np.linalg.pinv(rows[holding])[:, active[holding]]
-    directions = leaving - inverse @ (hessian @ leaving)
-    curvature = np.einsum("ik,ij,jk->k", directions, hessian, directions)
-    return HeldDirections(directions=directions, multipliers=multipliers[active], curvature=curvature)
