@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
 from casid.diagnosis.engine.probability import probabilities
 from casid.diagnosis.engine.search import State
+from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -71,8 +73,15 @@ def what_is_left(
     return minor, unexplained if sizes is None else sizes.told_at(kept.fit, unexplained)
 
 
+def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
+    """Readings at which a drift is missing that matters as a bias of its size would."""
+    by = fitted.criteria
+    drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.verdict.missing]
+    return {m.place.name for m in drifts if missing_share(fitted, m) > by.size.share}
+
+
 def beside_slow_noise(
-    kept: Kept, state: State, causes: Sequence[Cause], minor: Sequence[Cause]
+    kept: Kept, state: State, left: Sequence[MissingInput], causes: Sequence[Cause], minor: Sequence[Cause]
 ) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """The named and the minor causes, after a test with slow noise.
 
@@ -82,20 +91,20 @@ def beside_slow_noise(
     """
     if not causes or kept.fit.noise.colour or state.baseline.fixed:
         return tuple(causes), tuple(minor)
-    slow, left = as_slow_as_left(kept.fit), list(causes)
-    while left and slow.noise.slow:
-        shares = [_share_of_required(slow, state, cause) for cause in left]
+    slow, stay = as_slow_as_left(kept.fit, drifting(kept.fit, left)), list(causes)
+    while stay and slow.noise.slow:
+        shares = [_share_of_required(slow, state, cause) for cause in stay]
         gates = [at_least("gain where noise is slow, of that for a name", one, 1.0, "naming.gain") for one in shares]
-        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(left, gates, strict=True)]
+        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(stay, gates, strict=True)]
         weakest = int(np.argmin(shares))
         if gates[weakest].passed:
-            left = asked
+            stay = asked
             break
-        one = left.pop(weakest)
+        one = stay.pop(weakest)
         minor = (*minor, noted(asked[weakest], SLOW_NOISE))
         others = [a for a in slow.attached if a.effect.key != one.key]
         slow = fit(slow.flight, others, slow.noise, slow)
-    return tuple(left), tuple(minor)
+    return tuple(stay), tuple(minor)
 
 
 def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
@@ -124,7 +133,8 @@ def _not_by_noise(
     """
     if not unexplained or fitted.noise.colour or begun.fixed:
         return unexplained
-    for in_its_noise in (as_slow_as_left, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
+    slow = partial(as_slow_as_left, drifting=drifting(fitted, unexplained))
+    for in_its_noise in (slow, *((as_coloured_as_left,) if fitted.noise.coloured else ())):
         evidence = weigh(in_its_noise(fitted))
         unexplained = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
         if not unexplained:
@@ -198,7 +208,7 @@ def judged(
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
-    causes, minor = beside_slow_noise(kept, state, *causes_of(state, kept, left))
+    causes, minor = beside_slow_noise(kept, state, left, *causes_of(state, kept, left))
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
     belief = probabilities(causes, unexplained, state, left)
     causes = belief.causes

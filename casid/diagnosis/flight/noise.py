@@ -8,7 +8,7 @@ again after every named cause.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -234,11 +234,11 @@ def level_of(fitted: FlightFit) -> dict[str, float]:
     return found
 
 
-def as_slow_as_left(fitted: FlightFit) -> FlightFit:
+def as_slow_as_left(fitted: FlightFit, drifting: Collection[str] = ()) -> FlightFit:
     """The fit with noise of outputs that is partly white and partly slow, as its residuals are (`slow_of`)."""
     if fitted.noise.colour:
         return fitted
-    noise = replace(fitted.noise, slow=slow_of(fitted))
+    noise = replace(fitted.noise, slow=slow_of(fitted, drifting))
     return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, iterations=15)
 
 
@@ -254,15 +254,17 @@ def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
     return _under(fitted, fitted.flight.sigma, colour, fitted.free)
 
 
-def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
+def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tuple[tuple[float, float], ...]]:
     """Slow noise of every output according to the residuals of a fit (`NoiseModel.slow`).
 
     It consists of an offset in every record and, if significant, a slowly varying part. Residuals larger than an
-    instrument may have are not taken for noise.
+    instrument may have are not taken for noise. A drift as large as a bias that matters may be missing at the outputs
+    `drifting`. Noise as slow as that would be this drift by another name, and they have none.
     """
     white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
     significant = fitted.criteria.significance
     found = white_and_slow(fitted.batch.t, white, fitted.seen)
+    drift_time = min(fitted.criteria.numerics.missing_input.drift_times)
     flown, slow = sum(record.duration for record in fitted.flight.records), {}
     offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
         [sigma[name] for name in fitted.model.outputs]
@@ -273,7 +275,8 @@ def slow_of(fitted: FlightFit) -> dict[str, tuple[tuple[float, float], ...]]:
         # The number of independent values of a variance is the flown time over the correlation time.
         most = (criteria.slow - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
-        if one.gain > significant.chance and one.slow**2 < most:
+        faster = name not in drifting or one.tau < drift_time
+        if one.gain > significant.chance and one.slow**2 < most and faster:
             parts.append((one.slow * sigma[name], one.tau))
         slow |= {name: tuple(parts)} if parts else {}
     return slow
