@@ -229,6 +229,12 @@ def _unit_key(unit: str) -> str:
     return next((known for known in _UNITS if known.lower() == lower), key)
 
 
+def same_unit(one: str, other: str) -> bool | None:
+    """Tell whether two texts are the same unit; None where one of them is none that casid knows."""
+    keys = _unit_key(one), _unit_key(other)
+    return _UNITS[keys[0]] == _UNITS[keys[1]] if all(key in _UNITS for key in keys) else None
+
+
 def is_unit(text: str) -> bool:
     """Tell whether a text is a unit, also of quantities that no channel has."""
     first = text.lower().split()[:1]  # "ft msl", "deg C"

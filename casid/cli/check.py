@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
@@ -13,9 +14,11 @@ from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, between, 
 from casid.data_check.check import channels_of
 from casid.data_check.check import check as checked
 from casid.errors import InputError
+from casid.keeping import whole_file
 from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap
-from casid.records.readers import read_each
+from casid.records.map_file import suggested_map
+from casid.records.readers import files_of, read_each, read_table
 from casid.report.folder import whole_folder
 
 
@@ -26,6 +29,7 @@ def check(
     begin: Begin = None,
     end: End = None,
     believe: Files | None = None,
+    write_map: Path | None = None,
     out: Folder | None = None,
     as_json: AsJson = False,
 ) -> int:
@@ -43,6 +47,9 @@ def check(
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
     believe
         Channels that are believed as they were recorded: what they contradict is explained otherwise.
+    write_map
+        Write a column map (TOML) of the first record to this file: what is known or likely of its columns, and as
+        comments what is missing and what the other columns hold. The records are then read by it.
     out
         Folder for the page.
     as_json
@@ -52,7 +59,10 @@ def check(
         raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
     channels_of(believe or False, "--believe")
     file = None if aircraft is None else Aircraft.read(aircraft)
-    read, refused = read_each(list(records), ColumnMap.from_options(maps or []), between=between(begin, end))
+    columns = ColumnMap.from_options(maps or [])
+    if write_map is not None:
+        columns = _written_map(write_map, files_of(records)[0], columns)
+    read, refused = read_each(list(records), columns, between=between(begin, end))
     if not read:
         raise next(iter(refused.values()))
     say_notes(read)
@@ -68,3 +78,16 @@ def check(
             (folder / "check.json").write_text(text + "\n", encoding="utf-8")
     print(text if as_json else found)
     return 0 if found.clean else 1
+
+
+def _written_map(target: Path, record: Path, given: ColumnMap) -> ColumnMap:
+    """The column map of a record, written to a file."""
+    if target.suffix.lower() != ".toml":
+        raise InputError(f"--write-map {target}: column maps are TOML; name the file so")
+    if target.exists():
+        raise InputError(f"--write-map {target}: is there already; choose another name, or give it with --map")
+    text = suggested_map(read_table(record, given), given)
+    with whole_file(target) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    print(f"{target}: written; look it over, fill in what is missing, and give it with --map {target}", file=sys.stderr)
+    return ColumnMap.read(target)

@@ -28,11 +28,22 @@ def status_of(app: App, arguments: Sequence[str] | None = None) -> int:
     return outcome(lambda: call(app, arguments))
 
 
+def _every_map(words: Sequence[str]) -> list[str]:
+    """Words in which each of several settings behind one --map has its own: `--map alpha=A beta=B file.csv`."""
+    found: list[str] = []
+    mapping = False
+    for word in words:
+        mapping = mapping and "=" in word and not word.startswith("-")
+        found += ["--map", word] if mapping and found[-1] != "--map" else [word]
+        mapping = mapping or word == "--map"
+    return found
+
+
 def call(app: App, arguments: Sequence[str] | None = None) -> int:
     """Run an application in this process; words that it cannot take are an InputError like all bad input."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
-        command, bound, _ = app.parse_args(list(words), exit_on_error=False, print_error=False)
+        command, bound, _ = app.parse_args(_every_map(words), exit_on_error=False, print_error=False)
     except CycloptsError as error:
         raise InputError(f"{' '.join(str(error).split()).rstrip('., …')}; see {app.name[0]} --help") from None
     ready()

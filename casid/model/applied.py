@@ -103,7 +103,7 @@ def axes_of(records: Sequence[Record]) -> str:
     missing = ", ".join(s for s in SURFACES if s not in has)
     raise InputError(
         f"record '{records[0].name}': surfaces {missing} are missing; expected delta_e (longitudinal motion), "
-        "delta_a and delta_r (lateral), or all three"
+        "delta_a and delta_r (lateral), or all three; casid check RECORD --write-map map.toml lists what its file has"
     )
 
 

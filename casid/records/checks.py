@@ -199,7 +199,8 @@ def checked_fields(
     notes = [*table.notes, *columns.notes]
     if "t" not in channels:
         raise InputError(
-            f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit"
+            f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit; rows at a "
+            "steady rate of 50 Hz are --map t=row*0.02"
         )
     t, counted = from_first(channels.pop("t"), "t" in columns.stated)
     if between is not None:

@@ -1,7 +1,8 @@
 """Column maps: which column of a foreign file is which channel, in which unit.
 
 A column is written `NAME`, `NAME:unit` or, where columns have no names, by its number from 1: `12:deg`. A weight may
-stand before or behind, `12:deg*-1`; a channel may be a weighted sum, `["0.5*28:deg", "-0.5*27:deg"]`.
+stand before or behind, `12:deg*-1`; a channel may be a weighted sum, `["0.5*28:deg", "-0.5*27:deg"]`. The column
+`row` is the number of the row from 0, unless a column is called so: `t = "row*0.02"` is a time of rows at 50 Hz.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from casid.errors import InputError, unknown
 from casid.records.toml_file import read_toml
 
 _WEIGHT = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?"
-_TERM = re.compile(rf"\s*(?:({_WEIGHT})\s*\*)?\s*([^:*]+?)\s*(?::\s*([^:*]+?))?\s*(?:\*\s*({_WEIGHT}))?\s*", re.ASCII)
+_TERM = re.compile(rf"\s*(?:({_WEIGHT})\s*\*)?\s*([^*]+?)\s*(?::\s*([^:*]+?))?\s*(?:\*\s*({_WEIGHT}))?\s*", re.ASCII)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,15 +11,18 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.records.column_map import ColumnMap, ColumnTerm
+from casid.records.loggers import logger_of
 from casid.records.table import RawTable, shown
-from casid.signals import CHANNELS, is_control, label_of, si_factor, with_suffix
+from casid.signals import CHANNELS, is_control, label_of, same_unit, si_factor, with_suffix
 
 _HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 _CLOSE = 0.8
+ROW = "row"  # in a map: the number of the row
 # names of a column of time, without signs between the letters; the likeliest first
 _TIMES = ("t", "time", "timestamp", "timeus", "timems", "timesec", "times", "elapsedtime", "reltime", "relativetime")
 _TIMES += ("timeelapsed", "timestampsample", "irigtime", "irig", "utctime", "utc", "gpstime", "lcltime", "localtime")
 _TIMES += ("datetime", "datetimeutc", "zeit", "zeitstempel", "uhrzeit", "tempo", "temps", "tod", "offsettime")
+_TIMES += ("sessiontime", "systemtime", "timestartup", "sampletimefine", "timeseconds", "xvalue", "timeutc")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,9 +37,10 @@ class Columns:
 
 
 def split_header(header: str) -> tuple[str, str]:
-    """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike."""
+    """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike. A
+    number right behind the name, `xyz[1]`, is no unit."""
     match = _HEADER.fullmatch(header.strip())
-    if not match:
+    if not match or re.fullmatch(r".*\S[\[(]\d+[\])]", header.strip()):
         return header.strip(), ""
     unit = (match[2] or match[3] or "").strip()
     return (match[1], unit) if unit else with_suffix(match[1])
@@ -55,9 +59,12 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             f"{table.source}: its {table.values.shape[1]} columns have no names; say which is which with a column map, "
             "e.g. --map t=1 --map alpha=12:deg"
         )
-    headers = _without_twins(table, [split_header(name) for name in table.names or ()])
-    channels, places, stated, used = _mapped(table, headers, column_map, checked=not own)
+    headers = headers_of(table)
     notes: list[str] = []
+    if not own and (logger := logger_of([name for name, _ in headers])):
+        notes.append(f"columns as {logger[0]} names them: {', '.join(logger[1].columns)}")
+        column_map = logger[1].merged(column_map)
+    channels, places, stated, used = _mapped(table, headers, column_map, checked=not own)
     rest = [i for i in range(len(headers)) if i not in used]
     known = {headers[i][0] for i in rest} | channels.keys()
     absent = set() if own else set(CHANNELS) - known
@@ -76,7 +83,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             stated |= {name} if unit else set()
         elif not name:
             notes += _nameless(table, index)
-        elif (near := _near(name, absent)) and (not column_map.columns or _same_letters(name, near)):
+        elif (near := near_channel(name, absent)) and (not column_map.columns or _same_letters(name, near)):
             slips.setdefault(near, name)
         else:
             extras.append(index)
@@ -106,7 +113,12 @@ def _mapped(
     stated: set[str] = set()
     used: set[int] = set()
     for channel, terms in column_map.columns.items():
-        indices = [_find(table, headers, term, channel) for term in terms]
+        found = [_find(table, headers, term, channel) for term in terms]
+        if found[0] is None:  # rows at a steady rate
+            channels[channel] = terms[0].weight * np.arange(len(table.values), dtype=float)
+            places[channel] = "the number of the row"
+            continue
+        indices = [i for i in found if i is not None]
         named = {headers[i][0] for i in indices} if headers else set()
         if checked:
             _check_target(channel, named, f"{table.source}: column map")
@@ -141,12 +153,13 @@ def _check_slips(table: RawTable, slips: Mapping[str, str]) -> None:
     """Raise InputError that names every column whose name is nearly that of a channel."""
     if not slips:
         return
-    options = " ".join(f"'{near}={name}'" if " " in name else f"{near}={name}" for near, name in slips.items())
+    quoted = {near: f"'{near}={name}'" if " " in name else f"{near}={name}" for near, name in slips.items()}
+    options = " ".join(quoted.values())
     if len(slips) == 1:
         near, name = next(iter(slips.items()))
         raise InputError(
             f"{table.source}: header: unknown channel '{name}'; did you mean '{near}'? Rename it, or say what it is: "
-            f"--map {options}, or --map {name}={name} to keep it as it is"
+            f"--map {options}, or --map {quoted[near].replace(near, name, 1)} to keep it as it is"
         )
     said = ", ".join(f"'{name}' ('{near}'?)" for near, name in slips.items())
     raise InputError(
@@ -159,7 +172,7 @@ def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
     """Say which columns are no channels."""
     if not names:
         return []
-    near = {name: _near(name, absent) for name in names}
+    near = {name: near_channel(name, absent) for name in names}
     said = ", ".join(f"'{name}'" + (f" (nearest: '{near[name]}')" if near[name] else "") for name in names)
     return [
         f"{said} {'is no channel' if len(names) == 1 else 'are no channels'} that casid knows; kept as "
@@ -167,12 +180,12 @@ def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
     ]
 
 
-def _without_twins(table: RawTable, headers: list[tuple[str, str]]) -> list[tuple[str, str]]:
-    """Headers in which no name stands twice: a second column that casid does not know gets a number. InputError for a
-    channel that stands twice."""
+def headers_of(table: RawTable) -> list[tuple[str, str]]:
+    """Name and unit of every column, none where columns have no names. No name stands twice: a second column that casid
+    does not know gets a number. InputError for a channel that stands twice."""
     first: dict[str, int] = {}
     found = []
-    for index, (name, unit) in enumerate(headers):
+    for index, (name, unit) in enumerate(map(split_header, table.names or ())):
         if name and name in first:
             if name in CHANNELS:
                 raise InputError(
@@ -185,14 +198,16 @@ def _without_twins(table: RawTable, headers: list[tuple[str, str]]) -> list[tupl
     return found
 
 
-def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int:
-    """Index of the column that a term of the map speaks of."""
+def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int | None:
+    """Index of the column that a term of the map speaks of; None for the number of the row."""
     count = table.values.shape[1]
     where = f"{table.source}: column map of '{channel}'"
     if isinstance(term.column, int):
         if not 1 <= term.column <= count:
             raise InputError(f"{where}: there is no column {term.column}; the file has columns 1 to {count}")
         return term.column - 1
+    if term.column == ROW and ROW not in {name for name, _ in headers}:
+        return None
     if table.names is None:
         raise InputError(f"{where}: '{term.column}' is a name, but the columns have none; give a number, 1 to {count}")
     names = [name for name, _ in headers]
@@ -206,7 +221,7 @@ def _check_target(channel: str, columns: set[str], where: str) -> None:
     """A channel of the map that casid does not know must not be a slip; a column mapped to its own name is meant."""
     if channel in CHANNELS or channel in columns:
         return
-    near = _near(channel, set(CHANNELS))
+    near = near_channel(channel, set(CHANNELS))
     if near:
         raise InputError(f"{where}: unknown channel '{channel}'; did you mean '{near}'?")
     lost = sorted(columns & set(CHANNELS))
@@ -227,7 +242,7 @@ def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, chan
             hint = f"delete a row of units, and write them in the header, like '{channel} [{cell}]', or in --map"
         raise InputError(f"{table.place(row)}, {table.column(index)}: {shown(cell)} is not a number; {hint}")
     written = headers[index][1] if headers else ""
-    if unit and written and unit != written:
+    if unit and written and same_unit(unit, written) is False:
         raise InputError(f"{where}: the column map says [{unit}], the header says [{written}]; remove one of the two")
     unit = unit or written
     values = table.values[:, index]
@@ -245,7 +260,7 @@ def _same_letters(name: str, channel: str) -> bool:
     return plain[0] in plain[1:]
 
 
-def _near(name: str, absent: set[str]) -> str | None:
+def near_channel(name: str, absent: set[str]) -> str | None:
     """The absent channel that `name` spells in another way, or nearly."""
     name = re.sub(r"\s*[(\[].*$", "", name)  # a unit in broken brackets
     for channel in sorted(absent):

@@ -90,20 +90,23 @@ def _is_comment(line: str) -> bool:
 
 
 def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str, int, bool] | None:
-    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin."""
-    for (i, here), (_, after) in _pairs(lines):
-        one, two = cells_of(here, delimiter), cells_of(after, delimiter)
-        if len(one) != len(two) or len(one) < 2:
-            continue
-        comma = delimiter not in (",", "") and _commas(one + two)
-        data = [_is_data(a, comma) for a in one], [_is_data(b, comma) for b in two]
-        shares = [sum(row) / len(row) for row in data]
-        named = any(not a and b and c.strip() for a, b, c in zip(*data, one, strict=True))
-        if min(shares) <= _MOSTLY or not any(map(NUMBER.fullmatch, _pointed(one, comma))):
-            continue
-        if named and i == 0:  # a name among numbers that are names
-            continue
-        return sum(shares) / 2.0, len(one), -_DELIMITERS.find(delimiter), delimiter, i, comma
+    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin.
+
+    A row of numbers begins with one, or with a time; where no row does, any row of which most cells are numbers counts.
+    """
+    for strict in (True, False):
+        for (i, here), (_, after) in _pairs(lines):
+            one, two = cells_of(here, delimiter), cells_of(after, delimiter)
+            if len(one) != len(two) or len(one) < 2:
+                continue
+            comma = delimiter not in (",", "") and _commas(one + two)
+            data = [_is_data(a, comma) for a in one], [_is_data(b, comma) for b in two]
+            shares = [sum(row) / len(row) for row in data]
+            named = any(not a and b and c for a, b, c in zip(*data, one, strict=True))
+            if min(shares) <= _MOSTLY or (named and i == 0) or (strict and not (data[0][0] and data[1][0] and one[0])):
+                continue
+            if any(NUMBER.fullmatch(cell.replace(",", ".") if comma else cell) for cell in one):
+                return sum(shares) / 2.0, len(one), -_DELIMITERS.find(delimiter), delimiter, i, comma
     return None
 
 
@@ -118,10 +121,6 @@ def _commas(cells: Sequence[str]) -> bool:
     """Tell whether decimals have a comma: a cell has one, and none has a point."""
     comma = any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
     return comma and not any("." in cell and NUMBER.fullmatch(cell) for cell in cells)
-
-
-def _pointed(cells: Sequence[str], comma: bool) -> list[str]:
-    return [cell.replace(",", ".") if comma else cell for cell in cells]
 
 
 def _is_data(cell: str, comma: bool) -> bool:
@@ -142,7 +141,7 @@ def _names_above(
         if _SEPARATOR.fullmatch(line) or _HOLD.fullmatch(line.strip()):
             break
         cells = cells_of(line.lstrip("#% ") if _is_comment(line) else line, delimiter)
-        cells = cells[:-1] if len(cells) == width + 1 and not cells[-1] else cells
+        cells = cells[:-1] if len(cells) == width + 1 and cells[-1].lower() in ("", "comment") else cells
         cells = [*cells, ""] if len(cells) == width - 1 and open_end else cells
         if len(cells) != width or len(candidates) == _NAMING:
             break
@@ -167,7 +166,8 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 def _with_unit(name: str, unit: str) -> str:
     unit = unit.strip("[](){} ")
-    return name if not unit or unit == "-" or name.endswith(("]", ")")) else f"{name} [{unit}]"
+    clock = ":" in unit or unit.lower().startswith("yyy")
+    return name if not unit or unit == "-" or clock or name.endswith(("]", ")")) else f"{name} [{unit}]"
 
 
 def _hold(lines: Sequence[str]) -> str | dict[str, str]:

@@ -96,7 +96,7 @@ def read_record(
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
     path, column_map = Path(path), ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
-        return Record(**checked_fields(_read_table(path, column_map), _stem(path), column_map, own, a_span(between)))
+        return Record(**checked_fields(read_table(path, column_map), _stem(path), column_map, own, a_span(between)))
 
 
 def read_records(
@@ -249,7 +249,8 @@ def _stem(path: Path) -> str:
     return Path(path.stem).stem if path.suffix.lower() == ".gz" else path.stem
 
 
-def _read_table(path: Path, column_map: ColumnMap) -> RawTable:
+def read_table(path: Path, column_map: ColumnMap) -> RawTable:
+    """The columns of a file as they stand there; see `read_record`."""
     ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if ending in _TEXT:
         return read_text(path)

@@ -12,6 +12,7 @@ from cyclopts import App
 from casid.cli.app import COMMANDS
 from casid.cli.options import DEMO
 from casid.cli.run import status_of
+from casid.records import read_record
 
 RECORD, PLANE = str(DEMO / "m1.csv"), str(DEMO / "aircraft.toml")
 
@@ -208,6 +209,29 @@ def test_what_needs_a_surface_names_it(broken, monkeypatch, capsys):
     assert status_of(app, ["estimate", file, "--aircraft", PLANE]) == 2
     assert "surfaces delta_e, delta_a, delta_r are missing" in capsys.readouterr().err.splitlines()[-1]
     assert status_of(app, ["check", file]) in (0, 1)
+
+
+def test_a_map_is_written_that_reads_a_file_of_foreign_names(tmp_path, capsys):
+    """Truth: the demonstration's first record, its columns renamed, in other units, and its az turned over."""
+    app = App(name="casid", version="0")
+    for name, where in COMMANDS.items():
+        app.command(where, name=name)
+    first = read_record(RECORD)
+    foreign = {"Time": first.t, "TAS [kt]": first["V"] / 0.514444444, "AOA [deg]": np.degrees(first["alpha"])}
+    foreign |= {"P": first["p"], "Q": first["q"], "R": first["r"], "NZ [g]": -first["az"] / 9.80665}
+    foreign |= {"ELEV": first["delta_e"], "light": first["q"]}
+    file, target = tmp_path / "foreign.csv", tmp_path / "map.toml"
+    rows = np.stack(list(foreign.values()), axis=1)
+    np.savetxt(file, rows, delimiter=",", header=",".join(foreign), comments="", fmt="%.12g")
+    assert status_of(app, ["check", str(file)]) == 2 and "--write-map" in capsys.readouterr().err
+    assert status_of(app, ["check", str(file), "--write-map", str(target)]) in (0, 1)
+    record = read_record(file, target)
+    for name in ("V", "alpha", "p", "q", "r", "az", "delta_e"):
+        np.testing.assert_allclose(record[name], first[name], rtol=1e-6, atol=1e-9)
+    assert "light" in target.read_text()
+    assert status_of(app, ["check", str(file), "--write-map", str(target)]) == 2
+    maps = ["t=Time", "V=TAS", "alpha=AOA", "p=P", "q=Q", "r=R", "az=NZ*-1", "delta_e=ELEV"]
+    assert status_of(app, ["check", "--map", *maps, str(file)]) in (0, 1)
 
 
 def test_there_are_enough():

@@ -157,10 +157,19 @@ def test_the_quick_way_reads_the_same_numbers(rows):
 
 
 @pytest.mark.parametrize(
-    "text", ["1,2\n3,x", "1,2\n3", "1,2\n3,", "1,2\n\n3,4", "1,2\n3,4,5\n6", "1 2,3", "1-2,3", "", "1,2\n3,--4"]
+    "text",
+    ["1,2\n3,x", "1,2\n3", "1,2\n3,", "1,2\n\n3,4", "1,2\n3,4,5\n6", "1 2,3", "1-2,3", "", "1,2\n3,--4", "1\r2,3"],
 )
 def test_the_quick_way_leaves_to_the_slow_one_what_is_not_plain(text):
     assert plain_numbers(text.encode(), 0, 2, ",") is None
+
+
+def test_a_stray_carriage_return_joins_no_digits(tmp_path):
+    """Truth: the two ways of reading agree that `1` and `2` with a carriage return between them are not 12."""
+    file = tmp_path / "m.csv"
+    file.write_bytes(PLAIN.replace("100.", "1\r00.", 1).encode())
+    with pytest.raises(InputError, match="line 3"):
+        read_record(file)
 
 
 def test_a_long_file_takes_the_time_and_memory_of_its_numbers(tmp_path):
