@@ -122,10 +122,8 @@ _ROOMS = {
         "isolability",
     ),
     "casid.acceptance.match": ("proof_of_match",),
-    "casid.acceptance.proof": (
-        "MatchedTest",
-        "ProofOfMatch",
-    ),
+    "casid.acceptance.matched": ("MatchedTest",),
+    "casid.acceptance.proof": ("ProofOfMatch",),
     "casid.acceptance.theil": (
         "Theil",
         "theil",

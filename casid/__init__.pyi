@@ -1,7 +1,8 @@
 from casid.acceptance.handbook import Handbook, modes
 from casid.acceptance.isolability import Isolability, isolability
 from casid.acceptance.match import proof_of_match
-from casid.acceptance.proof import MatchedTest, ProofOfMatch
+from casid.acceptance.matched import MatchedTest
+from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.theil import Theil, theil
 from casid.acceptance.tolerances import Standard
 from casid.analysis import Bootstrap, Identifiability, ProfileInterval, bootstrap, identifiability, profile

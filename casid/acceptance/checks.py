@@ -14,8 +14,11 @@ from casid.acceptance.quantities import QUANTITIES, UNKNOWN, Oscillation, Quanti
 from casid.acceptance.smoothing import Smooth, smooth
 from casid.acceptance.tolerances import CALIBRATED, StandardTest, Tolerance
 from casid.model.dynamics import standard_density
+from casid.model.numbers import digits
 from casid.records.record import Record
 
+GIVEN, EXTENDED = "as given", "extended"
+VERDICTS = {True: "pass", False: "fail", None: "not judged"}
 _ROUNDING = 1e-9  # of a limit: at the limit is within
 
 
@@ -246,3 +249,15 @@ def _of_alternatives(passed: Sequence[bool | None]) -> bool | None:
     if True in passed:
         return True
     return None if None in passed else False
+
+
+def in_words(check: Check) -> str:
+    """ "pass, 43 % of the tolerance used", "fail, out for 1.2 of 6.0 s, 2.3 times the tolerance"."""
+    if check.passed is None or not math.isfinite(check.used):
+        return f"{VERDICTS[check.passed]}: {check.why}"
+    if check.passed:
+        return f"pass, {100.0 * check.used:.0f} % of the tolerance used"
+    used = f"{digits(check.used, 3 if check.used < 2.0 else 2)} times the tolerance"
+    if check.tolerance.quantity is not None:
+        return f"fail, {used}"
+    return f"fail, out for {check.out_s:.1f} of {check.in_s + check.out_s:.1f} s, {used}"

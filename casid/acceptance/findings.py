@@ -6,9 +6,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 from casid.model.aircraft import Aircraft
+from casid.model.effect_value import EffectValue
+from casid.model.effects import effect_of
+from casid.model.numbers import digits, with_deviation
 from casid.model.terms import derivative_term
 from casid.model.vocabulary import effect_title
 
+_VISIBLE = 1e-3  # of the largest derivative of a row, from which one that was zero is told
 _BODY = (
     "mass",
     "inertia",
@@ -28,10 +32,15 @@ _BODY = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FoundPart:
-    """A part of an extended aircraft: how it is called, and the aircraft `without` it, all else as extended."""
+    """A part of an extended aircraft: how it is called, and the aircraft `without` it, all else as extended.
+
+    `subject`: the name of its cause, `actuator_lag(delta_e)`; "": it is numbers. `changes`: these in words.
+    """
 
     title: str
     without: Aircraft
+    subject: str = ""
+    changes: tuple[str, ...] = ()
 
 
 def found_parts(given: Aircraft, extended: Aircraft) -> tuple[FoundPart, ...]:
@@ -48,7 +57,12 @@ def _effects(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
             before = own.get((effect.kind, effect.target, effect.term))
             effects = [*extended.effects[:i], *([before] if before else []), *extended.effects[i + 1 :]]
             title = effect_title(effect.kind, effect.target, effect.term)
-            yield FoundPart(title=title, without=replace(extended, effects=tuple(effects)))
+            yield FoundPart(
+                title=title,
+                without=replace(extended, effects=tuple(effects)),
+                subject=effect_of(effect).name,
+                changes=(_size(effect),),
+            )
 
 
 def _rows(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
@@ -64,7 +78,26 @@ def _rows(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
             terms[coefficient] = dict(own[1])
         tables = (*(one for one in extended.tables if one.coefficient != coefficient), *own[2])
         without = replace(extended, derivatives=derivatives | own[0], terms=terms, tables=tables)
-        yield FoundPart(title=f"numbers of {coefficient}", without=without)
+        changes = _changes(own[0], _row(extended, coefficient)[0])
+        yield FoundPart(title=f"numbers of {coefficient}", without=without, changes=changes)
+
+
+def _size(effect: EffectValue) -> str:
+    """Write the size of an effect in SI units, with its deviation where the file has one."""
+    value = digits(effect.value, 3) if effect.std is None else with_deviation(effect.value, effect.std)
+    return f"{value} {effect.unit}".strip() if effect.unit != "1" else value
+
+
+def _changes(before: dict[str, float], after: dict[str, float]) -> tuple[str, ...]:
+    """Write how derivatives changed, the largest change first."""
+    changed = [(n, before.get(n, 0.0), after.get(n, 0.0)) for n in {**before, **after}]
+    least = _VISIBLE * max((abs(new) for _, _, new in changed), default=0.0)
+    changed = [one for one in changed if abs(one[2] - one[1]) > (least if one[1] == 0.0 else 0.0)]
+    changed.sort(key=lambda one: -abs(one[2] - one[1]) / max(abs(one[1]), 1e-12))
+    return tuple(
+        f"{name} from {digits(old)} to {digits(new)}" + (f" ({100.0 * (new / old - 1.0):+.0f} %)" if old else "")
+        for name, old, new in changed
+    )
 
 
 def _row(aircraft: Aircraft, coefficient: str) -> tuple[dict[str, float], dict[str, float], tuple]:

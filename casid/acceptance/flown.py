@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import casadi as ca
 import numpy as np
 
+from casid.acceptance.conditions import TRIM_TOLERANCE
 from casid.acceptance.manoeuvres import Window
 from casid.acceptance.smoothing import smooth
 from casid.errors import InputError
@@ -19,17 +20,14 @@ from casid.model.path import INTEGRALS
 from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
-from casid.signals import DEGREE
 
 DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
 _ATTITUDE_GAIN, _RATE_GAIN = 0.3, 0.3  # surface [rad] per attitude [rad], and per rate [rad/s]
-# surface -> (attitude, rate, largest correction [rad]), which is the tolerance of its trim position in table A2A of
-# 14 CFR Part 60, appendix A: elevator 1 deg (2.c.5), aileron 2 deg (2.d.4), rudder 1 deg (2.d.5)
-_LOOPS: Mapping[str, tuple[str | None, str, float]] = {
-    "delta_e": ("theta", "q", 1.0 * DEGREE),
-    "delta_a": ("phi", "p", 2.0 * DEGREE),
-    "delta_r": (None, "r", 1.0 * DEGREE),
-}
+_LOOPS: Mapping[str, tuple[str | None, str]] = {
+    "delta_e": ("theta", "q"),
+    "delta_a": ("phi", "p"),
+    "delta_r": (None, "r"),
+}  # surface -> (attitude, rate); its largest correction is the tolerance of its trim position
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -122,14 +120,15 @@ def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[M
         s: loop for s, loop in _LOOPS.items() if s in model.inputs and loop[1] in model.states and loop[1] in record
     }
     followed = dict.fromkeys(
-        name for loop in loops.values() for name in loop[:2] if name in model.states and name in record
+        name for loop in loops.values() for name in loop if name in model.states and name in record
     )
     aims = {name: ca.SX.sym(f"flight {name}") for name in followed}
     control = ca.Function("control", [model.x, model.u, model.p, model.w], [ca.jacobian(model.f, model.u)])
     at_start = record.matrix(model.inputs)[0]
     effect = control(start, at_start, model.nominal_vector(), np.zeros(len(model.disturbances))).full()
     laws, corrected = [], ca.SX(model.u)
-    for surface, (attitude, rate, most) in loops.items():
+    for surface, (attitude, rate) in loops.items():
+        most = TRIM_TOLERANCE[surface]
         column = model.inputs.index(surface)
         sign = float(np.sign(effect[model.states.index(rate), column]))
         law = sign * _RATE_GAIN * (aims[rate] - model.x[model.states.index(rate)])

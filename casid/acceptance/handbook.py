@@ -7,7 +7,9 @@ included. Theil's coefficients of records stand in `theil`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +34,8 @@ from casid.views import brief, view
 LEVEL = ("alpha", "delta_e", "thrust")
 _HEIGHTS = (-1e3, 2e4)  # m, of the standard atmosphere
 _CURVE = 21  # speeds of the trim curves
+# deg beyond the trim of the file: wing sections stall 8 to 12 deg above cruise (Abbott and von Doenhoff, 1959)
+_LINEAR_DEG = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -245,7 +249,7 @@ def handbook(flight: SteadyFlight, known: Known, point: Mapping[str, float], spe
         modes={name: _told(name, mode, known) for name, mode in named(told).items()},
         numbers=numbers,
         trim_curves=_curves(flight, known, point, speeds),
-        notes=(*_notes(flight, silent, known), *without),
+        notes=(*_notes(flight, silent, known), *_far_from_trim(flight, solved.values, known.values), *without),
     )
 
 
@@ -364,3 +368,18 @@ def _notes(flight: SteadyFlight, silent: Sequence[str], known: Known) -> list[st
         names = ", ".join(sorted({e.kind for e in flight.left_out}))
         notes.append(f"effects of single records, or that set in at a time, are left out: {names}")
     return notes
+
+
+def _far_from_trim(flight: SteadyFlight, solved: Mapping[str, float], p: np.ndarray) -> list[str]:
+    """Warn where the angle of attack is one that derivatives about the trim of the file do not hold at."""
+    trim = 0.0
+    with suppress(InputError):
+        at = flight_point(flight.aircraft, None, None, None) | {"climb_angle": 0.0}
+        trim = flight.solve(LEVEL, at, p).values["alpha"]
+    alpha, beyond = math.degrees(solved["alpha"]), math.degrees(abs(solved["alpha"] - trim))
+    if beyond <= _LINEAR_DEG:
+        return []
+    return [
+        f"WARNING: steady flight at V = {solved['V']:.4g} m/s takes an angle of attack of {alpha:.1f} deg, "
+        f"{beyond:.0f} deg from the trim of the file. Derivatives do not hold there: none of these numbers can be used"
+    ]

@@ -363,8 +363,11 @@ def _fitted(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
     """The file as it is, along the rehearsed motion: that of a fit of all channels, and not what few of them tell of it
     (an airspeed and an angle of attack tell nothing of the sideslip by which the side force is linearised)."""
     every = {name: s for name in flown.outputs if (s := flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name))}
-    whole, flight = _flight(flown, {**every, **sigma}, criteria), _flight(flown, sigma, criteria)
+    whole = _flight(flown, {**every, **sigma}, criteria)
     moving = fit(whole, [], whole.noise())
+    if set(every) <= set(sigma):
+        return moving
+    flight = _flight(flown, sigma, criteria)
     return fit(flight, [], flight.noise(), replace(moving, flight=flight), anew=True)
 
 

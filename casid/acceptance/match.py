@@ -9,15 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from casid.acceptance.checks import checks_of, flight_of, smoothed_channels
+from casid.acceptance.checks import EXTENDED, GIVEN, checks_of, flight_of, smoothed_channels
+from casid.acceptance.conditions import conditions_of
 from casid.acceptance.findings import FoundPart, found_parts
 from casid.acceptance.flown import DIRECT, fly
+from casid.acceptance.justification import Findings, findings_of
 from casid.acceptance.manoeuvres import MANOEUVRES, Window, window_between, windows
-from casid.acceptance.proof import EXTENDED, GIVEN, Cost, MatchedTest, ProofOfMatch, Side
+from casid.acceptance.matched import Cost, MatchedTest, Side
+from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.smoothing import Smooth
 from casid.acceptance.tolerances import CALIBRATED, Standard, StandardTest, told
 from casid.arguments import given as named
 from casid.arguments import number
+from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
@@ -34,6 +38,7 @@ def proof_of_match(
     records: Record | str | Path | Sequence[Record | str | Path],
     *,
     extended: Aircraft | str | Path | None = None,
+    diagnosis: Diagnosis | str | Path | None = None,
     tolerances: Standard | str | Path = "part60",
     tests: Iterable[str] | Mapping[str, tuple[float, float] | None] | None = None,
     axes: str | None = None,
@@ -54,6 +59,9 @@ def proof_of_match(
         Flight records, or their files.
     extended
         The extended aircraft, or its file.
+    diagnosis
+        A diagnosis of this aircraft, or the folder that `casid diagnose` wrote: each test says whether its record was
+        fitted, and one that was out of tolerance has its rationale. Its extended aircraft is taken if none is given.
     tolerances
         "part60", one's own TOML file, or a `Standard`.
     tests
@@ -82,6 +90,8 @@ def proof_of_match(
     >>> proof = cs.proof_of_match("plane.toml", "m4.csv", extended="extended.toml")  # doctest: +SKIP
     >>> print(proof)  # doctest: +SKIP
     """
+    findings = None if diagnosis is None else findings_of(diagnosis)
+    extended = findings.extended if extended is None and findings else extended
     own = given_aircraft(aircraft, "proof_of_match")
     sides = {GIVEN: own}
     if extended is not None:
@@ -98,7 +108,7 @@ def proof_of_match(
         smoothed = smoothed_channels(record, _looked_at(standard.tests[name] for name in asked))
         chosen = _windows(asked, standard, record, smoothed, left_out)
         flight = _Flight(record=record, smoothed=smoothed, axes=axes or _axes(own, record), closed=closed_loop)
-        flown += _match(flight, chosen, sides, parts)
+        flown += _match(flight, chosen, sides, parts, findings or Findings())
     if tests is None:
         flown, idle = [one for one in flown if _judged(one)], [one for one in flown if not _judged(one)]
         left_out |= {one.test.id: one.sides[GIVEN].checks[0].why for one in idle}
@@ -113,6 +123,7 @@ def proof_of_match(
         tests=tuple(flown),
         left_out={name: left[name] for name in order if name in left},
         closed_loop=closed_loop,
+        findings=findings,
     )
 
 
@@ -227,6 +238,7 @@ def _match(
     chosen: Sequence[tuple[StandardTest, Window]],
     sides: Mapping[str, Aircraft],
     parts: Sequence[FoundPart],
+    findings: Findings,
 ) -> list[MatchedTest]:
     """The tests of one record. A window that several tests share is flown once."""
     if not chosen:
@@ -246,7 +258,7 @@ def _match(
         ]
 
     by_side = {label: judged(one) for label, one in sides.items()}
-    without = [(part.title, judged(part.without)) for part in parts]
+    without = [(part, judged(part.without)) for part in parts]
     return [
         MatchedTest(
             test=test,
@@ -255,16 +267,20 @@ def _match(
             axes=flight.axes,
             flight=flights[i],
             sides={label: some[i] for label, some in by_side.items()},
-            costs=tuple(_cost(title, by_side[EXTENDED][i], some[i]) for title, some in without),
+            costs=tuple(_cost(part, by_side[EXTENDED][i], some[i]) for part, some in without),
+            conditions=conditions_of(test, sides[GIVEN], record, flight.smoothed, window),
+            fitted=findings.was_fitted(record.name),
         )
         for i, (test, window) in enumerate(chosen)
     ]
 
 
-def _cost(title: str, having: Side, lacking: Side) -> Cost:
+def _cost(part: FoundPart, having: Side, lacking: Side) -> Cost:
     pairs = list(zip(having.checks, lacking.checks, strict=True))
     return Cost(
-        part=title,
+        part=part.title,
+        subject=part.subject,
+        changes=part.changes,
         lost=tuple(b.tolerance.name for a, b in pairs if a.passed is True and b.passed is False),
         used={b.tolerance.name: b.used for _, b in pairs},
         fails=having.passed is True and lacking.passed is False,

@@ -10,120 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.acceptance.checks import Check, Flight, verdict
-from casid.acceptance.flown import Flown
-from casid.acceptance.manoeuvres import MANOEUVRES, Window
-from casid.acceptance.tolerances import Standard, StandardTest
-from casid.model.numbers import digits
-from casid.records.record import Record
+from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
+from casid.acceptance.justification import Findings, Rationale, rationale_of
+from casid.acceptance.matched import MatchedTest, Side
+from casid.acceptance.tolerances import Standard
 from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
-
-GIVEN, EXTENDED = "as given", "extended"
-_VERDICTS = {True: "pass", False: "fail", None: "not judged"}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Side:
-    """A simulation in a test: what it flew, and its rows.
-
-    Attributes
-    ----------
-    flown
-        Its channels, and what a controller added.
-    checks
-        Of each row of the test.
-    """
-
-    flown: Flown
-    checks: tuple[Check, ...]
-
-    @property
-    def passed(self) -> bool | None:
-        """Of the test; None: it is not judged."""
-        return verdict(self.checks)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Cost:
-    """What a part of the extended aircraft is worth in a test.
-
-    Attributes
-    ----------
-    part
-        The effect or the numbers that were taken out.
-    lost
-        Names of the rows that pass with it and fail without.
-    used
-        Row -> largest part of its tolerance that is used without it.
-    fails
-        Whether the test passes with it and fails without.
-    """
-
-    part: str
-    lost: tuple[str, ...]
-    used: Mapping[str, float]
-    fails: bool
-
-
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class MatchedTest:
-    """A test of the standard in one record.
-
-    Attributes
-    ----------
-    test
-        The test of the standard: its title, manoeuvre and tolerances.
-    record
-        The whole record.
-    window
-        Begin and end of the manoeuvre in the record.
-    axes
-        "full", "longitudinal" or "lateral": the motion that is simulated; the other motion is then the measured one.
-    flight
-        Measured samples, smoothed curves and derived quantities.
-    sides
-        The same of the simulations: "as given", and "extended" if an extended aircraft was given.
-    costs
-        Effect of each part of the extended aircraft on the tolerances.
-
-    Examples
-    --------
-    >>> import casid as cs
-    >>> proof = cs.proof_of_match("casid/cli/demo/aircraft.toml", "casid/cli/demo/m1.csv")
-    >>> proof.tests[0].test.title, proof.tests[0].axes
-    ('Short period dynamics', 'full')
-    """
-
-    test: StandardTest
-    record: Record
-    window: Window
-    axes: str
-    flight: Flight
-    sides: Mapping[str, Side]
-    costs: tuple[Cost, ...]
-
-    @property
-    def shortfalls(self) -> tuple[str, ...]:
-        """What the standard asks of the record besides, and the record does not have."""
-        test, window = self.test, self.window
-        if not MANOEUVRES[test.manoeuvre].inputs:  # where in the window it begins is not known
-            parts = [("in all", window.end - window.start, test.before_s + test.after_s)]
-        else:
-            parts = [("before the manoeuvre", window.begin - window.start, test.before_s)]
-            parts.append(("after the last movement", window.rest, test.after_s))
-        return tuple(
-            f"The record has {has:.1f} s {where}; the standard asks for {wanted:g} s."
-            for where, has, wanted in parts
-            if has < wanted - 0.05
-        )
-
-    @property
-    def passed(self) -> bool | None:
-        """Of the last side."""
-        return list(self.sides.values())[-1].passed
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -142,6 +36,8 @@ class ProofOfMatch:
         Id of a test that was not -> why.
     closed_loop
         Whether small corrections of the surfaces followed the measured attitude.
+    findings
+        What the diagnosis found that gave the extended aircraft; None: there was none.
 
     Examples
     --------
@@ -156,24 +52,41 @@ class ProofOfMatch:
     tests: tuple[MatchedTest, ...]
     left_out: Mapping[str, str]
     closed_loop: bool
+    findings: Findings | None = None
 
     @property
     def passed(self) -> bool:
-        """Whether the extended aircraft passes every test (the given one, where it is alone); one that is not judged is
-        not passed."""
-        return all(one.passed is True for one in self.tests)
+        """Whether the extended aircraft passes every test (the given one, where it is alone). One that is not judged,
+        or whose conditions are not met, is not passed."""
+        return all(one.passed is True and not one.unmet for one in self.tests)
+
+    @property
+    def lost(self) -> tuple[MatchedTest, ...]:
+        """Tests that the given aircraft passes and the extended one fails: its change is then not acceptable."""
+        return tuple(
+            one
+            for one in self.tests
+            if EXTENDED in one.sides and one.sides[GIVEN].passed is True and one.sides[EXTENDED].passed is not True
+        )
 
     @property
     def sentence(self) -> str:
-        """How many tests each side passes."""
+        """How many tests each side passes, and how many were not flown as the standard asks."""
         told_of = []
         for label in self.aircraft:
             outcomes = [one.sides[label].passed for one in self.tests]
             left = f", and {outcomes.count(None)} cannot be judged" if None in outcomes else ""
             passed, failed = outcomes.count(True), outcomes.count(False)
-            told_of.append(f"{label} it passes {passed} of {len(outcomes)} tests and fails {failed}{left}")
+            told_of.append(
+                f"{label} it is within tolerance in {passed} of {len(outcomes)} tests and out in {failed}{left}"
+            )
         said = "; ".join(told_of)
-        return f"{said[0].upper()}{said[1:]}."
+        idle = sum(bool(one.unmet) for one in self.tests)
+        asked = f" {_counted(idle)} not flown as the standard asks, and no proof." if idle else ""
+        fitted = sum(one.fitted is True for one in self.tests)
+        seen = f" {_counted(fitted)} flown in records that the diagnosis fitted." if fitted else ""
+        lost = f" {len(self.lost)} that were in tolerance as given no longer are." if self.lost else ""
+        return f"{said[0].upper()}{said[1:]}.{asked}{seen}{lost}"
 
     def to_dict(self) -> dict[str, Any]:
         """As `match.json`, "casid.match/1": SI units and radians; what is no number is null.
@@ -191,7 +104,8 @@ class ProofOfMatch:
             "standard": standard,
             "aircraft": dict(self.aircraft),
             "closed_loop": self.closed_loop,
-            "tests": [_test_dict(one) for one in self.tests],
+            "lost": [{"test": one.test.id, "record": one.record.name} for one in self.lost],
+            "tests": [_test_dict(one, rationale_of(one, self.tests, self.lost, self.findings)) for one in self.tests],
             "left_out": [{"test": test, "because": why} for test, why in self.left_out.items()],
         }
 
@@ -237,11 +151,15 @@ class ProofOfMatch:
         return "\n".join(_lines(self))
 
     def __repr__(self) -> str:
-        counts = ", ".join(f"{sum(one.passed is v for one in self.tests)} {word}" for v, word in _VERDICTS.items())
+        counts = ", ".join(f"{sum(one.passed is v for one in self.tests)} {word}" for v, word in VERDICTS.items())
         return f"<ProofOfMatch by {self.standard.name}: {len(self.tests)} tests: {counts}>"
 
 
-def _test_dict(one: MatchedTest) -> dict[str, Any]:
+def _counted(count: int) -> str:
+    return "1 test was" if count == 1 else f"{count} tests were"
+
+
+def _test_dict(one: MatchedTest, rationale: Rationale | None) -> dict[str, Any]:
     test = one.test
     return {
         "id": test.id,
@@ -255,10 +173,20 @@ def _test_dict(one: MatchedTest) -> dict[str, Any]:
         "end_s": one.window.end,
         "axes": one.axes,
         "passed": one.passed,
+        "outcomes": {label: one.outcome(label) for label in one.sides},
+        "conditions": [asdict(condition) for condition in one.conditions],
+        "fitted": one.fitted,
+        "rationale": None if rationale is None else asdict(rationale),
         "noise": dict(one.flight.noise),
         "sides": {label: _side_dict(side) for label, side in one.sides.items()},
         "costs": [
-            {"part": c.part, "lost": list(c.lost), "fails": c.fails, "used": {n: _plain(u) for n, u in c.used.items()}}
+            {
+                "part": c.part,
+                "changes": list(c.changes),
+                "lost": list(c.lost),
+                "fails": c.fails,
+                "used": {n: _plain(u) for n, u in c.used.items()},
+            }
             for c in one.costs
         ],
     }
@@ -291,7 +219,7 @@ def _lines(proof: ProofOfMatch) -> Iterable[str]:
     yield f"Proof of match by {proof.standard.name}, {proof.standard.edition}; {loop}"
     yield proof.sentence
     for one in proof.tests:
-        verdicts = ", ".join(f"{label} {_VERDICTS[side.passed]}" for label, side in one.sides.items())
+        verdicts = ", ".join(f"{label} {one.outcome(label)}" for label in one.sides)
         where = f"{one.record.name} {one.window.start:.1f} to {one.window.end:.1f} s"
         yield f"\n{one.test.id} {one.test.title}, {where}: {verdicts}"
         for i, row in enumerate(one.test.tolerances):
@@ -301,20 +229,8 @@ def _lines(proof: ProofOfMatch) -> Iterable[str]:
         for cost in (each for each in one.costs if each.lost):
             what = "the test fails" if cost.fails else "the test still passes"
             yield f"  without {cost.part}: out of tolerance in {', '.join(words[n] for n in cost.lost)}; {what}"
-        yield from (f"  {said}" for said in one.shortfalls)
+        yield from (f"  not met, {said}" for said in one.unmet)
     if proof.left_out:
         yield "\nNot compared:"
     for name, why in proof.left_out.items():
         yield f"  {name} {proof.standard.tests[name].title}: {why}"
-
-
-def in_words(check: Check) -> str:
-    """ "pass, 43 % of the tolerance used", "fail, out for 1.2 of 6.0 s, 2.3 times the tolerance"."""
-    if check.passed is None or not math.isfinite(check.used):
-        return f"{_VERDICTS[check.passed]}: {check.why}"
-    if check.passed:
-        return f"pass, {100.0 * check.used:.0f} % of the tolerance used"
-    used = f"{digits(check.used, 3 if check.used < 2.0 else 2)} times the tolerance"
-    if check.tolerance.quantity is not None:
-        return f"fail, {used}"
-    return f"fail, out for {check.out_s:.1f} of {check.in_s + check.out_s:.1f} s, {used}"

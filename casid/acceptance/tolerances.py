@@ -19,6 +19,7 @@ from casid.signals import CHANNELS, label_of, si_factor
 
 CALIBRATED = "calibrated_airspeed"  # m/s, computed from V, density and pressure altitude of flight and simulation
 COMPARED = (*(name for name in CHANNELS if name not in ("t", "delta_e", "delta_a", "delta_r", "thrust")), CALIBRATED)
+CONFIGURATIONS = ("takeoff", "climb", "cruise", "descent", "approach", "landing")
 _FOLDER = Path(__file__).resolve().parent / "standards"
 _WORDS = {"calibrated_airspeed": "calibrated airspeed", "az": "normal acceleration", "p": "roll rate"}
 
@@ -120,6 +121,8 @@ class StandardTest:
         Its rows.
     condition
         What the flight must have been like; None: anything.
+    configurations
+        Of `CONFIGURATIONS`, those in which the test is flown; none: any.
     cycles
         Fewest cycles of an oscillation from which it may be judged.
     cycles_unless
@@ -136,6 +139,7 @@ class StandardTest:
     paragraph: str
     tolerances: tuple[Tolerance, ...]
     condition: Condition | None = None
+    configurations: tuple[str, ...] = ()
     cycles: float = 0.0
     cycles_unless: str | None = None
     before_s: float = 0.0
@@ -241,13 +245,14 @@ def _standard(data: Mapping[str, Any]) -> Standard:
 def _test(data: Mapping[str, Any], where: str) -> StandardTest:
     where = f"test '{data['id']}'" if isinstance(data.get("id"), str) else where
     keys = ("id", "title", "manoeuvre", "paragraph", "tolerance", "condition", "remark")
-    _only(data, (*keys, "cycles", "cycles_unless", "before_s", "after_s"), where)
+    _only(data, (*keys, "configurations", "cycles", "cycles_unless", "before_s", "after_s"), where)
     texts = {key: _text(data, key, where) for key in ("id", "title", "manoeuvre", "paragraph")}
     one_of(texts["manoeuvre"], MANOEUVRES, f"{where}: manoeuvre")
     condition = data.get("condition")
     return StandardTest(
         **texts,
         tolerances=tuple(_tolerance(row, f"{where}: tolerance") for row in _rows(data.get("tolerance"), where)),
+        configurations=_configurations(data.get("configurations", []), where),
         condition=None if condition is None else _condition(condition, f"{where}: condition"),
         cycles=number(data.get("cycles", 0.0), f"{where}: cycles", least=0.0),
         cycles_unless=one_of(data["cycles_unless"], QUANTITIES, f"{where}: cycles_unless")
@@ -257,6 +262,12 @@ def _test(data: Mapping[str, Any], where: str) -> StandardTest:
         after_s=number(data.get("after_s", 0.0), f"{where}: after_s", least=0.0),
         remark=_text(data, "remark", where) if "remark" in data else "",
     )
+
+
+def _configurations(value: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(value, list):
+        raise InputError(f'{where}: configurations is {given(value)}; expected a list like ["approach", "landing"]')
+    return tuple(one_of(one, CONFIGURATIONS, f"{where}: configurations") for one in value)
 
 
 def _tolerance(data: Mapping[str, Any], where: str) -> Tolerance:

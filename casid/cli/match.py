@@ -14,17 +14,20 @@ from casid.cli.options import AsJson, Axes, Files, Flag, Folder, Maps, aircraft_
 from casid.errors import InputError
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.match_page import write_match
+from casid.report.pdf import print_to_pdf
 
 
 def match(
     *records: Annotated[str, Parameter(name="RECORD")],
     aircraft: Files,
+    diagnosis: Path | None = None,
     tolerances: str = "part60",
     tests: Annotated[list[str] | None, Parameter(name="--test", consume_multiple=True, negative="")] = None,
     closed_loop: Flag = False,
     axes: Axes | None = None,
     maps: Maps | None = None,
     out: Folder | None = None,
+    pdf: Flag = False,
     as_json: AsJson = False,
 ) -> int:
     """Prove that a simulation matches flight by the tolerances of a standard, or find where it does not.
@@ -40,6 +43,9 @@ def match(
         Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML), and behind it the extended one where there is one.
+    diagnosis
+        Folder that casid diagnose wrote for this aircraft. Its extended.toml is the extended aircraft; each test says
+        whether its record was fitted; and a test that is out of tolerance as given gets a rationale.
     tolerances
         part60, or a TOML file of one's own.
     tests
@@ -51,6 +57,8 @@ def match(
         Default: what the surfaces allow and the aircraft has aerodynamics of.
     out
         Folder for the page.
+    pdf
+        Print the page to DIR/match.pdf, by the Chromium, Chrome or Edge that is installed.
     as_json
         Print match.json and nothing else.
     """
@@ -58,6 +66,10 @@ def match(
         raise InputError("RECORD is missing; expected: match RECORD ... --aircraft FILE [EXTENDED]")
     if len(aircraft) > 2:
         raise InputError(f"--aircraft: {len(aircraft)} files; expected the given one, and the extended one behind it")
+    if diagnosis is not None and len(aircraft) == 1:
+        aircraft = [*aircraft, str(diagnosis / "extended.toml")]
+    if pdf and out is None:
+        raise InputError("--pdf: there is no folder for match.pdf; give --out DIR")
     files = [aircraft_of(file) for file in aircraft]
     read = records_of(records, maps or [])
     for one in files:
@@ -66,12 +78,13 @@ def match(
         files[0],
         read,
         extended=files[1] if len(files) > 1 else None,
+        diagnosis=diagnosis,
         tolerances=tolerances,
         tests=None if tests is None else dict(map(_test, tests)),
         axes=axes,
         closed_loop=closed_loop,
     )
-    _write(proof, out, as_json)
+    _write(proof, out, pdf, as_json)
     return 0 if proof.passed else 1
 
 
@@ -87,12 +100,14 @@ def _test(text: str) -> tuple[str, tuple[float, float] | None]:
     return name, (start, end)
 
 
-def _write(proof: ProofOfMatch, out: Path | None, as_json: bool) -> None:
+def _write(proof: ProofOfMatch, out: Path | None, pdf: bool, as_json: bool) -> None:
     text = json.dumps(proof.to_dict(), indent=1)
     if out is not None:
         made_with = provenance(0)
         with whole_folder(out) as folder:
             write_match(proof, folder)
+            if pdf:
+                print_to_pdf(folder / "match.html", folder / "match.pdf")
             (folder / "match.json").write_text(text + "\n", encoding="utf-8")
             write_provenance(made_with, folder / "run.json")
     print(text if as_json else proof)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import textwrap
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,9 @@ from casid.report.words import digits, effect_name, probability_in_words, quanti
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
 _GAIN = 5e-4  # of the probability of being right, which is told to a tenth of a per cent
+_SURE, _HARDLY = 0.95, 0.05  # of flights: rightly named above, detected below
+_APART = "Detected and rightly named in more than 95 % of flights"
+_UNSEEN = "Detected in less than 5 % of flights at the size that matters; in brackets the smallest size that shows"
 _MOST = 48  # causes in the matrix: more cannot be read
 
 
@@ -38,7 +43,7 @@ def matrix(found: Isolability) -> Picture:
         _draw(drawn, found, shown)
     pairs = [(a, b, p) for a, one in found.causes.items() for b, p in one.confusion.items()]
     worst = max(pairs, key=lambda pair: pair[2], default=None)
-    said = f" Most alike: {worst[0]} and {worst[1]}, {100.0 * worst[2]:.0f} %." if worst else ""
+    said = f" Most alike: {_label(worst[0])} and {_label(worst[1])}, {100.0 * worst[2]:.0f} %." if worst else ""
     return Picture(
         name="isolability",
         figure=drawn,
@@ -52,38 +57,65 @@ def matrix(found: Isolability) -> Picture:
 
 
 def text(found: Isolability) -> str:
-    """What is detected, what is confused, and what would add most."""
-    causes = found.causes.values()
-    seen = [one for one in causes if one.detection > 0.5]
+    """State what is told apart, what is taken for what, what does not show, and what would add most."""
+    apart, between, unseen = _groups(found)
     lines = [
         f"{found.aircraft}: {', '.join(found.manoeuvres)}; channels {', '.join(found.channels)}",
-        f"{len(seen)} of {len(causes)} causes are detected at the size that matters in more than half of the flights; "
-        f"one is rightly named with a probability of {100.0 * found.told:.0f} % on average.",
+        sentence(found),
         "",
-        f"{'cause':36} {'matters':>12} {'smallest':>12} {'detected':>9} {'right':>6}  taken for",
     ]
-    for one in sorted(causes, key=lambda one: -one.told):
+    if apart:
+        lines += [*_wrapped(f"{_APART} ({len(apart)}): {_listed(apart)}."), ""]
+    if between:
+        lines.append(f"{'cause':42} {'matters':>12} {'smallest':>12} {'detected':>9} {'right':>6}  taken for")
+    for one in between:
         lines.append(
-            f"{one.name:36} {quantity(one.matters, one.unit):>12} {smallest(one):>12} "
+            f"{_label(one.name):42} {quantity(one.matters, one.unit):>12} {smallest(one):>12} "
             f"{probability_in_words(one.detection):>9} {probability_in_words(one.told):>6}  {rivals(one)}"
         )
+    if unseen:
+        lines += ["", *_wrapped(f"{_UNSEEN} ({len(unseen)}): {_listed(unseen, sizes=True)}.")]
     if found.additions:
-        lines += ["", "what would add most:", *(f"  {one}" for one in additions_in_words(found))]
+        lines += ["", "What would add most:", *(f"  {one}" for one in additions_in_words(found))]
     if found.left_out:
-        lines += ["", f"not judged: {', '.join(found.left_out)}"]
+        lines += ["", *_wrapped(f"Not judged: {', '.join(map(_label, found.left_out))}.")]
     return "\n".join(lines)
 
 
+def sentence(found: Isolability) -> str:
+    """State how many causes are detected, and how often one is rightly named."""
+    seen = sum(one.detection > 0.5 for one in found.causes.values())
+    return (
+        f"{seen} of {len(found.causes)} causes are detected at the size that matters in more than half of the flights. "
+        f"On average a cause is rightly named in {100.0 * found.told:.0f} % of flights."
+    )
+
+
+def _groups(found: Isolability) -> tuple[list[IsolableCause], list[IsolableCause], list[IsolableCause]]:
+    """Split the causes into those that are told apart, those in between, and those that do not show; best first."""
+    ordered = sorted(found.causes.values(), key=lambda one: -one.told)
+    apart = [one for one in ordered if one.told > _SURE]
+    unseen = [one for one in ordered if one.detection < _HARDLY]
+    return apart, [one for one in ordered if one not in apart and one not in unseen], unseen
+
+
+def _listed(causes: Sequence[IsolableCause], sizes: bool = False) -> str:
+    """List causes by the words that the picture has; with the smallest size that is detected."""
+    return "; ".join(_label(one.name) + (f" ({smallest(one)})" if sizes else "") for one in causes)
+
+
+def _wrapped(line: str) -> list[str]:
+    return textwrap.wrap(line, 118, subsequent_indent="  ", break_on_hyphens=False)
+
+
 def smallest(one: IsolableCause) -> str:
-    """The smallest size that is detected, in words."""
+    """Say the smallest size that is detected."""
     return quantity(one.smallest, one.unit) if np.isfinite(one.smallest) else "at no size"
 
 
 def rivals(one: IsolableCause) -> str:
-    """What a cause is taken for, the three most alike; nothing of one that is hardly ever detected."""
-    if one.detection < 0.05:
-        return ""
-    return ", ".join(f"{name} ({100.0 * p:.0f} %)" for name, p in list(one.confusion.items())[:3])
+    """Name what a cause is taken for, the three most alike."""
+    return ", ".join(f"{_label(name)} ({100.0 * p:.0f} %)" for name, p in list(one.confusion.items())[:3])
 
 
 def additions_in_words(found: Isolability) -> list[str]:
@@ -167,28 +199,29 @@ def write_isolability(found: Isolability, folder: str | Path) -> None:
     """Write `isolability.html` and `isolability_figures/*.svg` into `folder`, which is made."""
     picture = matrix(found)
     drawn = drawn_into(Path(folder) / FIGURES, {picture.name: picture})
-    seen = sum(one.detection > 0.5 for one in found.causes.values())
+    apart, between, unseen = _groups(found)
     context = {
         "colour": "#005A8F",
         "aircraft": found.aircraft,
         "manoeuvres": ", ".join(found.manoeuvres),
-        "sentence": f"{seen} of {len(found.causes)} causes are detected at the size that matters in more than half of "
-        f"the flights. One is rightly named with a probability of {100.0 * found.told:.0f} % on average.",
+        "sentence": sentence(found),
         "channels": ", ".join(found.channels),
         "additions": additions_in_words(found),
-        "sets": [", ".join(one) for one in found.sets if len(one) > 1],
+        "sets": ["; ".join(map(_label, one)) for one in found.sets if len(one) > 1],
         "figures": list(figures_of(drawn, {}).values()),
-        "causes": _table(found),
-        "left_out": ", ".join(found.left_out),
+        "apart": f"{_APART}: {_listed(apart)}." if apart else "",
+        "causes": _table(between),
+        "unseen": f"{_UNSEEN}: {_listed(unseen, sizes=True)}." if unseen else "",
+        "left_out": ", ".join(map(_label, found.left_out)),
     }
     (Path(folder) / "isolability.html").write_text(render("isolability.html", context), encoding="utf-8")
 
 
-def _table(found: Isolability) -> ReportTable:
+def _table(causes: Sequence[IsolableCause]) -> ReportTable:
     rows = tuple(
         Row(
             cells=(
-                one.name,
+                _label(one.name),
                 *(
                     cell.replace(" ", "\N{NO-BREAK SPACE}")
                     for cell in (
@@ -201,7 +234,7 @@ def _table(found: Isolability) -> ReportTable:
                 rivals(one),
             )
         )
-        for one in sorted(found.causes.values(), key=lambda one: -one.told)
+        for one in causes
     )
     return ReportTable(
         head=("cause", "matters from", "smallest", "detected", "right", "taken for"),

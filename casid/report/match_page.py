@@ -11,8 +11,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from casid.acceptance.checks import Check, compared_channels, span
-from casid.acceptance.proof import EXTENDED, GIVEN, MatchedTest, ProofOfMatch, Side
+from casid.acceptance.checks import EXTENDED, GIVEN, Check, compared_channels, span
+from casid.acceptance.justification import rationale_of
+from casid.acceptance.matched import MatchedTest, Side
+from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
@@ -43,6 +45,7 @@ if TYPE_CHECKING:
 
 _LINES = {GIVEN: (BASELINE, "--"), EXTENDED: (BLUE, "-")}
 _PANEL = 1.45  # inches
+_DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
 def plot(proof: ProofOfMatch, test: str | None) -> Figure:
@@ -108,7 +111,7 @@ def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> 
         limit = np.broadcast_to(row.limit(curve, float(np.abs(curve[inside]).max(initial=0.0))), curve.shape)
         low, high = factor * (curve - limit)[inside], factor * (curve + limit)[inside]
         axis.fill_between(t[inside], low, high, color=NOISE, lw=0, label="tolerance")
-    axis.plot(t, factor * one.flight.samples[name], ".", color=FAINT, ms=1.6, label="flight, samples")
+    _dots(axis, t, factor * one.flight.samples[name])
     axis.plot(t, factor * curve, color=MEASURED, lw=2.6, alpha=0.45, label="flight")
     for place, (label, side) in enumerate(one.sides.items()):
         simulated = compared_channels(side.flown, one.record, one.window, (name,)).get(name)
@@ -121,6 +124,12 @@ def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> 
         axis.fill_between(t, low, high, where=out.tolist(), color=colour, lw=0, transform=across)
     axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
     axis.set_ylabel(f"{told(name)} [{unit}]" if unit else told(name), fontsize=9.0)
+
+
+def _dots(axis: Axes, t: np.ndarray, y: np.ndarray) -> None:
+    """Draw the samples, thinned to what can be told apart."""
+    every = -(-len(t) // _DOTS)
+    axis.plot(t[::every], y[::every], ".", color=FAINT, ms=1.6, label="flight, samples")
 
 
 def _inside(one: MatchedTest, name: str) -> np.ndarray:
@@ -154,21 +163,30 @@ def _thrust(axis: Axes, one: MatchedTest) -> None:
 FIGURES = "match_figures"
 _COLOURS = {True: "#00694E", False: "#A3122A"}
 _VERDICTS = {True: "pass", False: "FAIL", None: "not judged"}
+_USED = {True: "yes", False: "no", None: "not known"}
 
 
 def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     """Write `match.html` and `match_figures/*.svg` into `folder`, which is made."""
     pictures = {f"test{i}": match_figure(one) for i, one in enumerate(proof.tests)}
+    rationales = {i: rationale_of(one, proof.tests, proof.lost, proof.findings) for i, one in enumerate(proof.tests)}
+    related = {i: related_figure(one) for i, one in enumerate(proof.tests) if rationales[i]}
+    pictures |= {f"related{i}": picture for i, picture in related.items() if picture}
     drawn = drawn_into(Path(folder) / FIGURES, {picture.name: picture for picture in pictures.values()})
     figures = figures_of(drawn, {})
     context = {
         "colour": _COLOURS[proof.passed],
+        "justified": _justified(proof),
         "proof": proof,
         "loop": _loop(proof),
         "summary": _summary(proof),
         "left_out": _left_out(proof),
-        "tests": [_page(one, figures[pictures[f"test{i}"].name]) for i, one in enumerate(proof.tests)],
-        "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not judged",
+        "tests": [
+            _page(one, figures[pictures[f"test{i}"].name])
+            | {"rationale": rationales[i], "related": figures[shown.name] if (shown := related.get(i)) else None}
+            for i, one in enumerate(proof.tests)
+        ],
+        "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not proved",
         "sentence": proof.sentence,
     }
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
@@ -205,11 +223,87 @@ def _summary(proof: ProofOfMatch) -> ReportTable:
         ]
         for side in one.sides.values():
             cells += [_most_used(side.checks), _VERDICTS[side.passed]]
+        cells += ["not met" if one.unmet else "met", _USED[one.fitted]]
         rows.append(Row(cells=tuple(cells), marked=one.passed is False))
     head = ["test", "record"]
     for label in proof.aircraft:
         head += [f"{label}: tolerance used", label]
+    head += ["conditions", "record fitted"]
     return ReportTable(head=tuple(head), rows=tuple(rows), caption="Tests, in the order of the standard.")
+
+
+def _justified(proof: ProofOfMatch) -> str:
+    """State in one sentence how many tests out of tolerance are justified."""
+    found = [
+        rationale for one in proof.tests if (rationale := rationale_of(one, proof.tests, proof.lost, proof.findings))
+    ]
+    if not found:
+        return ""
+    accepted = sum(one.accepted for one in found)
+    return (
+        f"{accepted} of {len(found)} tests that are out of tolerance as given have a rationale with a repaired model "
+        f"that is in tolerance. {len(proof.lost) or 'None'} of the tests in tolerance before is lost by it."
+    )
+
+
+def _conditions(one: MatchedTest) -> ReportTable:
+    words = {True: "met", False: "NOT MET", None: "not known"}
+    rows = tuple(
+        Row(
+            cells=(condition.name, condition.asked, condition.found, words[condition.met]),
+            marked=condition.met is False,
+        )
+        for condition in one.conditions
+    )
+    return ReportTable(head=("condition", "asked", "found", ""), rows=rows, caption="Conditions of the test")
+
+
+def related_figure(one: MatchedTest) -> Picture | None:
+    """Draw up to four channels that the test does not compare and that the change brings nearest to flight."""
+    names = _related(one)
+    if not names:
+        return None
+    inside = (one.record.t >= one.window.start) & (one.record.t <= one.window.end)
+    t = one.record.t[inside]
+    with settings():
+        figure = blank(_PANEL * -(-len(names) // 2) + 0.8, WIDE)
+        axes = figure.subplots(-(-len(names) // 2), 2, sharex=True, squeeze=False)
+        for axis, name in zip(axes.flat, names, strict=False):
+            factor, unit = channel_scale(name)
+            _dots(axis, t, factor * one.record[name][inside])
+            for label, side in one.sides.items():
+                colour, dash = _LINES[label]
+                axis.plot(t, factor * side.flown.channels[name], dash, color=colour, lw=1.3, label=label)
+            axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
+            axis.set_ylabel(f"{told(name)} [{unit}]", fontsize=9.0)
+        for axis in list(axes.flat)[len(names) :]:
+            axis.set_visible(False)
+        for axis in axes[-1]:
+            axis.set_xlabel("t [s]")
+        handles, labels = axes.flat[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+    return Picture(
+        name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s_related"),
+        figure=figure,
+        title=f"{one.test.id}: related variables",
+        caption="Related variables, which the test does not compare, in the same manoeuvre.",
+        alt=f"Time histories of {', '.join(map(told, names))}: flight, as given and extended.",
+        wide=True,
+    )
+
+
+def _related(one: MatchedTest) -> list[str]:
+    """Name the channels whose error the change reduces most."""
+    inside = (one.record.t >= one.window.start) & (one.record.t <= one.window.end)
+    given, extended = (side.flown.channels for side in (one.sides[GIVEN], one.sides[EXTENDED]))
+    gains: dict[str, float] = {}
+    for name in (n for n in extended if n in given and n in one.record and n not in one.test.channels):
+        y = one.record[name][inside]
+        seen = np.isfinite(y)
+        if seen.any() and np.ptp(y[seen]) > 0.0:
+            before, after = (float(np.sqrt(np.mean((x[name] - y)[seen] ** 2))) for x in (given, extended))
+            gains[name] = (before - after) / max(before, 1e-300)
+    return sorted((name for name in gains if gains[name] > 0.0), key=lambda name: -gains[name])[:4]
 
 
 def _most_used(checks: tuple[Check, ...]) -> str:
@@ -225,7 +319,11 @@ def _left_out(proof: ProofOfMatch) -> ReportTable:
 def _page(one: MatchedTest, figure: Any) -> dict[str, Any]:
     return {
         "one": one,
-        "verdicts": {label: _VERDICTS[side.passed] for label, side in one.sides.items()},
+        "verdicts": {
+            label: (_VERDICTS[side.passed].split()[0], one.outcome(label)) for label, side in one.sides.items()
+        },
+        "conditions": _conditions(one),
+        "used": _USED[one.fitted],
         "figure": figure,
         "histories": _histories(one),
         "quantities": _quantities(one),

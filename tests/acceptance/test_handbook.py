@@ -317,3 +317,11 @@ def test_a_diagnosis_gives_the_covariance_of_its_extended_aircraft() -> None:
         assert 0.0 < here < 0.5 * there
     roll, damping = found.modes["roll"].numbers["time_constant"], diagnosis.flight["Cl_p"]
     assert roll.std / roll.value == pytest.approx(abs(damping.std / damping.value), rel=0.3)
+
+
+def test_a_point_at_which_the_file_does_not_hold_is_said() -> None:
+    """A quarter of the speed takes sixteen times the lift coefficient: no derivative holds there."""
+    fast = cs.modes(navion())
+    assert not any("WARNING" in note for note in fast.notes)
+    slow = cs.modes(navion(), V=0.5 * fast.flight["V"])
+    assert any("angle of attack" in note and "WARNING" in note for note in slow.notes)

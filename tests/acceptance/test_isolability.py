@@ -218,3 +218,13 @@ def test_the_command_writes_a_page_and_the_numbers(tmp_path, capsys) -> None:
     assert printed == json.loads((tmp_path / "out" / "isolability.json").read_text(encoding="utf-8"))
     assert {"sensor_scale(q)", "sensor_delay(q)"} <= printed["causes"].keys()
     assert (tmp_path / "out" / "isolability.html").is_file()
+
+
+def test_the_text_speaks_as_the_picture_and_lists_no_cause_twice() -> None:
+    """Code names are for JSON; what is surely told apart, and what does not show, is one sentence each."""
+    found = cs.isolability(DEMO / "aircraft.toml", [DEMO / "m1.csv"], causes=["sensor_*"], suggest=False)
+    said = str(found)
+    assert not any(name in said for name in found.causes)
+    plain = " ".join(said.split())
+    assert plain.count("roll rate: sensor bias") == 1
+    assert len([line for line in said.splitlines() if "%" in line]) < len(found.causes)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import casid as cs
+from casid.acceptance.conditions import lateral_trim
 from casid.acceptance.flown import calibrated_airspeed
 from casid.acceptance.tolerances import StandardTest, Tolerance
 from casid.cli.options import DEMO
@@ -249,3 +250,87 @@ def test_the_demo_passes_once_its_lag_is_known() -> None:
     assert short_period and all(one.sides["as given"].passed is False for one in short_period)
     assert all(one.sides["extended"].passed is True for one in proof.tests)
     assert any("actuator lag" in cost.part and cost.fails for one in short_period for cost in one.costs)
+
+
+def rows_of(one: cs.MatchedTest) -> dict[str, bool | None]:
+    return {condition.name: condition.met for condition in one.conditions}
+
+
+@pytest.mark.parametrize(("name", "met"), [("X, approach", False), ("X, cruise", True), ("X", None)])
+def test_a_file_of_another_configuration_proves_nothing(given: cs.Aircraft, name: str, met: bool | None) -> None:
+    """The short period is flown in cruise (table A2A, 2.c.10); the flight is the simulation's own, within tolerance."""
+    own = replace(given, name=name)
+    proof = cs.proof_of_match(own, flown(given, 12.0, (3.0, 4.0, 5.0), noise=False), axes="longitudinal")
+    assert rows_of(proof.tests[0])["configuration"] is met
+    assert proof.passed is (met is not False)
+
+
+def test_conditions_of_the_flight_are_looked_at(given: cs.Aircraft) -> None:
+    """Rudder 2 deg off its trim, a roll rate before the input, an airspeed that the file is not of."""
+    record = flown(given, 12.0, (3.0, 4.0, 5.0), noise=False)
+    assert cs.proof_of_match(given, record, axes="longitudinal").passed
+    ones = np.ones(len(record))
+    rudder = record.with_channels(delta_r=np.radians(2.0) * ones)
+    rolling = record.with_channels(p=np.radians(5.0) * ones)
+    slower = replace(given, trim={**given.trim, "V": 60.0})
+    for aircraft, flight, said in (
+        (given, rudder, "rudder before the input"),
+        (given, rolling, "steady flight before the input"),
+        (slower, record, "airspeed"),
+    ):
+        proof = cs.proof_of_match(aircraft, flight, axes="longitudinal")
+        assert [one.name for one in proof.tests[0].unmet] == [said]
+        assert not proof.passed and said in str(proof)
+
+
+def test_controls_are_compared_with_the_trim_of_the_file(given: cs.Aircraft) -> None:
+    """Truth: the two equations of roll and yaw, put back."""
+    uneven = given.with_derivatives({"Cl_0": 1e-3, "Cn_0": -2e-3})
+    trim = lateral_trim(uneven)
+    for row in ("Cl", "Cn"):
+        left = sum(uneven.derivatives[f"{row}_{name}"] * trim[name] for name in trim) + uneven.derivatives[f"{row}_0"]
+        assert left == pytest.approx(0.0, abs=1e-12)
+
+
+def diagnosed(folder, extended: cs.Aircraft, fitted: str, held_out: str) -> None:
+    """A folder as `casid diagnose` writes it."""
+    folder.mkdir()
+    extended.write(folder / "extended.toml")
+    sentence = "The elevator follows its command with a lag of 0.25 s."
+    cause = {"name": "actuator_lag(delta_e)", "sentence": sentence, "probability": 0.97, "records": [fitted]}
+    gain = {"held_out": {"records": [held_out], "rms_ratio": {"q": 0.2, "theta": 0.1}}}
+    told = {"schema": "casid.diagnosis/3", "causes": [cause], "gain": gain, "notes": {fitted: []}}
+    (folder / "diagnosis.json").write_text(json.dumps(told))
+
+
+def test_a_test_out_of_tolerance_has_its_rationale(given: cs.Aircraft, tmp_path) -> None:
+    """Cause, change, the same test, records that no fit used, and every other test again."""
+    truth = given.with_effects([LAG])
+    diagnosed(tmp_path / "out", truth, "other", "m")
+    record = flown(truth, 12.0, (3.0, 4.0, 5.0))
+    proof = cs.proof_of_match(given, record, diagnosis=tmp_path / "out", axes="longitudinal")
+    (one,) = proof.tests
+    assert one.fitted is False
+    rationale = proof.to_dict()["tests"][0]["rationale"]
+    assert rationale["accepted"] is True and len(rationale["differs"]) >= 1
+    assert "lag of 0.25 s" in " ".join(rationale["why"]) and "0.25" in " ".join(rationale["changed"])
+    assert "No fit used this record" in rationale["proof"][0] and "theta 0.10" in rationale["proof"][1]
+
+
+def test_a_change_that_loses_another_test_is_not_accepted(given: cs.Aircraft) -> None:
+    """The lag is right and brings one flight into tolerance; a flight without lag was in tolerance, and is lost."""
+    truth = given.with_effects([LAG])
+    lagging, prompt = (replace_name(flown(one, 12.0, (3.0, 4.0, 5.0)), n) for one, n in ((truth, "a"), (given, "b")))
+    proof = cs.proof_of_match(given, [lagging, prompt], extended=truth, axes="longitudinal")
+    assert [one.record.name for one in proof.lost] == ["b"] and not proof.passed
+    rationale = proof.to_dict()["tests"][0]["rationale"]
+    assert rationale["accepted"] is False and "b" in rationale["proof"][2]
+
+
+def replace_name(record: cs.Record, name: str) -> cs.Record:
+    return cs.Record(name=name, t=record.t, channels=dict(record.channels), hold=record.hold)
+
+
+def test_a_folder_without_a_diagnosis_is_refused(given: cs.Aircraft, tmp_path) -> None:
+    with pytest.raises(InputError, match=r"diagnosis\.json"):
+        cs.proof_of_match(given, flown(given, 12.0, (3.0, 4.0, 5.0)), diagnosis=tmp_path)

@@ -10,6 +10,7 @@ import pytest
 from casid.cli.match import match
 from casid.cli.options import DEMO
 from casid.errors import InputError
+from casid.report.pdf import browser
 
 RECORD, PLANE = str(DEMO / "m4.csv"), str(DEMO / "aircraft.toml")
 OWN = """
@@ -67,4 +68,17 @@ def test_bad_input_is_one_line_and_writes_nothing(tmp_path: Path, more: dict, na
     with pytest.raises(InputError) as caught:
         match(RECORD, **{"aircraft": [PLANE], "out": tmp_path / "out", **more})
     assert named in str(caught.value) and "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.skipif(browser() is None, reason="no Chromium, Chrome or Edge is installed")
+def test_the_page_is_printed_by_one_command(tmp_path: Path) -> None:
+    match(RECORD, aircraft=[PLANE], tests=["2.d.2"], out=tmp_path / "out", pdf=True)
+    assert (tmp_path / "out" / "match.pdf").read_bytes().startswith(b"%PDF-")
+
+
+def test_without_a_browser_nothing_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("casid.report.pdf.BROWSERS", ())
+    with pytest.raises(InputError, match="Chromium"):
+        match(RECORD, aircraft=[PLANE], tests=["2.d.2"], out=tmp_path / "out", pdf=True)
     assert not (tmp_path / "out").exists()

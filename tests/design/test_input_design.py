@@ -117,12 +117,14 @@ def test_the_design_is_better_and_nothing_near_it_is_better_still():
 
 def test_a_start_that_bfgs_does_not_finish_ends_at_an_optimum(monkeypatch):
     """The exact Hessian takes over: IPOPT's conditions hold, and the limit is reached as at every optimum."""
-    monkeypatch.setattr("casid.design.input_design._ITERATIONS", 5)
+    monkeypatch.setattr("casid.design.input_design._FIRST_ITERATIONS", 5)
+    monkeypatch.setattr("casid.design.input_design._ITERATIONS", 0)
     shape, worse = StepInput(pulses=4), standard_3211(experiment(), criterion="A").cost
     monkeypatch.setattr("casid.design.input_design._EXACT_ITERATIONS", 0)
     begun = design_input(experiment(), shape, criterion="A", starts=1)
     monkeypatch.undo()
-    monkeypatch.setattr("casid.design.input_design._ITERATIONS", 5)
+    monkeypatch.setattr("casid.design.input_design._FIRST_ITERATIONS", 5)
+    monkeypatch.setattr("casid.design.input_design._ITERATIONS", 0)
     design = design_input(experiment(), shape, criterion="A", starts=1)
     assert begun.status.startswith("stopped") and design.status == "optimal"
     assert design.cost < begun.cost and design.cost < worse
