@@ -104,7 +104,7 @@ def test_every_cause_that_stays_is_asked_where_noise_is_slow() -> None:
     fitted = fit(flight, [lag, scale, absent], flight.noise(), iterations=20)
     kept: Any = SimpleNamespace(fit=fitted)
     state: Any = SimpleNamespace(baseline=SimpleNamespace(fixed=False), criteria=Criteria())
-    causes, minor = beside_slow_noise(kept, state, [cause_of(one) for one in (lag, scale, absent)], [])
+    causes, minor = beside_slow_noise(kept, state, (), [cause_of(one) for one in (lag, scale, absent)], [])
     assert [one.name for one in causes] == [lag.name, scale.name] and [one.name for one in minor] == [absent.name]
     gates = [gate for one in causes for gate in one.gates]
     assert {gate.gate for gate in gates} == {gate.gate for one in minor for gate in one.gates}
