@@ -142,11 +142,10 @@ def _grown(state: State, say: Say) -> State:
         state = added(state, catalogue)
         if not state.rounds[-1].named:
             break
-        gates = _gates_of_set(accepted, state)
-        if not all_passed(gates) and (other := swapped(state)) is not state:
-            state, gates = other, _gates_of_set(accepted, other)
-        state = replace(state, rounds=(*state.rounds[:-1], replace(state.rounds[-1], accepted_by=gates)))
-        if all_passed(gates):
+        state = with_gates_of_set(accepted, state)
+        if not _passes(accepted, state) and (other := swapped(state)) is not state:
+            state = with_gates_of_set(accepted, other)
+        if _passes(accepted, state):
             accepted = state
         elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
             break
@@ -158,10 +157,25 @@ def _grown(state: State, say: Say) -> State:
     return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
-def _gates_of_set(accepted: State, state: State) -> tuple[Gate, ...]:
-    """The gates that the last cause must pass for the set to be accepted; empty if the cause is too small to matter."""
-    last = state.rounds[-1].leader
-    return explains(accepted.missing, state.missing, last, state.evidence) if last.meaningful else ()
+def with_gates_of_set(accepted: State, state: State) -> State:
+    """The state whose rounds since the accepted set have the gates of their causes, each judged beside the whole set.
+
+    A cause that is too small to matter, or that is no longer in the model, has none.
+    """
+    there, new = _names(state.fit), state.rounds[len(accepted.rounds) :]
+
+    def judged(one: Round) -> Round:
+        last = one.leader
+        asked = one.named and last.meaningful and last.candidate.name in there
+        gates = explains(accepted.missing, state.missing, last, state.evidence) if asked else ()
+        return replace(one, accepted_by=gates)
+
+    return replace(state, rounds=(*state.rounds[: len(accepted.rounds)], *map(judged, new)))
+
+
+def _passes(accepted: State, state: State) -> bool:
+    """Whether every cause that was added to the accepted set passes its gates."""
+    return all(all_passed(one.accepted_by) for one in state.rounds[len(accepted.rounds) :])
 
 
 def added(state: State, catalogue: Sequence[Effect]) -> State:

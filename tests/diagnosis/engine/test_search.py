@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_flights import flights, trial_of
 
+from casid.diagnosis.cause import all_passed
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.baseline import baseline_from
 from casid.diagnosis.engine.candidates import checked, try_cause
-from casid.diagnosis.engine.search import State, dropped, swapped
+from casid.diagnosis.engine.search import State, dropped, swapped, with_gates_of_set
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit
@@ -17,7 +22,15 @@ from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import KinematicFindings
-from casid.model.causes import actuator_lag, aero_term, input_delay, sensor_bias, thrust_line
+from casid.model.causes import (
+    actuator_lag,
+    aero_term,
+    effectiveness_change,
+    input_delay,
+    sensor_bias,
+    thrust_line,
+    unsteady_aero,
+)
 from problems.do328 import do328
 
 LATE = Attached(effect=input_delay("delta_e"), values={"value": 0.05})
@@ -64,6 +77,36 @@ def test_a_fingerprint_has_the_order_of_the_readings() -> None:
     seen = joint.fit.seen
     response = trial.fingerprint.reshape(seen.shape)
     assert not seen.all() and not response[~seen].any() and np.mean(response[seen] != 0.0) > 0.9
+
+
+@pytest.mark.parametrize(("left", "passes"), [(2e4, True), (7e4, False)])
+def test_no_cause_of_a_set_is_named_with_a_gate_that_failed(left: float, passes: bool) -> None:
+    """A term and a loss that are judged together: the loss explains all at its port, the term leaves `left` of 1e5."""
+    term = Attached(effect=unsteady_aero("Cn"), values={"value": -5.0})
+    loss = Attached(effect=effectiveness_change("delta_a"), values={"value": -0.3}, onsets={"m1": 7.2})
+
+    def state(missing: dict[str, float], named: Sequence[Attached]) -> State:
+        inputs = tuple(SimpleNamespace(station=station, gain=gain) for station, gain in missing.items())
+        found = SimpleNamespace(slots=(), attached=tuple(named))
+        rounds = tuple(
+            Round(candidates=(), trials=(trial_of(one, gain),), equivalents=(), named=True)
+            for one, gain in zip(named, (6e4, 2e5), strict=False)
+        )
+        return State(  # the arrays behind it are not asked for
+            baseline=None,  # pyright: ignore
+            evidence=SimpleNamespace(fit=found, criteria=Criteria()),  # pyright: ignore
+            kinematic=None,
+            observed=(),
+            missing=inputs,  # pyright: ignore
+            rounds=rounds,
+            intervals={},
+        )
+
+    before = state({"dCn": 1e5, "dCl": 1e5, "control_delta_a": 1e5, "reading_r": 0.0}, ())
+    after = state({"dCn": left, "dCl": 0.0, "control_delta_a": 0.0, "reading_r": 0.0}, (term, loss))
+    judged = with_gates_of_set(before, after)
+    assert all(all_passed(one.accepted_by) for one in judged.rounds) == passes
+    assert all_passed(judged.rounds[-1].accepted_by)
 
 
 @pytest.mark.parametrize("named", [LAGGED, LATE])
