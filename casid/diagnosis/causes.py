@@ -122,9 +122,14 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
     return cause, True
 
 
-def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause]) -> Trace:
-    """The decisions of all rounds, with the later gates of the causes that these named."""
-    final, small = {one.key: one for one in causes}, {one.key: one for one in minor}
+def trace_of_search(
+    state: State, causes: Sequence[Cause], minor: Sequence[Cause], refused: Sequence[Cause] = ()
+) -> Trace:
+    """The decisions of all rounds, with the later gates of the causes that these named.
+
+    A cause is named, too small to matter, or refused with the gate that it failed.
+    """
+    final, small, out = ({one.key: one for one in some} for some in (causes, minor, refused))
     alike = {(o["kind"], o["target"], o["term"]) for one in causes for o in one.indistinguishable_from}
     found, told = [], set[tuple[str, str, str | None]]()
     for number, round_ in enumerate(state.rounds, 1):
@@ -132,17 +137,19 @@ def trace_of_search(state: State, causes: Sequence[Cause], minor: Sequence[Cause
         for one in round_.decisions(number):
             key = keys.get(one.cause)
             if one.outcome == NAMED and key is not None:
-                cause = final.get(key) or small.get(key)
+                cause = final.get(key) or small.get(key) or out.get(key)
                 told.add(key)
                 outcome = NAMED if key in final else MINOR if key in small else REFUSED
                 one = replace(one, outcome=outcome, gates=(*one.gates, *(cause.gates if cause else ())))
             elif one.outcome == IN_A_SET and key not in alike:
                 one = replace(one, outcome=REFUSED)
             found.append(one)
-    before = [one for one in (*causes, *minor) if one.gates and one.key not in told]
+    exits = ((causes, NAMED), (minor, MINOR), (refused, REFUSED))
     put_in = [
-        Decision(cause=one.name, round=0, outcome=NAMED if one.key in final else MINOR, gates=one.gates)
-        for one in before
+        Decision(cause=one.name, round=0, outcome=outcome, gates=one.gates)
+        for some, outcome in exits
+        for one in some
+        if one.gates and one.key not in told
     ]
     return Trace(decisions=merged([*put_in, *found]))
 

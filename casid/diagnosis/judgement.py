@@ -18,6 +18,7 @@ from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
 from casid.diagnosis.engine.probability import probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import missing_share
+from casid.diagnosis.engine.structure import is_usual
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -78,6 +79,18 @@ def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
     by = fitted.criteria
     drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.verdict.missing]
     return {m.place.name for m in drifts if missing_share(fitted, m) > by.size.share}
+
+
+def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+    """Of the causes that are not named, those that are too small to matter, and those that another gate refused.
+
+    Structure that is expected of an aircraft and part of the final model is among the first.
+    """
+    there = {one.effect.key for one in fitted.attached}
+    usual = {one.key for one in causes if one.key in there and (is_usual(one.effect) or one.effect.expected)}
+    small = [one.share < 1.0 or one.key in usual for one in causes]
+    first, second = (tuple(c for c, is_ in zip(causes, small, strict=True) if is_ is side) for side in (True, False))
+    return first, second
 
 
 def beside_slow_noise(
@@ -210,6 +223,7 @@ def judged(
     stages.begin("verdict")
     causes, minor = beside_slow_noise(kept, state, left, *causes_of(state, kept, left))
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
+    minor, refused = too_small_or_refused(kept.fit, minor)
     belief = probabilities(causes, unexplained, state, left)
     causes = belief.causes
     faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
@@ -219,7 +233,7 @@ def judged(
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
-    added = part(kept, causes, minor)
+    added = part(kept, causes, (*minor, *refused))
     stages.end()
     return Diagnosis(
         remark=sentences.remarks(minor, faint),
@@ -248,7 +262,7 @@ def judged(
         believed=belief.there,
         entered=belief.entered,
         nothing=belief.nothing,
-        trace=trace_of_search(state, causes, minor),
+        trace=trace_of_search(state, causes, minor, refused),
     )
 
 
