@@ -78,6 +78,12 @@ class DataCriteria:
     derivative: float = number(
         0.35, "1-sigma of a file's derivative, as a part of it, and of the logarithm of lift and of its slope"
     )
+    outlier: float = number(
+        0.05,
+        "prior probability that one derivative of a coefficient is wrong by more than `derivative`",
+        "derived: one in five coefficients of four derivatives has one",
+    )
+    outlying: float = number(3.0, "1-sigma of such a derivative, as a part of it", "chosen")
     minor: float = number(
         0.2,
         "1-sigma of a derivative beside that, as the part of its coefficient's variation that it makes, for units",
@@ -100,6 +106,12 @@ class DataCriteria:
     )
     level_bank: float = number(0.5, "bank up to which the climb angle is theta - alpha", unit="rad")
     usual_v: float = number(100.0, "airspeed that `usual` is about", unit="m/s")
+    accelerometer: float = number(
+        0.15,
+        "1-sigma of an accelerometer's distance from the c.g. along each axis, over the length of lateral moments",
+        "derived: nose and tail, half a span away, are at three",
+    )
+    usual_span: float = number(10.0, "length of lateral moments where no aircraft file has one", "chosen", unit="m")
     vane_ahead: float = number(8.0, "1-sigma of the place of a vane ahead of the c.g.", unit="m")
     vane_across: float = number(2.0, "1-sigma of the place of a vane across", unit="m")
     upwash: float = number(0.1, "1-sigma of a flow angle's error by the other flow angle, as a part of that")

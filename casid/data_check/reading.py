@@ -14,6 +14,7 @@ from casid.records.checks import INPUTS
 from casid.records.record import Record
 
 _ANGLES = ("psi",)
+FORCES = ("ax", "ay", "az")
 FEWEST_KNOWN = 20  # samples of smoothed series, some three windows of six: fewer judge no level and no relation
 
 
@@ -95,12 +96,14 @@ class Reading:
     offset  channel -> what is added to that
     source  channel -> the column that holds it, where it is another one
     time    seconds in a unit of the time column
+    place   of the accelerometer from the c.g. [m], whose part of the readings is taken off
     """
 
     factor: Mapping[str, float] = field(default_factory=dict)
     offset: Mapping[str, float] = field(default_factory=dict)
     source: Mapping[str, str] = field(default_factory=dict)
     time: float = 1.0
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def then(self, other: Reading) -> Reading:
         """This reading, with another one of what it gives: both corrections, one after the other."""
@@ -111,7 +114,8 @@ class Reading:
         moved = {*self.offset, *other.offset, *(names if self.offset else ())}
         before = {n: other.factor.get(n, 1.0) * self.offset.get(other.source.get(n, n), 0.0) for n in moved}
         offset = {n: before[n] + other.offset.get(n, 0.0) for n in moved}
-        return Reading(factor=factor, offset=offset, source=source, time=self.time * other.time)
+        x, y, z = (a + b for a, b in zip(self.place, other.place, strict=True))
+        return Reading(factor=factor, offset=offset, source=source, time=self.time * other.time, place=(x, y, z))
 
     def of(self, name: str, recorded: np.ndarray) -> np.ndarray:
         """The channel in SI, from the numbers of its column."""
@@ -120,7 +124,7 @@ class Reading:
     @property
     def channels(self) -> frozenset[str]:
         """Channels that it takes otherwise than recorded."""
-        return frozenset((*self.factor, *self.offset, *self.source))
+        return frozenset((*self.factor, *self.offset, *self.source, *(FORCES if any(self.place) else ())))
 
 
 AS_RECORDED = Reading()
@@ -147,7 +151,10 @@ class Read:
         source = self._reading.source.get(name, name)
         if source not in self._record:
             return self._density() if name == "rho" and self._density_known else np.zeros(len(self._record.t))
-        return self._reading.of(name, self._record.values[source])
+        values = self._reading.of(name, self._record.values[source])
+        if name in FORCES and any(self._reading.place):
+            return values - np.asarray(self._reading.place) @ self.levers()[:, FORCES.index(name)]
+        return values
 
     def _density(self) -> np.ndarray:
         """(N,) of the standard atmosphere at the recorded altitude, or that of the trim."""
@@ -169,6 +176,16 @@ class Read:
     @property
     def name(self) -> str:
         return self._record.name
+
+    def levers(self) -> np.ndarray:
+        """(3, 3, N) what an accelerometer 1 m from the c.g. senses of the rotation: axes of the place, and of force."""
+        still = np.zeros(len(self._record.t))
+        rates = np.stack([self.value(name) for name in "pqr"])
+        turning = np.stack([self.rate(name) if self._recorded(name) else still for name in "pqr"])
+        arms = np.eye(3)[:, :, None] * np.ones_like(still)
+        return np.stack(
+            [np.cross(turning, arm, axis=0) + np.cross(rates, np.cross(rates, arm, axis=0), axis=0) for arm in arms]
+        )
 
     @property
     def independent(self) -> float:

@@ -171,6 +171,14 @@ def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
     return found
 
 
+def accelerometer(axis: str, value: float) -> Alternative:
+    """The accelerometer at a distance [m] from the c.g. along an axis: an error that a diagnosis corrects."""
+    x, y, z = (value * float(axis == one) for one in "xyz")
+    return Alternative(
+        kind="accelerometer_position", target=axis, reading=Reading(place=(x, y, z)), value=value, unit="m"
+    )
+
+
 def _swap(a: str, b: str) -> Alternative:
     return Alternative(kind="data_swap", target=f"{a}+{b}", reading=Reading(source={a: b, b: a}))
 
@@ -187,6 +195,7 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
     "CL": ("az", "ax", "alpha"),
     "CZ": ("az",),
 }
+_FORCE_ROWS = ("CY", "CL", "CZ")
 _MOTION = ("alpha", "beta", "p", "q", "r")
 _UNSTEADY = ("alphadot", "betadot")
 _READ_TOO: Mapping[str, str] = {"alpha": "beta", "beta": "alpha"}  # a flow angle's vane reads a part of the other
@@ -219,7 +228,8 @@ class _Row:
     def columns(self, regressors: Mapping[str, np.ndarray]) -> np.ndarray:
         """(N, columns) of regressors."""
         count = len(regressors["alpha"])
-        return np.stack([parse_term(term).evaluate(regressors) * np.ones(count) for term in self.all_terms], axis=1)
+        modelled = [parse_term(term).evaluate(regressors) * np.ones(count) for term in self.terms]
+        return np.stack([*modelled, *(regressors[term] for term, _ in self.errors)], axis=1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -277,6 +287,15 @@ class Response:
             found.append((alternative, self._in_records(plain, other, floor)))
         return [*found, *self._file_signs(plain, noise)]
 
+    def of_forces(self, readings: Sequence[Sequence[Read]]) -> list[float]:
+        """Log marginal likelihood of the file's forces under every reading of the records, up to what all share."""
+        there = {n for c in readings[0] for n in (*_MOTION, *SURFACES) if c.has(n)}
+        parts = [[self._parts(record, Reading(), there) for record in records] for records in readings]
+        noises = [self._noise(one) for one in parts]
+        shared = [c for c in _FORCE_ROWS if all(c in noise for noise in noises)]
+        least = {c: min(noise[c] for noise in noises) for c in shared}
+        return [self._evidence(one, least) for one in parts]
+
     def likelihood(self, records: Sequence[Read]) -> float:
         """Log marginal likelihood of the file's derivatives, as far as the records tell of them, with the noise that is
         left. What no derivatives explain is taken off: a missing jump, or a thrust line, is no evidence for them."""
@@ -328,7 +347,7 @@ class Response:
         would be taken for the rudder's."""
         if not record.has("V", "rho"):
             return {}
-        regressors = _regressors(record, self._aircraft, reading)
+        regressors = _regressors(record, self._aircraft, reading, self._criteria)
         measured = _measured(record, self._aircraft)
         every = max(1, round(len(record.value("V")) / record.independent))
         found = {}
@@ -365,22 +384,27 @@ def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCrit
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
     Derivatives are about `prior`, within a part of it, or within what makes a `minor` part of what the coefficient
-    varies by. Those of surfaces are not of the other sign, nor less than `criteria.smallest` of it."""
+    varies by; one of them may be an outlier, as that of a damper which the file lacks. Those of surfaces are not of the
+    other sign, nor less than `criteria.smallest` of it."""
     prior = row.about
     varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
     spread = np.hypot(criteria.derivative * prior, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
     spread = np.hypot(spread, row.besides)
+    may = [i for i, term in enumerate(row.terms) if term not in SURFACES]
+    each = np.tile(spread, (len(may) + 1, 1))
+    each[np.arange(len(may)), may] = criteria.outlying * np.abs(prior[may])
+    weights = np.append(np.full(len(may), criteria.outlier / max(len(may), 1)), 1.0 - criteria.outlier)
     off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
-    b = spread * (squares.Xy - squares.XX @ prior) / noise**2
-    inverse = np.linalg.inv(np.eye(len(prior)) + spread[:, None] * squares.XX * spread / noise**2)
-    shift = inverse @ b
-    evidence = -0.5 * float(off / noise**2 - shift @ b) + 0.5 * float(np.linalg.slogdet(inverse)[1])
-    for i, (term, value, sigma) in enumerate(zip(row.all_terms, prior, spread, strict=True)):
+    b = each * (squares.Xy - squares.XX @ prior) / noise**2
+    inverse = np.linalg.inv(np.eye(len(prior)) + each[:, :, None] * squares.XX * each[:, None, :] / noise**2)
+    shift = np.einsum("kij,kj->ki", inverse, b)
+    evidence = -0.5 * (off / noise**2 - np.sum(shift * b, axis=1)) + 0.5 * np.linalg.slogdet(inverse)[1]
+    for i, (term, value) in enumerate(zip(row.all_terms, prior, strict=True)):
         if term in SURFACES:
-            above = (1.0 - criteria.smallest) * abs(value) / sigma
-            posterior = (above + np.sign(value) * shift[i]) / np.sqrt(inverse[i, i])
-            evidence += max(float(special.log_ndtr(posterior) - special.log_ndtr(above)), criteria.impossible)
-    return evidence
+            above = (1.0 - criteria.smallest) * abs(value) / each[:, i]
+            posterior = (above + np.sign(value) * shift[:, i]) / np.sqrt(inverse[:, i, i])
+            evidence += np.maximum(special.log_ndtr(posterior) - special.log_ndtr(above), criteria.impossible)
+    return float(special.logsumexp(evidence, b=weights))
 
 
 def _rows(aircraft: Aircraft, criteria: DataCriteria) -> dict[str, _Row]:
@@ -396,29 +420,54 @@ def _rows(aircraft: Aircraft, criteria: DataCriteria) -> dict[str, _Row]:
             names=tuple(name for name, _, _ in rows),
             terms=tuple(term for _, term, _ in rows),
             prior=np.array([value for _, _, value in rows]),
-            errors=tuple(_errors({term: value for _, term, value in rows}, criteria)),
+            errors=tuple(_errors(coefficient, {term: value for _, term, value in rows}, criteria)),
         )
         for coefficient, rows in table.items()
     }
 
 
-def _errors(slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
+def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
     """What healthy instruments add to a coefficient that has these slopes by its terms, and its spread."""
     for angle, other in _READ_TOO.items():
         if angle in slopes and other not in slopes:
             yield other, criteria.upwash * abs(slopes[angle])
+    for surface in SURFACES:
+        if surface in slopes:
+            yield f"{surface} rate", criteria.late * abs(slopes[surface])
+    if coefficient in _FORCE_ROWS:
+        yield from ((f"{coefficient} lever {axis}", 1.0) for axis in "xyz")
 
 
-def _regressors(c: Read, aircraft: Aircraft, reading: Reading) -> dict[str, np.ndarray]:
+def _pressure_area(c: Read, aircraft: Aircraft) -> np.ndarray:
+    """(N,) dynamic pressure times area [N]."""
+    return 0.5 * np.maximum(c.value("rho"), 1e-3) * np.maximum(c.value("V"), 1.0) ** 2 * aircraft.area
+
+
+def _regressors(c: Read, aircraft: Aircraft, reading: Reading, criteria: DataCriteria) -> dict[str, np.ndarray]:
     V = np.maximum(c.value("V"), 1.0)
     surfaces = {s: reading.factor.get(s, 1.0) * c.value(reading.source.get(s, s)) for s in SURFACES}
+    rates = {
+        f"{s} rate": reading.factor.get(s, 1.0) * c.rate(source)
+        for s in SURFACES
+        if c.has(source := reading.source.get(s, s))
+    }
+    place = criteria.accelerometer * aircraft.moment_length_lateral
+    alpha, levers = c.value("alpha"), place * c.levers() * aircraft.mass / _pressure_area(c, aircraft)
+    across = {"CY": levers[:, 1], "CZ": levers[:, 2], "CL": np.sin(alpha) * levers[:, 0] - np.cos(alpha) * levers[:, 2]}
     found = {
-        "alpha": c.value("alpha"),
+        "alpha": alpha,
         "beta": c.value("beta"),
         "p": c.value("p") * aircraft.rate_length_lateral / V,
         "q": c.value("q") * aircraft.rate_length_pitch / V,
         "r": c.value("r") * aircraft.rate_length_lateral / V,
         **surfaces,
+        **dict.fromkeys((f"{s} rate" for s in SURFACES), np.zeros(len(alpha))),
+        **rates,
+        **{
+            f"{name} lever {axis}": each
+            for name, three in across.items()
+            for axis, each in zip("xyz", three, strict=True)
+        },
         "mach": V / np.asarray(speed_of_sound(np.maximum(c.value("rho"), 1e-3)), dtype=float).reshape(-1),
         "Tc": c.value("thrust") / (0.5 * np.maximum(c.value("rho"), 1e-3) * V**2 * aircraft.area),
     }
@@ -432,7 +481,7 @@ def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
     pdot, qdot, rdot = (c.rate(name) if c.has(name) else np.zeros(len(p)) for name in "pqr")
     inertia = aircraft.inertia
     Ixx, Iyy, Izz, Ixz = inertia.Ixx, inertia.Iyy, inertia.Izz, inertia.Ixz
-    qS = 0.5 * np.maximum(c.value("rho"), 1e-3) * np.maximum(c.value("V"), 1.0) ** 2 * aircraft.area
+    qS = _pressure_area(c, aircraft)
     roll = Ixx * pdot - Ixz * rdot + (Izz - Iyy) * q * r - Ixz * p * q
     pitch = Iyy * qdot + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2)
     yaw = Izz * rdot - Ixz * pdot + (Iyy - Ixx) * p * q + Ixz * q * r

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from scipy import optimize
 
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.levels import level_terms, trimmed_density
-from casid.data_check.reading import AS_RECORDED, Read, Reading, Smooth, smooth
+from casid.data_check.reading import AS_RECORDED, FORCES, Read, Reading, Smooth, smooth
 from casid.data_check.relations import FILE_UNITS, RELATIONS, FileUnit, Relation, agreement
-from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, alternatives
+from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, accelerometer, alternatives
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
 from casid.signals import GRAVITY, SURFACES
 
 _OF_THE_FILE = ("file_sign",)
+INSTRUMENT_ERRORS = ("accelerometer_position",)
+_FARTHEST = 3.0  # 1-sigmas of the place of an accelerometer
 
 Term = Callable[[Read], float | None]
+Gains = list[tuple[Alternative, list[float]]]  # of every alternative, in every record
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,6 +65,8 @@ class Weighing:
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else GRAVITY
         density = trimmed_density(aircraft) if aircraft is not None else None
+        span = aircraft.moment_length_lateral if aircraft is not None else criteria.usual_span
+        self._place = criteria.accelerometer * span  # 1-sigma, along each axis
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
@@ -91,13 +97,21 @@ class Weighing:
         return Read((self._slow if slow else self._quick)[j], reading)
 
     def found(self) -> list[Weighed]:
-        """The faults that the records show, most telling first; each is corrected before the next is sought."""
+        """The faults that the records show, most telling first; each is corrected before the next is sought.
+
+        An error of an instrument, which a diagnosis corrects, explains records as a fault does. Where it does so
+        better, the next fault is sought beside it."""
         found: list[Weighed] = []
         for _ in range(self._criteria.faults):
-            best = self._best([self._gains(a) for a in self._outputs()])
+            gains = [self._gains(a) for a in self._outputs()]
+            best = self._best(gains)
+            if best is not None and best.alternative.channels & {*FORCES, "V", "alpha", "beta"}:
+                best = self._best(self._by_the_file([*gains, *(self._gains(a) for a in self._places())]))
             if best is None:
                 break
-            found.append(best)
+            told = self._or_else_the_record(best, INSTRUMENT_ERRORS)
+            if told is not None:
+                found.append(told)
             self._take(best)
         if self._response is not None:
             self._find_surfaces(found)
@@ -128,8 +142,7 @@ class Weighing:
                 return
             self.units = []
             settled |= _surfaces_of(best.alternative)
-            if best.alternative.kind in _OF_THE_FILE:
-                best = self._or_else_the_record(best)
+            best = self._or_else_the_record(best, _OF_THE_FILE)
             if best is not None:
                 found.append(best)
                 self._take(best)
@@ -139,7 +152,7 @@ class Weighing:
         that it cannot be told from, and its log odds; none when the file stands."""
         if self._aircraft is None or self._response is None:
             return 0.0, []
-        reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
+        reads = self._all_read(AS_RECORDED, ())
         base = self._response.likelihood(reads) + self._lift(self._aircraft)
         odds: list[tuple[float, FileUnit]] = []
         for unit in FILE_UNITS:
@@ -159,9 +172,12 @@ class Weighing:
             return 0.0
         return -0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2 if ratio > 0.0 else self._criteria.impossible
 
-    def _or_else_the_record(self, best: Weighed) -> Weighed | None:
-        """What contradicts the file may be a fault of the records, when these explain it as well."""
-        faults = [one for one in best.rivals if one.kind not in _OF_THE_FILE]
+    def _or_else_the_record(self, best: Weighed, elsewhere: Collection[str]) -> Weighed | None:
+        """What an error of a kind from `elsewhere` explains may be a fault of the records, when this explains it as
+        well."""
+        if best.alternative.kind not in elsewhere:
+            return best
+        faults = [one for one in best.rivals if one.kind not in elsewhere]
         if not faults:
             return None
         rivals = (best.alternative, *(one for one in best.rivals if one is not faults[0]))
@@ -176,6 +192,41 @@ class Weighing:
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
         return [a for a in alternatives(channels, self._stretched()) if not a.channels & {*SURFACES, *self._believed}]
+
+    def _by_the_file(self, gains: Gains) -> Gains:
+        """The gains, of those that concern accelerometers also by the forces that the file predicts; these are shared
+        among the records that have the fault."""
+        if self._response is None:
+            return gains
+        able = [i for i, (a, g) in enumerate(gains) if _of_forces_alone(a) and self._total(a, g) > 0.0]
+        concerned = [self._concerned(*gains[i]) for i in able]
+        other = [self._all_read(gains[i][0].reading, names) for i, names in zip(able, concerned, strict=True)]
+        as_read, *said = self._response.of_forces([self._all_read(AS_RECORDED, ()), *other])
+        for i, names, one in zip(able, concerned, said, strict=True):
+            more = (one - as_read) / max(len(names), 1)
+            alternative, each = gains[i]
+            gains[i] = alternative, [g + more * (n in names) for n, g in zip(self.names, each, strict=True)]
+        return gains
+
+    def _all_read(self, other: Reading, names: Collection[str]) -> list[Read]:
+        """All records as they are read now, some of them with another reading."""
+        pairs = zip(self.names, self.readings, strict=True)
+        return [self._read(j, False, r.then(other) if n in names else r) for j, (n, r) in enumerate(pairs)]
+
+    def _places(self) -> list[Alternative]:
+        """The accelerometer away from the c.g. along each axis, by as much as explains the records best."""
+        if not any(name in one for one in self._quick for name in FORCES):
+            return []
+        found = []
+        for axis in "xyz":
+
+            def off(sigmas: float, axis: str = axis) -> float:
+                one = accelerometer(axis, sigmas * self._place)
+                return -sum(self._gains(one)[1]) - self._prior(one)
+
+            best = float(np.ravel(optimize.fminbound(off, -_FARTHEST, _FARTHEST, xtol=0.05))[0])
+            found.append(accelerometer(axis, best * self._place))
+        return found
 
     def _stretched(self) -> list[float]:
         """The factors on time that make rates of rotation what the gyros say, of all records or of some; no units."""
@@ -240,7 +291,7 @@ class Weighing:
 
     def _response_gains(self) -> list[tuple[Alternative, list[float]]]:
         assert self._response is not None
-        reads = [self._read(j, False, reading) for j, reading in enumerate(self.readings)]
+        reads = self._all_read(AS_RECORDED, ())
         channels = {name for one in self._quick for name in one.values}
         able = [a for a in alternatives(channels) if a.channels and a.channels <= {*SURFACES} - self._believed]
         able = [a for a in able if self._are_deflections(a)]
@@ -258,7 +309,10 @@ class Weighing:
     def _best(self, gains: Sequence[tuple[Alternative, list[float]]]) -> Weighed | None:
         """The alternative with the largest posterior odds, in the records that do not contradict it."""
         scored = sorted(
-            ((self._total(per_record) + self._prior(a), a, self._concerned(per_record)) for a, per_record in gains),
+            (
+                (self._total(a, per_record) + self._prior(a), a, self._concerned(a, per_record))
+                for a, per_record in gains
+            ),
             key=lambda row: -row[0],
         )
         if not scored or scored[0][0] + self._criteria.fault < self._criteria.said:
@@ -271,7 +325,10 @@ class Weighing:
         return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
     def _prior(self, alternative: Alternative) -> float:
-        """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own."""
+        """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own, and
+        accelerometers stand where there is room."""
+        if alternative.kind in INSTRUMENT_ERRORS:
+            return -self._criteria.fault - 0.5 * float(np.sum(np.square(alternative.reading.place))) / self._place**2
         if alternative.kind == "data_gravity":
             return self._criteria.apart
         names = alternative.reading.factor.keys()
@@ -279,15 +336,21 @@ class Weighing:
         there = {name for record in self._quick for name in group if name in record}
         return self._criteria.apart if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
 
-    def _total(self, gains: Sequence[float]) -> float:
-        """Gain in all records, or in some of them, of which there are many choices."""
-        if min(gains) > -self._criteria.against:
+    def _total(self, alternative: Alternative, gains: Sequence[float]) -> float:
+        """Gain in all records, or in some of them, of which there are many choices. An instrument stays in place."""
+        if alternative.kind in INSTRUMENT_ERRORS or min(gains) > -self._criteria.against:
             return sum(gains)
         return sum(g for g in gains if g > 0.0) - math.log(max(2.0 ** len(gains) - 2.0, 1.0))
 
-    def _concerned(self, gains: Sequence[float]) -> tuple[str, ...]:
-        everywhere = min(gains) > -self._criteria.against
+    def _concerned(self, alternative: Alternative, gains: Sequence[float]) -> tuple[str, ...]:
+        everywhere = alternative.kind in INSTRUMENT_ERRORS or min(gains) > -self._criteria.against
         return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > self._criteria.against)
+
+
+def _of_forces_alone(alternative: Alternative) -> bool:
+    """Whether it takes accelerations otherwise, by as much: their likelihoods compare."""
+    sizes = {abs(factor) for factor in alternative.reading.factor.values()}
+    return bool(alternative.channels & {*FORCES}) and sizes <= {1.0}
 
 
 def _clash(one: Weighed, other: Weighed) -> bool:
@@ -328,6 +391,8 @@ def described(alternative: Alternative) -> str:
         return f"{alternative.target} reversed"
     if alternative.kind == "data_gravity":
         return f"{alternative.target} without gravity"
+    if alternative.kind in INSTRUMENT_ERRORS:
+        return f"the accelerometer {alternative.value:.2g} m from the c.g. along {alternative.target}"
     return f"{alternative.target.replace('+', ', ')} in {alternative.unit or 'another unit'}"
 
 

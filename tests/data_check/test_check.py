@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy import signal
 
 import casid as cs
 from casid.data_check.reading import Finding
@@ -138,6 +139,34 @@ def test_a_vane_that_reads_a_part_of_the_other_angle_reverses_no_surface(slope: 
     flight = clean("jsbsim", "clean-2", 1801)
     read = [one.with_channels(alpha=one["alpha"] + slope * one["beta"]) for one in flight.records]
     assert not cs.check(read, flight.aircraft).findings
+
+
+def placed(record: Record, arm: Sequence[float]) -> Record:
+    """What an accelerometer at `arm` [m] from the c.g. reads: a + omega_dot x arm + omega x (omega x arm)."""
+    omega = np.stack([record[name] for name in "pqr"], axis=1)
+    turning = signal.savgol_filter(omega, 9, 2, deriv=1, delta=record.dt, axis=0)
+    sensed = np.cross(turning, arm) + np.cross(omega, np.cross(omega, arm))
+    return record.with_channels(**{n: record[n] + sensed[:, i] for i, n in enumerate(("ax", "ay", "az"))})
+
+
+@pytest.mark.parametrize("arm", [(2.0, 0.0, 0.0), (-2.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 2.0), (0.0, 0.0, -2.0)])
+def test_an_accelerometer_away_from_the_cg_is_corrected_in_no_other_way(arm: tuple[float, ...]) -> None:
+    """A light aircraft of the independent simulator: 2 m ahead made the lateral acceleration reversed, at 1e6 to 1."""
+    flight = clean("independent", "clean-1", 3002)
+    checked = cs.check([placed(one, arm) for one in flight.records], flight.aircraft)
+    assert not [one for one in checked.findings if one.handled != "reported"] and not checked.doubts
+
+
+def test_a_sign_competes_with_the_place_of_the_instrument() -> None:
+    """An instrument stays where it is. Reversed in one record of five, the lateral acceleration has the wrong sign; in
+    all of them a place of the accelerometer explains it, too, and nothing is corrected without saying so."""
+    flight = clean("independent", "clean-1", 3002)
+    reversed_ = [one.with_channels(ay=-one["ay"]) for one in flight.records]
+    (one,) = cs.check([reversed_[0], *flight.records[1:]], flight.aircraft).findings
+    assert (one.kind, one.target, one.records, one.handled) == ("data_sign", "ay", ("m1",), "corrected")
+    (every,) = cs.check(reversed_, flight.aircraft).findings
+    assert (every.kind, every.target, every.handled) == ("data_sign", "ay", "reported")
+    assert "accelerometer_position" in [other["kind"] for other in every.indistinguishable_from]
 
 
 @pytest.mark.parametrize("drift", [0.007, 0.014])
