@@ -103,9 +103,13 @@ class Trial:
 
     @property
     def not_refuted(self) -> tuple[Gate, ...]:
-        """The gates of the kinematic check, and of being fitted at all."""
+        """The gates of the kinematic check, and of being fitted at all.
+
+        An instrument that the kinematics contain must be seen there: aerodynamics imitate a small fault of any reading.
+        """
         before = () if self.given_up is None else (self.given_up,)
-        return (*before, *self.check.gates, *(self.check.must_be_seen if self.effect.grounded else ()))
+        must_be_seen = self.effect.grounded or (self.effect.of_an_instrument and self.check.predicted > 0.0)
+        return (*before, *self.check.gates, *(self.check.must_be_seen if must_be_seen else ()))
 
     @property
     def refuted(self) -> bool:

@@ -132,7 +132,8 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.by_record else []
         some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
-        for keep in (np.ones(R), *(_subset(chosen, R) for chosen in some)):
+        whole = [] if effect.relative else [np.ones(R)]  # only the prior of the file would tell it from derivatives
+        for keep in (*whole, *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
             if size == 0.0 or (not effect.linear and not 1.0 / criteria.nonlinear < size < criteria.nonlinear):
                 continue

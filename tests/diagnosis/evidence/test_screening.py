@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -128,6 +129,18 @@ def test_what_only_shows_between_records_is_in_the_fewer(effect, records: tuple[
     )
     (found,) = rank(Judge(3), [one])  # pyright: ignore[reportArgumentType]
     assert found.attached.records == records
+
+
+def test_what_only_shows_between_records_is_never_in_all_of_them() -> None:
+    """A mass that is off by the same amount in all records scales every force, as derivatives do; a bias does not."""
+    for effect, expected in ((mass(""), None), (sensor_bias("q"), ())):
+        one = Fingerprint(
+            effect=effect, values={}, onset=None, square=np.ones(3), cross=np.full((3, 1), 0.05), match=np.full(3, 30.0)
+        )
+        found = rank(Judge(3), [one])  # pyright: ignore[reportArgumentType]
+        assert (found[0].attached.records == expected) if expected is not None else found[0].attached.records != ()
+    one = replace(one, effect=mass(""), square=np.ones(1), cross=np.full((1, 1), 0.05), match=np.full(1, 30.0))
+    assert not rank(Judge(1), [one])  # pyright: ignore[reportArgumentType]
 
 
 def test_a_cause_in_half_of_many_records_is_found_among_all_sets() -> None:

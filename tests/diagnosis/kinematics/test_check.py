@@ -26,6 +26,7 @@ from casid.model.causes import (
     sensor_bias,
     sensor_delay,
     sensor_lag,
+    sensor_scale,
     thrust_line,
     vane_position,
 )
@@ -212,3 +213,17 @@ def test_kinematics_beside_a_cause_do_not_know_it() -> None:
     assert not without.fit.attached and without.fit.deviance > again.fit.deviance + 1000.0
     check, own = (kinematic_check(one, late) for one in (without, kinematic))
     assert check.confirmed and not own.confirmed
+
+
+@pytest.mark.parametrize(
+    ("predicted", "achieved", "refuted"),
+    [(0.0, 0.0, False), (3.0, 2.0, True), (60.0, 55.0, False), (60.0, -10.0, True)],
+)
+def test_an_instrument_that_the_kinematics_contain_must_be_seen_there(
+    predicted: float, achieved: float, refuted: bool
+) -> None:
+    """A scale of ax that only the aerodynamics show; records that kinematics cannot judge say nothing."""
+    trial = trial_of(Attached(effect=sensor_scale("ax"), values={"value": 0.02}), 43.0)
+    assert replace(trial, check=KinematicCheck(predicted=predicted, achieved=achieved)).refuted == refuted
+    inside = trial_of(Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 2.0}), 43.0)
+    assert not replace(inside, check=KinematicCheck(predicted=0.0)).refuted
