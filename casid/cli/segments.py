@@ -18,7 +18,7 @@ from casid.records.segments import segments as found_in
 from casid.report.data_pages import segment_figure
 from casid.report.estimate_figures import file_name, write_pictures
 from casid.report.folder import whole_folder
-from casid.signals import DEGREE
+from casid.signals import DEGREE, for_a_person, unit_of
 
 
 def segments(
@@ -71,12 +71,13 @@ def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], fo
 
 def _table(found: Mapping[str, Sequence[Segment]]) -> str:
     """One line for each manoeuvre, angles in degrees."""
-    lines = [f"{'log':16} {'no':>3} {'from s':>9} {'to s':>9}  {'axes':16} surface r.m.s. deg; rate range deg/s"]
+    head = "surface r.m.s. deg (command: of 1); rate range deg/s"
+    lines = [f"{'log':16} {'no':>3} {'from s':>9} {'to s':>9}  {'axes':16} {head}"]
     for name, some in found.items():
         if not some:
             lines.append(f"{name:16} no manoeuvre stands out")
         for number, one in enumerate(some, 1):
-            surfaces = ", ".join(f"{s} {rms / DEGREE:.2g}" for s, rms in one.surfaces.items())
+            surfaces = ", ".join(f"{s} {for_a_person(unit_of(s))[0] * rms:.2g}" for s, rms in one.surfaces.items())
             rates = ", ".join(f"{r} {span / DEGREE:.3g}" for r, span in one.rates.items())
             head = f"{name:16} {number:3} {one.start:9.2f} {one.stop:9.2f}"
             lines.append(f"{head}  {'+'.join(one.axes):16} {surfaces}; {rates}")

@@ -65,12 +65,21 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
     """
     pyulog = library("pyulog", path, "ulog")
 
-    def load() -> dict[Any, Any]:
+    def load() -> Any:
         with path.open("rb") as file:
             log = pyulog.ULog(file)
         return {(topic.name, topic.multi_id): topic.data for topic in log.data_list}
 
     topics: Any = loaded(path, load)
+    series, notes = of_topics(topics)
+    if not {"p", "phi", "V", *_COMMANDS} & series.keys():
+        held = ", ".join(sorted({name for name, _ in topics})[:8])
+        raise InputError(f"{path}: no topic of an aircraft's motion is in the log; it holds {held or 'nothing'}")
+    return of_log(path, series, flying(topics), notes)
+
+
+def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:
+    """Channels of the topics of PX4, and what is to be said of them."""
     kind = _kind(topics)
     series: dict[str, Series] = {}
     for channels, sources in _SOURCES.items():
@@ -81,10 +90,7 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
         series |= _surfaces(topics, instance=1 if kind == "VTOL" else 0)
     if kind != "fixed wing":
         series |= _motors(topics, kind)
-    if not {"p", "phi", "V", *_COMMANDS} & series.keys():
-        held = ", ".join(sorted({name for name, _ in topics})[:8])
-        raise InputError(f"{path}: no topic of an aircraft's motion is in the log; it holds {held or 'nothing'}")
-    return of_log(path, series, _flying(topics), (*notes, *lost(series)))
+    return series, (*notes, *lost(series))
 
 
 def _kind(topics: Topics) -> str:
@@ -163,7 +169,7 @@ def _motors(topics: Topics, kind: str) -> dict[str, Series]:
     return {}
 
 
-def _flying(topics: Topics) -> Series | None:
+def flying(topics: Topics) -> Series | None:
     """In the air or not, as the autopilot's land detector says."""
     data = topics.get(("vehicle_land_detected", 0), {})
     if "landed" not in data:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import glob
 from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,31 +14,45 @@ import numpy as np
 from casid.arguments import a_path, given, is_path, require
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
+from casid.records import betaflight, crazyflie, ros
 from casid.records.ardupilot import read_ardupilot
+from casid.records.betaflight import read_betaflight
 from casid.records.checks import (
     checked_fields,
 )
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
+from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
+from casid.records.ros import read_mcap
 from casid.records.table import RawTable, read_text
 from casid.signals import RADIAN_LIMITS, unit_of
 
-_TEXT = (".csv", ".tsv", ".asc", ".txt", ".dat")
-_BINARY: Mapping[str, Callable[[Path, str | None, str], RawTable]] = MappingProxyType(
-    {
-        ".mat": read_mat,
-        ".npz": read_npz,
-        ".parquet": read_parquet,
-        ".h5": read_hdf5,
-        ".hdf5": read_hdf5,
-        ".xlsx": read_excel,
-        ".mf4": read_mdf,
-        ".ulg": read_ulog,
-        ".bin": read_ardupilot,
-    }
+
+@dataclass(frozen=True, kw_only=True)
+class Format:
+    """A format of files: how it ends, how it begins, and what reads it with the `variable` and the time of a map."""
+
+    endings: tuple[str, ...]
+    read: Callable[[Path, str | None, str], RawTable]
+    begins: tuple[bytes, ...] = ()
+
+
+FORMATS = (
+    Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat"), read=lambda path, variable, time: read_text(path)),
+    Format(endings=(".mat",), read=read_mat),
+    Format(endings=(".npz",), read=read_npz),
+    Format(endings=(".parquet",), read=read_parquet, begins=(b"PAR1",)),
+    Format(endings=(".h5", ".hdf5"), read=read_hdf5),
+    Format(endings=(".xlsx",), read=read_excel),
+    Format(endings=(".mf4",), read=read_mdf, begins=(b"MDF     4",)),
+    Format(endings=(".ulg",), read=read_ulog, begins=(b"ULog\x01",)),
+    Format(endings=(".bin",), read=read_ardupilot, begins=(b"\xa3\x95",)),
+    Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(betaflight.MAGIC,)),
+    Format(endings=(".mcap",), read=read_mcap, begins=(ros.MAGIC,)),
+    Format(endings=(".usd",), read=read_crazyflie, begins=crazyflie.MAGICS),
 )
 
 Span = tuple[float, float] | None  # begin and end of a part [s]
@@ -63,7 +77,7 @@ def read_record(
     ----------
     path
         A table as text (.csv, .tsv, .asc, .txt, .dat), or a file of another format that its ending tells: .mat, .npz,
-        .parquet, .h5, .hdf5, .xlsx, .mf4, .ulg, .bin.
+        .parquet, .h5, .hdf5, .xlsx, .mf4, .ulg, .bin, .bbl, .mcap. Logs are known by their first bytes.
     column_map
         Which column of a foreign file is which channel: a `ColumnMap`, its TOML file, or a table like
         `{"alpha": "ALCG:deg"}`.
@@ -251,16 +265,25 @@ def _stem(path: Path) -> str:
 
 def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     """The columns of a file as they stand there; see `read_record`."""
-    ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
-    if ending in _TEXT:
-        return read_text(path)
-    if path.is_dir():
+    if path.is_dir() and not path.suffix:
         raise InputError(f"{path}: is a folder; name the files in it, like '{path / '*.csv'}'")
-    if ending not in _BINARY:
-        raise unknown("file type", ending, (*_TEXT, *_BINARY), str(path))
+    ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
+    head = _head(path)
+    found = [one for one in FORMATS if one.begins and head.startswith(one.begins)]
+    found += [one for one in FORMATS if ending in one.endings]
+    if not found:
+        raise unknown("file type", ending, [e for one in FORMATS for e in one.endings], str(path))
     terms = column_map.columns.get("t", ())
-    time = terms[0].column if terms else "t"
-    return _BINARY[ending](path, column_map.variable, str(time))
+    return found[0].read(path, column_map.variable, str(terms[0].column) if terms else "t")
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file, by which formats know themselves; none of one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(32)
+    except OSError:
+        return b""
 
 
 def a_span(value: Any) -> tuple[float, float] | None:

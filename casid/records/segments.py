@@ -15,15 +15,23 @@ from casid.records.checks import MIN_DURATION, MIN_SAMPLES
 from casid.records.given import given_record
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
-from casid.signals import DEGREE, SURFACES
+from casid.signals import DEGREE, unit_of
 
-AXES: Mapping[str, str] = {"delta_e": "pitch", "delta_a": "roll", "delta_r": "yaw"}
+_SURFACE_AXES = {"delta_e": "pitch", "delta_a": "roll", "delta_r": "yaw"}
+# axis by what moves: surfaces, or their commands in a log, or the rates of an aircraft that has neither, as of rotors
+_MOVERS: tuple[Mapping[str, str], ...] = (
+    _SURFACE_AXES,
+    {f"{surface}_command": axis for surface, axis in _SURFACE_AXES.items()},
+    {"p": "roll", "q": "pitch", "r": "yaw"},
+)
+AXES: Mapping[str, str] = {name: axis for movers in _MOVERS for name, axis in movers.items()}
 _RATES: Mapping[str, str] = {"pitch": "q", "roll": "p", "yaw": "r"}
 _WINDOW = 1.0  # s: over which activity is measured; inputs of flight tests have steps of 0.2 to 2 s
 _TREND = 15.0  # s: slower changes of a surface are trim
 _QUIET, _PEAK = 0.2, 0.995  # quantiles of activity between and in manoeuvres
 _DISTINCT = 5.0  # peak over quiet activity from which manoeuvres stand out
-_SMALLEST = 0.2 * DEGREE  # r.m.s. activity that excites nothing
+# r.m.s. activity that excites nothing: of a surface, of a command of which 1 is full, of a rate
+_SMALLEST = {"rad": 0.2 * DEGREE, "": 0.01, "rad/s": 2.0 * DEGREE}
 _NOISE = 3.0  # 1-sigmas of noise that quiet activity is at least
 _JOINED, _BEFORE, _AFTER = 3.0, 1.0, 4.0  # s: shorter rests are within a manoeuvre; kept before and after it
 
@@ -39,7 +47,7 @@ class Segment:
     axes
         "pitch", "roll" and "yaw", those whose surface moves.
     surfaces
-        Surface -> r.m.s. deflection [rad] about its mean.
+        Surface -> r.m.s. deflection [rad] about its mean; or a command -> of 1, or a rate -> [rad/s].
     rates
         Rate of rotation -> its range [rad/s], of those recorded.
 
@@ -82,6 +90,8 @@ class Segment:
 def segments(record: Record | str | Path) -> tuple[Segment, ...]:
     """Find the manoeuvres in a long record by the excitation of each axis.
 
+    Surfaces tell of it, or in a log their commands; of an aircraft with neither, as of rotors, its rates.
+
     The activity of a surface is its r.m.s. deflection over 1 s, without changes of trim. A manoeuvre is where it is
     above the geometric mean of its quiet and its largest level, where these are a factor of 5 apart. A surface that
     always moves alike, as under an autopilot in gusts, has none.
@@ -107,7 +117,8 @@ def segments(record: Record | str | Path) -> tuple[Segment, ...]:
     >>> parts = [record.between(one.start, one.stop) for one in casid.segments(record)]  # doctest: +SKIP
     """
     record = given_record(record, "segments")
-    moving = {name: _moves(record, name) for name in SURFACES if name in record}
+    movers = next((found for some in _MOVERS if (found := [name for name in some if name in record])), [])
+    moving = {name: _moves(record, name) for name in movers}
     spans = _joined(record, np.logical_or.reduce(list(moving.values()))) if moving else []
     found = [_segment(record, moving, start, stop) for start, stop in spans]
     return tuple(one for one in found if _long_enough(record, one))
@@ -120,14 +131,15 @@ def _moves(record: Record, name: str) -> np.ndarray:
     quiet = max(float(np.quantile(activity, _QUIET)), _NOISE * noise)
     peak = float(np.quantile(activity, _PEAK))
     level = np.sqrt(max(quiet, peak / _DISTINCT**2) * peak)
-    if peak < max(_SMALLEST, _DISTINCT * quiet):
+    if peak < max(_SMALLEST[unit_of(name)], _DISTINCT * quiet):
         return np.zeros(len(record), dtype=bool)
     return activity > level
 
 
 def surface_activity(record: Record, name: str) -> np.ndarray:
     """(N,) r.m.s. deflection [rad] of a surface over a second, without changes of trim."""
-    even = np.interp(_clock(record), record.t, record[name])
+    there = np.isfinite(record[name])
+    even = np.interp(_clock(record), record.t[there], record[name][there])
     trend = ndimage.median_filter(even, _odd(_TREND / record.dt), mode="nearest")
     square = ndimage.uniform_filter1d((even - trend) ** 2, _odd(_WINDOW / record.dt), mode="nearest")
     return np.interp(record.t, _clock(record), np.sqrt(np.maximum(square, 0.0)))
@@ -167,7 +179,7 @@ def _joined(record: Record, moving: np.ndarray) -> list[tuple[float, float]]:
 
 def _segment(record: Record, moving: Mapping[str, np.ndarray], start: float, stop: float) -> Segment:
     inside = (record.t >= start) & (record.t < stop)
-    surfaces = {name: float(np.std(record[name][inside])) for name, at in moving.items() if at[inside].any()}
+    surfaces = {name: float(np.nanstd(record[name][inside])) for name, at in moving.items() if at[inside].any()}
     axes = tuple(AXES[name] for name in surfaces)
     rates = {
         r: float(np.nanmax(x) - np.nanmin(x))

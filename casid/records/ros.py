@@ -1,0 +1,110 @@
+"""ROS 2 bags in MCAP: messages of inertial units, odometry and actuators, and PX4's own topics.
+
+ROS has body axes forward, left and up, and earth axes east, north and up (REP 103); what is known is turned into those
+of casid. Numbers of other messages keep the name of their topic and field, for a column map.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from casid.errors import InputError
+from casid.records.foreign import library, loaded
+from casid.records.log import Series, attitude, lost, of_log
+from casid.records.px4 import flying, of_topics
+from casid.records.table import RawTable
+
+MAGIC = b"\x89MCAP0\r\n"
+_DEPTH, _ELEMENTS, _COLUMNS = 4, 16, 400  # of a message; of an array in it; of all that is kept
+_IMU, _ODOMETRY, _ACTUATORS = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry", "actuator_msgs/msg/Actuators"
+# channel -> (field, factor)
+_BODY = {"p": ("angular_velocity.x", 1.0), "q": ("angular_velocity.y", -1.0), "r": ("angular_velocity.z", -1.0)}
+_BODY |= {"ax": ("linear_acceleration.x", 1.0), "ay": ("linear_acceleration.y", -1.0)}
+_BODY |= {"az": ("linear_acceleration.z", -1.0)}
+_PLACE = {"north": ("pose.pose.position.y", 1.0), "east": ("pose.pose.position.x", 1.0)}
+_PLACE |= {"altitude": ("pose.pose.position.z", 1.0)}
+_KNOWN = {_IMU: _BODY, _ODOMETRY: _PLACE}
+_TURNED = {_IMU: "orientation", _ODOMETRY: "pose.pose.orientation"}
+
+
+def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a ROS 2 bag on the clock of its rates; needs the extra `ros`."""
+    readers, decoders = library("mcap.reader", path, "ros"), library("mcap_ros2.decoder", path, "ros")
+
+    def load() -> dict[str, Any]:
+        topics: dict[str, Any] = {}
+        with path.open("rb") as file:
+            reader = readers.make_reader(file, decoder_factories=[decoders.DecoderFactory()])
+            for schema, channel, message, decoded in reader.iter_decoded_messages():
+                kind, rows = topics.setdefault(channel.topic, (schema.name, []))
+                rows.append({"log_time": message.log_time * 1e-9, **dict(_numbers(decoded))})
+        return topics
+
+    topics = loaded(path, load)
+    of_px4 = {(topic.rsplit("/", 1)[-1], 0): _columns(rows) for topic, (kind, rows) in topics.items() if _is_px4(kind)}
+    of_px4 = {key: one for key, one in of_px4.items() if "timestamp" in one}
+    series, notes = of_topics(of_px4) if of_px4 else ({}, ("a ROS 2 bag",))
+    for topic, (kind, rows) in topics.items():
+        if not _is_px4(kind):
+            series |= _of_messages(topic, kind, _columns(rows), series)
+    if not series:
+        raise InputError(f"{path}: no message with numbers; the bag has {', '.join(topics) or 'nothing'}")
+    notes = notes if of_px4 else (*notes, *lost(series))
+    return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes)
+
+
+def _is_px4(kind: str) -> bool:
+    return kind.startswith("px4_msgs/")
+
+
+def _numbers(message: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
+    """Numbers of a message by the name of their field, `angular_velocity.x`, `control[0]`."""
+    if isinstance(message, (bool, int, float)):
+        yield name, float(message)
+    elif isinstance(message, (list, tuple, np.ndarray)) and 0 < len(message) <= _ELEMENTS:
+        for i, one in enumerate(message):
+            yield from _numbers(one, f"{name}[{i}]", depth + 1)
+    elif depth < _DEPTH:
+        for field in getattr(message, "__slots__", ()):
+            inner = f"{name}.{field}" if name else field
+            yield from _numbers(getattr(message, field), inner, depth + 1)
+
+
+def _columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:
+    """Fields of all messages of a topic, those that every message has."""
+    names = [name for name in rows[0] if all(name in row for row in rows)]
+    return {name: np.array([row[name] for row in rows]) for name in names}
+
+
+def _stamps(columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Times [s] of the header of a message, or of its record."""
+    seconds = columns.get("header.stamp.sec")
+    if seconds is None or not seconds.any():
+        return columns["log_time"]
+    return seconds + 1e-9 * columns.get("header.stamp.nanosec", np.zeros(len(seconds)))
+
+
+def _of_messages(
+    topic: str, kind: str, columns: dict[str, np.ndarray], taken: Mapping[str, Series]
+) -> dict[str, Series]:
+    """Channels of the messages of a topic, and their other numbers by topic and field."""
+    stamps, found = _stamps(columns), dict[str, Series]()
+    for channel, (field, factor) in _KNOWN.get(kind, {}).items():
+        if field in columns and channel not in taken:
+            found[channel] = stamps, factor * columns.pop(field)
+    turned = [f"{_TURNED.get(kind, '')}.{axis}" for axis in "wxyz"]
+    if "phi" not in taken and all(name in columns for name in turned):
+        angles = attitude(stamps, np.stack([columns.pop(name) for name in turned], axis=1))
+        if angles["phi"][0].size:
+            t, psi = angles["psi"]
+            found |= {"phi": angles["phi"], "theta": (t, -angles["theta"][1]), "psi": (t, 0.5 * np.pi - psi)}
+    if kind == _ACTUATORS:
+        names = [name for name in columns if name.startswith("velocity[")]
+        found |= {f"m{i + 1}": (stamps, columns.pop(name)) for i, name in enumerate(names)}
+    skipped = ("header.", "log_time", "timestamp")
+    rest = {f"{topic}.{name}": (stamps, one) for name, one in columns.items() if not name.startswith(skipped)}
+    return found | {name: one for name, one in rest.items() if "covariance" not in name}
