@@ -17,7 +17,6 @@ The public names below load their package when they are first used, so that `imp
 `__init__.pyi`.
 """
 
-import warnings
 from importlib import import_module
 
 __version__ = "0.1.0"
@@ -198,23 +197,11 @@ _ROOMS = {
     "casid.report.page": ("write_report",),
 }
 # former name -> name, for one release
-_RENAMED = {
-    "Port": "ModelPort",
-    "Steps": "StepInput",
-    "linear": "limit_combination",
-    "nonlinear": "limit_function",
-    "outside": "external_function",
-    "parameter": "limit_parameter",
-    "path": "limit_trajectory",
-}
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 __all__ = ["__version__", *sorted(_HOME)]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def __getattr__(name: str) -> object:
-    if name in _RENAMED:
-        warnings.warn(f"casid.{name} is called casid.{_RENAMED[name]}", DeprecationWarning, stacklevel=2)
-        name = _RENAMED[name]
     if name not in _HOME:
         raise AttributeError(f"module 'casid' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)

@@ -276,13 +276,6 @@ def test_import_casid_is_light_and_leaves_the_environment_alone() -> None:
     assert process.stdout.split() == ["True"]
 
 
-@pytest.mark.parametrize(("old", "new"), casid._RENAMED.items())
-def test_a_former_name_works_and_says_the_present_one(old: str, new: str) -> None:
-    with pytest.warns(DeprecationWarning, match=rf"casid\.{old} is called casid\.{new}"):
-        assert getattr(casid, old) is getattr(casid, new)
-    assert old not in casid.__all__
-
-
 def test_public_names_have_types_and_exist() -> None:
     """casid/__init__.pyi, which type checkers read, imports every public name from where it lives, and no other."""
     typed = ast.parse((REPO / "casid" / "__init__.pyi").read_text(encoding="utf-8")).body

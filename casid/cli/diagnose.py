@@ -12,7 +12,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from casid.cli.model_file import diagnose_model, model_of
-from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, Whole, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, records_of
 from casid.data_check.check import channels_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
@@ -56,7 +56,6 @@ def diagnose(
     end: End = None,
     axes: Axes | None = None,
     out: Folder = Path("out/diagnosis"),
-    seed: Whole = 0,
     quick: Flag = False,
     criteria: Path | None = None,
     as_recorded: Flag = False,
@@ -85,8 +84,6 @@ def diagnose(
         What is judged. Without, what surfaces and motion of the records can tell of.
     out
         Folder for the results.
-    seed
-        Kept with the results; no step draws random numbers.
     quick
         Thin the records to 25 Hz.
     criteria
@@ -121,12 +118,12 @@ def diagnose(
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     if system is not None:
-        diagnose_model(system, fitted, held_out, by, out, seed, as_json)
+        diagnose_model(system, fitted, held_out, by, out, as_json)
         return
     file = aircraft or DEMO / "aircraft.toml"
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
-    _write(diagnosed, file, by, out, seed, shapes, as_json)
+    _write(diagnosed, file, by, out, shapes, as_json)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -168,12 +165,11 @@ def _write(
     file: Path,
     criteria: Criteria,
     out: Path,
-    seed: int,
     shapes: bool,
     as_json: bool,
 ) -> None:
     """Run a diagnosis of an aircraft file into its folder."""
-    made_with = provenance(seed) | {"criteria": criteria.changes}
+    made_with = provenance() | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json, course=Course(stages=_COURSE)) as stage:
         diagnosis = diagnosed(report=stage)
         stage("report")

@@ -116,7 +116,7 @@ def estimate(
     say_idle_effects(file, read)
     if axes is None:
         _say_left_out(file, read)
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
             stage("model")

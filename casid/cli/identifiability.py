@@ -52,7 +52,7 @@ def identifiability(
         raise InputError("identifiability: give records and --aircraft FILE together, or neither for the demonstration")
     file = aircraft_of(aircraft or DEMO / "aircraft.toml")
     read = records_of(records or (str(DEMO / "m1.csv"),), maps or [])
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
             applied = apply_effects(file, read, axes)

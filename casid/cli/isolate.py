@@ -47,7 +47,7 @@ def isolate(
         Print isolability.json and nothing else.
     """
     file, records = aircraft_of(aircraft), records_of(manoeuvre, maps or [])
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         stage("responses of the causes" if only_this else "responses of the causes, further channels and manoeuvres")
         found = isolability(file, records, channels=channels, causes=causes, suggest=not only_this)

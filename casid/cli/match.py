@@ -103,7 +103,7 @@ def _test(text: str) -> tuple[str, tuple[float, float] | None]:
 def _write(proof: ProofOfMatch, out: Path | None, pdf: bool, as_json: bool) -> None:
     text = json.dumps(proof.to_dict(), indent=1)
     if out is not None:
-        made_with = provenance(0)
+        made_with = provenance()
         with whole_folder(out) as folder:
             write_match(proof, folder)
             if pdf:

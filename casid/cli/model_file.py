@@ -54,11 +54,10 @@ def diagnose_model(
     hold_out: Sequence[Record],
     criteria: Criteria,
     out: Path,
-    seed: int,
     as_json: bool,
 ) -> None:
     """Diagnose a model into a folder: report.html, diagnosis.json, diagnosis.txt and run.json."""
-    made_with = provenance(seed) | {"criteria": criteria.changes}
+    made_with = provenance() | {"criteria": criteria.changes}
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         found = diagnose(model, records, hold_out, stage, criteria)
         found.write(folder / "diagnosis.json")

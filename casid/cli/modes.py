@@ -67,7 +67,7 @@ def modes(
     first = next(iter(files))
     point = flight_point(files[first], V, altitude, None) | {"climb_angle": math.radians(climb_deg)}
     read = records_of(record or [], maps or []) if record else []
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder:
         found: dict[str, Handbook] = {}
         for label, one in files.items():

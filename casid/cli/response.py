@@ -82,7 +82,7 @@ def response(
     for one in files.values():
         say_idle_effects(one, read)
     omega = None if band is None else np.geomspace(*_checked(band), _COUNT)
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder:
         models = _linear(files, read, axes, output)
         flown = [

@@ -65,7 +65,7 @@ def simulate(
     for one in files.values():
         say_idle_effects(one, read)
     applied = {label: apply_effects(one, read, axes) for label, one in files.items()}
-    made_with = provenance(0)
+    made_with = provenance()
     with whole_folder(out) as folder:
         results, pictures = {}, []
         for i, record in enumerate(read):

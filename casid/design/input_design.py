@@ -220,6 +220,7 @@ class _Found:
 
     z: np.ndarray
     status: str
+    is_optimal: bool
     lam_x: np.ndarray
     lam_g: np.ndarray
 
@@ -311,7 +312,7 @@ class _InputSearch:
     def finished(self, found: _Found) -> _Found:
         """Go on by BFGS, and with the exact Hessian from where that stops, unless it stops at an optimum."""
         for solver in ("_quasi_newton", "_exact"):
-            if found.status == "optimal":
+            if found.is_optimal:
                 break
             further = self._run(getattr(self, solver), x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
             if further is not None and self.cost(further.z) <= self.cost(found.z):
@@ -324,8 +325,9 @@ class _InputSearch:
         if not np.isfinite(z).all() or self.worst(z) > 1.0 + _SLACK or not math.isfinite(self.cost(z)):
             return None
         said = str(solver.stats()["return_status"])
-        status = "optimal" if said == "Solve_Succeeded" else f"stopped: {said}"
-        return _Found(z=z, status=status, lam_x=lam_x, lam_g=lam_g)
+        is_optimal = said == "Solve_Succeeded"
+        status = "optimal" if is_optimal else f"stopped: {said}"
+        return _Found(z=z, status=status, is_optimal=is_optimal, lam_x=lam_x, lam_g=lam_g)
 
     def design(self, z: np.ndarray, status: str, name: str) -> InputDesign:
         experiment = self.experiment

@@ -8,10 +8,10 @@ from casid.estimation.fitted import ChannelFit, Estimate, Minimum, Population, S
 from casid.estimation.initial_state import InitialState
 from casid.estimation.noise import Huber, Noise, StudentT
 from casid.estimation.problem import Problem
-from casid.estimation.results import Results
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic
+from casid.estimation.solvers.status import Results
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting
 
 __all__ = [

@@ -69,7 +69,7 @@ def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objec
     do."""
     loose = ~objective.problem.is_initial_given
     for _ in range(_TIMES):
-        pulled = outcome.status == "converged" and _pull(objective, outcome, loose) > _PULL
+        pulled = outcome.converged and _pull(objective, outcome, loose) > _PULL
         if not pulled or solver.left <= 0.0:
             break
         objective = Objective(_with_wider(objective.problem, loose), objective.dynamics, outcome.point)

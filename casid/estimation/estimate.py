@@ -15,7 +15,7 @@ from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.population import solved_with_population
 from casid.estimation.problem import Problem
-from casid.estimation.results import status_in_words
+from casid.estimation.results import final_status
 from casid.estimation.robust import solved_robustly
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
@@ -52,7 +52,8 @@ def solve(
     problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing, so every transcription
     gives the same result with it.
 
-    A course of iteration that goes wrong is not an error: `Fit.status` says it.
+    A course of iteration that goes wrong is not an error: `Fit.status` says it, with `Fit.result`, `Fit.reason` and
+    `Fit.remedy` as its parts.
 
     Parameters
     ----------
@@ -154,7 +155,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         problem=problem,
         values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
         uncertainty=errors,
-        status=status_in_words(problem, outcome.status, outcome.point, errors, asked),
+        ended=final_status(problem, outcome.status, outcome.point, errors, asked),
         iterations=outcome.iterations,
         seconds=time.perf_counter() - begin,
         cost=value.cost,

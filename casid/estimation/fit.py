@@ -15,7 +15,7 @@ from casid.errors import unknown
 from casid.estimation.fitted import ChannelFit, Estimate, Population, Starts, StateHistory
 from casid.estimation.problem import Problem
 from casid.estimation.remarks import jump_remarks, remarks
-from casid.estimation.results import Results, result_of
+from casid.estimation.solvers.status import Results, Status
 from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.keeping import save
 from casid.views import view
@@ -37,8 +37,8 @@ class Fit:
         Name -> estimate; a per-record one is named "bias_q[m1]"; `parameters` has them with their errors.
     uncertainty
         The standard errors, computed when they are asked for.
-    status
-        "converged", or in words why not; `converged` is its truth value.
+    ended
+        How the solution ended: `result`, `reason` and `remedy` are its parts, `status` is it in words.
     cost
         1/2 sum of squares of all weighted residuals, priors included, at the final weights.
     prior_cost
@@ -91,7 +91,7 @@ class Fit:
     problem: Problem
     values: dict[str, float]
     uncertainty: Uncertainty | Rescaled
-    status: str
+    ended: Status
     iterations: int
     seconds: float
     cost: float
@@ -117,12 +117,29 @@ class Fit:
     @property
     def result(self) -> Results:
         """How the solution ended, of an enumeration whose values say what to do about it."""
-        return result_of(self.status)
+        return self.ended.result
+
+    @property
+    def reason(self) -> str:
+        """Why it did not converge, with names and numbers; "" where it did."""
+        return self.ended.reason
+
+    @property
+    def remedy(self) -> str:
+        """What to do about that; "" where nothing is wrong."""
+        if self.converged:
+            return ""
+        return self.ended.remedy or self.result.value
+
+    @property
+    def status(self) -> str:
+        """ "converged", or result, reason and remedy in words."""
+        return self.ended.text
 
     @property
     def converged(self) -> bool:
         """Whether the point is a checked stationary point that satisfies the constraints."""
-        return self.status == "converged"
+        return self.ended.converged
 
     @property
     def integrator(self) -> str:
@@ -256,6 +273,9 @@ class Fit:
             "schema": "casid.estimate/2",
             "model": self.problem.model.name,
             "status": self.status,
+            "result": self.result.name.lower(),
+            "reason": self.reason,
+            "remedy": self.remedy,
             "converged": self.converged,
             "iterations": self.iterations,
             "seconds": self.seconds,

@@ -18,6 +18,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.status import too_coarse
 from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
@@ -57,7 +58,7 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
     if method.substeps is not None or objective.problem.model.period is not None:
         return Integrated(objective=objective, outcome=outcome, method=method)
     found = _judged(_finely(objective, outcome, method, solver))
-    if found.outcome.status == "converged" or not isinstance(found.method, Collocation) or solver.left <= 0.0:
+    if found.outcome.converged or not isinstance(found.method, Collocation) or solver.left <= 0.0:
         return found
     other = _judged(_by_implicit_shooting(objective, method, solver))
     return other if _is_lower(other, found) else found
@@ -65,10 +66,10 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
 
 def _judged(end: Integrated) -> Integrated:
     """The end with a status that says so where its steps are too long for what the data are worth."""
-    if end.fine or end.outcome.status != "converged":
+    if end.fine or not end.outcome.converged:
         return end
     doubt = doubt_of_steps(end.objective, end.outcome, end.method)
-    return replace(end, outcome=replace(end.outcome, status=f"stopped: {doubt}")) if doubt else end
+    return replace(end, outcome=replace(end.outcome, status=too_coarse(doubt))) if doubt else end
 
 
 def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
@@ -82,8 +83,8 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
 
 def _is_lower(one: Integrated, other: Integrated) -> bool:
     """Whether the first of two ends is a solution, or more likely and a motion of the model."""
-    if "converged" in (one.outcome.status, other.outcome.status):
-        return one.outcome.status == "converged"
+    if one.outcome.converged or other.outcome.converged:
+        return one.outcome.converged
     ends = (one, other)
     costs = [e.objective.misfit(e.outcome.value) + e.outcome.value.violation() for e in ends]
     return bool(costs[0] < costs[1] or not np.isfinite(costs[1]))
@@ -106,14 +107,14 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
         if steps > _MOST_STEPS:
             if is_implicit(method):
                 break
-            near, steps = end.outcome.status == "converged", _steps_at_start(end.objective)
+            near, steps = end.outcome.converged, _steps_at_start(end.objective)
             method = replace(method, implicit=True) if near else Collocation()
         coarse = end.objective.dynamics
         method = replace(method, substeps=steps)
         dynamics = method.dynamics(problem)
         begin = _begin(end.outcome.point, coarse, dynamics) if near else None
         end = _solved(Objective(problem, dynamics, begin), method, solver)
-        if near and end.outcome.status != "converged" and solver.left > 0.0:
+        if near and not end.outcome.converged and solver.left > 0.0:
             anew = _solved(Objective(problem, dynamics), method, solver)
             end = anew if _is_lower(anew, end) else end
     return end
@@ -136,7 +137,7 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> in
         if not is_implicit(finer):
             return max(_stable_steps(objective), _finite_steps(objective, replace(finer, substeps=None)))
         return max(_steps_at_start(objective), steps if np.isfinite(outcome.value.cost) else 2 * steps)
-    if outcome.status != "converged" and not is_implicit(finer) and _stable_steps(objective) > steps:
+    if not outcome.converged and not is_implicit(finer) and _stable_steps(objective) > steps:
         return _stable_steps(objective)
     linear = outcome.linear
     if linear is None:
@@ -171,7 +172,7 @@ def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarra
 def _is_motion(outcome: Outcome) -> bool:
     """Whether an end is a motion of the model, converged or not."""
     value = outcome.value
-    return outcome.status == "converged" or bool(np.isfinite(value.cost) and value.worst() < _SMALL_DEFECT)
+    return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < _SMALL_DEFECT)
 
 
 def is_implicit(method: Transcription) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -10,142 +10,93 @@ import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import FullNoise
-from casid.estimation.solvers.newton import FLAT_MINIMUM
 from casid.estimation.solvers.point import Point
+from casid.estimation.solvers.status import CONVERGED, Results, Stage, Status
+from casid.estimation.transcriptions.transcription import SingleShooting
 from casid.estimation.uncertainty import Uncertainty
 from casid.model.expressions import origin
 from casid.model.system import unguessed_states
-
-ANOTHER_MINIMUM = "another minimum likely"
-
-
-class Results(Enum):
-    """How a solution ended. The value of each is a sentence that says what to do; `Fit.status` has the particulars.
-
-    Examples
-    --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> fit = cs.solve(problem)
-    >>> fit.result is cs.Results.CONVERGED
-    True
-    >>> print(cs.Results.NO_MINIMUM.value)
-    The gradient vanishes where there is no minimum: start elsewhere.
-    """
-
-    CONVERGED = "A minimum of the cost that nothing contradicts."
-    ANOTHER_MINIMUM = (
-        "A minimum, and there is likely a lower one: use MultipleShooting(interval=1), Collocation() or "
-        "solve(..., starts=20)."
-    )
-    NO_MINIMUM = "The gradient vanishes where there is no minimum: start elsewhere."
-    NOT_IDENTIFIABLE = "The data do not determine every parameter: fix one, give a prior, or record more."
-    STOPPED = "A limit was reached before the solution: raise iterations= or seconds=, or start nearer."
-    DEPARTED = (
-        "The simulation or a parameter ran off: use MultipleShooting() or Collocation(), check start values, units and "
-        "time, or give bounds."
-    )
-    INFEASIBLE = "The constraints cannot be satisfied together: relax one."
-    FAILED = "No step improves the fit, which is no minimum: start elsewhere, or look for a kink in the model."
-
-
-# how the text of a status begins, or what it contains -> result; the first that fits
-_WORDS = (
-    ("converged", Results.CONVERGED),
-    (ANOTHER_MINIMUM, Results.ANOTHER_MINIMUM),
-    ("no minimum", Results.NO_MINIMUM),
-    ("not identifiable", Results.NOT_IDENTIFIABLE),
-    ("stopped", Results.STOPPED),
-    ("departed", Results.DEPARTED),
-    ("cannot be satisfied", Results.INFEASIBLE),
-    ("apart", Results.NOT_IDENTIFIABLE),
-    ("does not depend", Results.NOT_IDENTIFIABLE),
-    ("hardly tell", Results.NOT_IDENTIFIABLE),
-)
-
-
-def result_of(status: str) -> Results:
-    """The result that a status in words stands for."""
-    if status == "converged":
-        return Results.CONVERGED
-    return next((result for words, result in _WORDS[1:] if words in status), Results.FAILED)
-
 
 _BEYOND = 1e3  # times the root mean square of what was measured: no simulation that follows it is so far away
 _RAN_OFF = 1e6  # times the larger of start and a-priori value: no data move a parameter there that they see
 
 
-def status_in_words(problem: Problem, status: str, point: Point, errors: Uncertainty, method: Any) -> str:
-    """The status of a fit: "converged", or what went wrong and what to do about it."""
-    if status == "converged":
+def final_status(problem: Problem, status: Status, point: Point, errors: Uncertainty, method: Any) -> Status:
+    """The status of a fit: the state, parameter, time or expression that is the reason, and what to do about it."""
+    if status.converged:
         return _not_identifiable(problem, point, errors)
-    if status.startswith(("stopped", ANOTHER_MINIMUM)):
+    if status.result in (Results.STOPPED, Results.ANOTHER_MINIMUM):
         return status
-    if status == FLAT_MINIMUM:
+    if status.stage is Stage.FLAT:
         names = ", ".join(errors.confused or errors.weakest) or "every parameter"
-        return f"not identifiable: at the maximum of the likelihood the data hardly tell {names}; fix or give a prior"
+        return replace(
+            status,
+            reason=f"at the maximum of the likelihood the data hardly tell {names}",
+            remedy="fix or give a prior",
+        )
     cause = _no_number_at_start(problem)
     if cause:
-        return f"failed: {cause}"
-    advice = []
-    if "diverges at the start" in status:
-        single = type(method).__name__ == "SingleShooting"
-        status = status.partition("; try")[0]
-        advice.append(
-            "try MultipleShooting()" if single else "check start values, units and time, or try Collocation()"
-        )
+        return Status(result=Results.FAILED, reason=cause)
+    elsewhere = (
+        "use MultipleShooting()"
+        if isinstance(method, SingleShooting)
+        else "check start values, units and time, or try Collocation()"
+    )
+    if status.stage is Stage.AT_START:
+        status = replace(status, remedy=elsewhere)
     elif _ran_away(problem, errors):
-        status = "departed: the simulation runs away from the measured motion"
-        single = type(method).__name__ == "SingleShooting"
-        advice.append(
-            "use MultipleShooting()" if single else "check start values, units and time, or try Collocation()"
-        )
-    elif "ingular" in status or "told apart" in status or "no motion" in status or "no descent" in status:
-        status = _plain(problem, status, errors)
+        reason = "the simulation runs away from the measured motion"
+        status = Status(result=Results.DEPARTED, reason=reason, remedy=elsewhere)
+    elif status.stage is Stage.SINGULAR:
+        status = _undetermined(problem, errors)
     missing = _unguessed(problem)
     if missing:
-        advice.append(
+        advice = (
             f"{', '.join(missing)} {'is' if len(missing) == 1 else 'are'} not measured and begin at zero: give "
             "define_model(guess=...) or InitialState(value={...})"
         )
-    return "; ".join([status, *advice])
+        status = replace(status, remedy="; ".join(part for part in (status.remedy, advice) if part))
+    return status
 
 
-def _plain(problem: Problem, status: str, errors: Uncertainty) -> str:
-    """What linear algebra says, for a person."""
-    if "no descent" in status:
-        return "failed: no step from here improves the fit, and it is no optimum: the model may have a kink here"
-    idle = _idle(problem)
+def _undetermined(problem: Problem, errors: Uncertainty) -> Status:
+    """For a step that does not exist: which parameters it is that the data do not determine."""
+    idle, remedy = _idle(problem), "start elsewhere, fix one or give a prior"
     if idle:
-        return f"failed: the model does not depend on {', '.join(idle)}; fix {_it(idle)}, or give a prior"
+        return _idle_status(idle)
     if errors.linear is not None and errors.confused:
-        return f"failed: the data cannot tell {', '.join(errors.confused)} apart; fix one or give a prior"
-    weak = ", ".join(errors.weakest)
-    if weak:
-        return f"failed: the data hardly tell {weak} near this point; start elsewhere, fix one or give a prior"
-    return "failed: parameters or states cannot be told apart near this point; start elsewhere, fix one or give a prior"
+        reason, remedy = f"the data cannot tell {', '.join(errors.confused)} apart", "fix one or give a prior"
+    elif weak := ", ".join(errors.weakest):
+        reason = f"the data hardly tell {weak} near this point"
+    else:
+        reason = "parameters or states cannot be told apart near this point"
+    return Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
 
 
-def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> str:
+def _idle_status(idle: list[str]) -> Status:
+    return Status(
+        result=Results.NOT_IDENTIFIABLE,
+        reason=f"the model does not depend on {', '.join(idle)}",
+        remedy=f"fix {'it' if len(idle) == 1 else 'them'}, or give a prior",
+    )
+
+
+def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> Status:
     confused = errors.confused
     if not confused:
-        return "converged"
+        return CONVERGED
     gone = _ran_off(problem, point)
     if gone:
-        return f"departed: the iteration ran off to {', '.join(gone)}; start nearer, or give a prior or bounds"
+        reason = f"the iteration ran off to {', '.join(gone)}"
+        return Status(result=Results.DEPARTED, reason=reason, remedy="start nearer, or give a prior or bounds")
     idle = [name for name in _idle(problem) if name in confused]
     if idle:
-        return f"not identifiable: the model does not depend on {', '.join(idle)}; fix {_it(idle)}, or give a prior"
+        return _idle_status(idle)
     if len(confused) == 1:
-        return f"not identifiable: nothing in these data depends on {confused[0]}; fix it or give a prior"
-    return f"not identifiable: the data cannot tell {', '.join(confused)} apart; fix one or give a prior"
+        reason, remedy = f"nothing in these data depends on {confused[0]}", "fix it or give a prior"
+    else:
+        reason, remedy = f"the data cannot tell {', '.join(confused)} apart", "fix one or give a prior"
+    return Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
 
 
 def _ran_away(problem: Problem, errors: Uncertainty) -> bool:
@@ -157,10 +108,6 @@ def _ran_away(problem: Problem, errors: Uncertainty) -> bool:
         return not np.isfinite(squares).all()
     measured = np.sqrt(levels.magnitude / np.maximum(levels.present, 1))
     return bool((~(levels.rms(squares) <= _BEYOND * measured) & (measured > 0.0)).any())
-
-
-def _it(names: list[str]) -> str:
-    return "it" if len(names) == 1 else "them"
 
 
 def _ran_off(problem: Problem, point: Point) -> list[str]:

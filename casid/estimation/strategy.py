@@ -26,13 +26,13 @@ import numpy as np
 from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
 from casid.estimation.integration import EXACT, Stepping, doubt_of_steps, is_implicit
 from casid.estimation.problem import Problem
-from casid.estimation.results import ANOTHER_MINIMUM
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import ObjectiveValue
 from casid.estimation.solvers.quadratic import jacobi_scale
 from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.status import Results, Stage, Status
 from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.transcriptions.dynamics import Blocks
 from casid.estimation.transcriptions.kernel import whitened
@@ -58,7 +58,7 @@ def ending(problem: Problem, method: Transcription, solver: Solver, begin: float
     end = _ending(problem, method, solver, timed(solver, begin))
     attempt = end.attempt
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
-    if doubt in attempt.outcome.status:  # none, or said already
+    if not doubt or attempt.outcome.status.stage is Stage.COARSE:  # said already
         return end
     return replace(end, remark="; ".join(filter(None, (end.remark, doubt))))
 
@@ -80,9 +80,9 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
         last = attempted(problem, method if stays else Collocation(), clock)
         best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
     if not automatic and best is not first:
-        return Ending(attempt=_with_status(first, f"{ANOTHER_MINIMUM}: {_found_elsewhere(best, first)}; {_REMEDY}"))
+        return Ending(attempt=_with_status(first, _another(_found_elsewhere(best, first))))
     if best.found and not agreed and doubtful(best):
-        best = _with_status(best, f"{ANOTHER_MINIMUM}: {_CONTRADICTED}; {_REMEDY}")
+        best = _with_status(best, _another(_CONTRADICTED))
     remark = "" if best is first or not best.found else f"found on a second way: {_found_elsewhere(best, first)}"
     return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark))
 
@@ -175,13 +175,17 @@ def _same(first: Attempt, other: Attempt) -> bool:
 
 def _better(first: Attempt, second: Attempt) -> Attempt:
     """Of two ends that are no solution the one that is stationary, else the more likely."""
-    stationary = [a.outcome.status == "converged" for a in (first, second)]
+    stationary = [a.outcome.converged for a in (first, second)]
     if stationary[0] != stationary[1]:
         return second if stationary[1] else first
     return first if first.misfit < second.misfit else second
 
 
-def _with_status(attempt: Attempt, status: str) -> Attempt:
+def _another(reason: str) -> Status:
+    return Status(result=Results.ANOTHER_MINIMUM, reason=reason, remedy=_REMEDY)
+
+
+def _with_status(attempt: Attempt, status: Status) -> Attempt:
     return replace(attempt, outcome=replace(attempt.outcome, status=status))
 
 
@@ -214,8 +218,8 @@ def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -
     if not start.misfit < reached.misfit - _EQUAL:
         return end
     status = end.attempt.outcome.status
-    if status == "converged":
-        status = f"{ANOTHER_MINIMUM}: the start is more likely than the minimum that was found; {_REMEDY}"
+    if status.converged:
+        status = _another("the start is more likely than the minimum that was found")
     return Ending(attempt=_with_status(start, status), remark="no solver improved on the start, which is returned")
 
 

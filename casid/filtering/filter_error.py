@@ -23,6 +23,7 @@ from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.problem import Problem, check_plain
 from casid.estimation.solvers.identified import lost_along
+from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Results, Status, out_of_steps
 from casid.estimation.working import along_splines
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
@@ -85,8 +86,8 @@ class FilterFit:
         Measurement and process noise.
     innovations
         Of all records, with their log-likelihood.
-    status
-        "converged", or why not.
+    ended
+        How the iteration ended: result, reason and remedy; `status` is it in words.
     iterations, seconds
         How many, and how long.
 
@@ -113,16 +114,26 @@ class FilterFit:
     covariance: np.ndarray
     noise: NoiseModel
     innovations: Innovations
-    status: str
+    ended: Status
     iterations: int
     seconds: float
 
     __repr__ = brief
 
     @property
+    def result(self) -> Results:
+        """How the iteration ended, of an enumeration whose values say what to do about it."""
+        return self.ended.result
+
+    @property
+    def status(self) -> str:
+        """ "converged", or result, reason and remedy in words."""
+        return self.ended.text
+
+    @property
     def converged(self) -> bool:
         """Whether neither parameters nor noise would move any more."""
-        return self.status == "converged"
+        return self.ended.converged
 
     @property
     def intensities(self) -> dict[str, float]:
@@ -209,7 +220,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
     beyond = np.isin(problem.parameters, end.lost) & (np.abs(end.theta) > np.abs(problem.start_vector))
     if beyond.any():  # a time constant of infinity is one of minus infinity: the way goes on from the other side
         other = _iterated(system, np.where(beyond, -1.0, 1.0) * problem.start_vector, iterations)
-        if other.status == "converged" and other.step.deviance < end.step.deviance + _FLAT:
+        if other.ended.converged and other.step.deviance < end.step.deviance + _FLAT:
             end = replace(other, iterations=end.iterations + other.iterations)
     covariance = np.full_like(end.step.covariance, np.nan) if end.lost else end.step.covariance
     return FilterFit(
@@ -219,7 +230,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
         covariance=covariance,
         noise=end.noise,
         innovations=_innovations(system, end.step.linear, end.step.filter),
-        status=end.status,
+        ended=end.ended,
         iterations=end.iterations,
         seconds=time.perf_counter() - begin,
     )
@@ -232,7 +243,7 @@ class _End:
     theta: np.ndarray
     noise: NoiseModel
     step: Step
-    status: str
+    ended: Status
     iterations: int
     lost: tuple[str, ...]
 
@@ -243,7 +254,7 @@ def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
     log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
     linear = _along_the_readings(system, theta, linear, system.noise(log_sigma))
     limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
-    status, near, done = f"gave up after {iterations} iterations", False, 0
+    ended, near, done = out_of_steps(iterations), False, 0
     while done < iterations:
         done += 1
         before = log_sigma
@@ -255,7 +266,7 @@ def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
             if taken is not None:
                 break
         if taken is None:
-            status = "gave up: no step along the Gauss-Newton direction lowers the deviance"
+            ended = NO_DESCENT
             break
         if _lost(system, step, theta):
             break
@@ -263,7 +274,7 @@ def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
         std = np.sqrt(np.diag(step.covariance))
         moved = max(np.abs(step.change / std).max(initial=0.0), np.abs(log_sigma - before).max(initial=0.0))
         if near and length == 1.0 and moved < _SMALL_STEP:
-            status = "converged"
+            ended = CONVERGED
             break
         near = near or moved < _NEAR or length < 1.0
         if near:
@@ -274,8 +285,9 @@ def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
     if lost:
         values = zip(system.problem.parameters, theta, strict=True)
         where = ", ".join(f"{name} = {value:.3g}" for name, value in values if name in lost)
-        status = f"not identifiable: the data say nothing of {where}; start nearer, fix one, or give a prior"
-    return _End(theta=theta, noise=noise, step=final, status=status, iterations=done, lost=lost)
+        reason, remedy = f"the data say nothing of {where}", "start nearer, fix one, or give a prior"
+        ended = Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
+    return _End(theta=theta, noise=noise, step=final, ended=ended, iterations=done, lost=lost)
 
 
 def _lost(system: FilterSystem, step: Step, theta: np.ndarray) -> tuple[str, ...]:

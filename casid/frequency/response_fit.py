@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from casid.errors import EstimationError, InputError
+from casid.estimation.solvers.status import CONVERGED, Results, Status, out_of_steps
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
 from casid.frequency.precision import Precision, precision
 from casid.frequency.response import USABLE, FrequencyResponse
@@ -136,8 +137,8 @@ class ResponseFit:
         "output/input" -> what was measured, at the frequencies that took part.
     fitted
         "output/input" -> the model's complex response there.
-    status
-        "converged", or in words why not.
+    ended
+        How the iteration ended: result, reason and remedy; `status` is it in words.
 
     Examples
     --------
@@ -157,12 +158,17 @@ class ResponseFit:
     costs: dict[str, float]
     responses: dict[str, MeasuredResponse]
     fitted: dict[str, np.ndarray]
-    status: str
+    ended: Status
+
+    @property
+    def status(self) -> str:
+        """ "converged", or result, reason and remedy in words."""
+        return self.ended.text
 
     @property
     def converged(self) -> bool:
         """Whether the parameters are a minimum of the cost."""
-        return self.status == "converged"
+        return self.ended.converged
 
     @property
     def cost(self) -> float:
@@ -260,8 +266,8 @@ def fit_responses(
             best = found
     if best is None:
         raise EstimationError("response fit: the model has no finite response at any start; give other start values")
-    status = "converged" if best.status > 0 else f"stopped after {_EVALUATIONS} evaluations, not converged"
-    return _result(model, measured, best.x, fixed, status), best.x
+    ended = CONVERGED if best.status > 0 else out_of_steps(_EVALUATIONS, "evaluations")
+    return _result(model, measured, best.x, fixed, ended), best.x
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -377,7 +383,7 @@ def _noise(measured: Sequence[Measured]) -> np.ndarray:
 
 
 def _result(
-    model: ResponseModel, measured: Sequence[Measured], values: np.ndarray, fixed: Mapping[str, float], status: str
+    model: ResponseModel, measured: Sequence[Measured], values: np.ndarray, fixed: Mapping[str, float], ended: Status
 ) -> ResponseFit:
     residual, slopes = _rows(model, measured, values)
     scale = np.linalg.norm(slopes, axis=0)
@@ -389,8 +395,8 @@ def _result(
         noise = _noise(measured)
         rest = np.trace(noise) - np.trace(left.T @ noise @ left)  # what is left of it in the residuals
         covariance = gain @ noise @ gain.T * float(residual @ residual) / rest
-    else:
-        status = "failed: the parameters cannot be told apart" if status == "converged" else status
+    elif ended.converged:
+        ended = Status(result=Results.NOT_IDENTIFIABLE, reason="the parameters cannot be told apart")
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     costs, first = {}, 0
     for one in measured:
@@ -406,5 +412,5 @@ def _result(
         costs=costs,
         responses={one.label: one.response for one in measured},
         fitted={one.label: model.response(one.response, values)[0] for one in measured},
-        status=status,
+        ended=ended,
     )

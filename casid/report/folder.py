@@ -204,11 +204,11 @@ def _sweep(target: Path) -> None:
                 os.close(lock)
 
 
-def provenance(seed: int) -> dict[str, Any]:
-    """What a result was made with: command, seed, commit of a checkout, and versions."""
+def provenance(seed: int | None = None) -> dict[str, Any]:
+    """What a result was made with: command, seed where numbers were drawn, commit of a checkout, and versions."""
     return {
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
-        "seed": seed,
+        **({} if seed is None else {"seed": seed}),
         "commit": _commit(),
         "python": platform.python_version(),
         "platform": platform.platform(terse=True),

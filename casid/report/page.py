@@ -227,7 +227,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
     require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
-    made_with = provenance(0) if made_with is None else made_with
+    made_with = provenance() if made_with is None else made_with
     following = next_flights(diagnosis) if diagnosis.of_aircraft else NextFlights(proposals=(), beyond=())
     shown = pictures(diagnosis) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown))

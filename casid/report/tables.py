@@ -240,7 +240,7 @@ def made_with(facts: Mapping[str, Any]) -> ReportTable:
         ("versions", f"{versions}, Python {facts['python']}"),
         ("platform", facts["platform"]),
         ("commit", str(facts["commit"] or "–")),
-        ("seed", str(facts["seed"])),
+        *([("seed", str(facts["seed"]))] if "seed" in facts else []),
         ("command", " ".join(facts["command"])),
     )
     return ReportTable(head=("", ""), rows=tuple(Row(cells=cells) for cells in rows), caption="Made with")

@@ -79,7 +79,7 @@ def test_the_shell_completes_commands_and_options(
     assert all(name in words for name in (*COMMANDS, "--hold-out"))
 
 
-@pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("diagnose", "--seed", "x")])
+@pytest.mark.parametrize("arguments", [("diagnos",), ("estimate", "a.csv"), ("design", "--seed", "x")])
 def test_bad_words_are_one_line_and_status_2(casid_here: Callable, arguments: tuple[str, ...]) -> None:
     status, said, error = casid_here(*arguments)
     assert status == 2 and said == ""

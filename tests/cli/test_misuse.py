@@ -113,7 +113,6 @@ MISUSES: list[tuple[str, str]] = [
     ("estimate {r} --aircraft {p} --equation-weight 0.5", "--cost combined"),
     ("estimate {r} --aircraft {p} --defects soft --method single", "--method multiple"),
     ("estimate {r} --aircraft {p} --axes lateral-ish", "lateral-ish"),
-    ("diagnose {r} --aircraft {p} --seed many", "many"),
     ("diagnose {r} --aircraft {p} --criteria {d}/none.toml", "none.toml"),
     ("diagnose {r} --aircraft {p} --map alpha", "alpha"),
     ("diagnose {r} --aircraft {p} --map alfa=alpha", "alfa"),

@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from casid.design import Experiment, Multisine, StepInput, design_input, standard_3211
 from casid.errors import EstimationError, InputError
-from casid.estimation import Problem, solve
+from casid.estimation import InitialState, Problem, solve
 from casid.model.system import define_model
 from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
@@ -80,7 +80,8 @@ def test_the_best_pulse_of_a_static_gain_is_as_large_and_as_long_as_it_may_be():
 @pytest.mark.parametrize("shape", [StepInput(pulses=4), Multisine(lines=3)])
 def test_the_bound_is_that_of_an_estimation_on_the_record(shape):
     design = design_input(experiment(), shape, starts=1)
-    fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE))
+    known = InitialState(std=dict(short_period().state_scale))  # the design's prior
+    fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE, initial_state=known))
     np.testing.assert_allclose(list(design.std.values()), [e.std for e in fit.parameters.values()], rtol=1e-6)
     relative = fit.covariance / np.outer(list(TRUTH.values()), list(TRUTH.values()))
     assert design.cost == pytest.approx(np.linalg.slogdet(relative)[1] / 5, rel=1e-6)

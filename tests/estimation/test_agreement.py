@@ -12,6 +12,7 @@ import pytest
 from estimation_cases import cut
 
 from casid.estimation import Fit, Problem
+from casid.estimation.solvers.status import out_of_steps
 from casid.model.system import define_model
 from casid.records.record import Record
 from problems.every_problem import every_problem
@@ -76,7 +77,7 @@ def test_two_minima_are_told_from_a_wrong_solution(load_script):
     wrong = replace(right, values={"a": 1.1 * right.values["a"]}, stationarity=1.0)
     assert script.found(problem, right, wrong) == script.DISAGREE
     assert script.found(problem, wrong, left) == script.DISAGREE
-    lost = replace(left, status="stopped")
+    lost = replace(left, ended=out_of_steps(3))
     assert script.found(problem, right, lost) == "ours, IPOPT stopped"
     assert script.found(problem, lost, right) == script.DISAGREE
     assert script.found(problem, lost, lost) == script.DISAGREE

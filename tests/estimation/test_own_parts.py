@@ -18,6 +18,7 @@ from casid.errors import InputError
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import moved
 from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.status import CONVERGED, out_of_steps
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.equation import EquationPart
 
@@ -51,7 +52,7 @@ class Damped:
         return Outcome(
             point=point,
             value=value,
-            status="converged" if length < 1e-7 else "stopped, not converged",
+            status=CONVERGED if length < 1e-7 else out_of_steps(iteration),
             iterations=iteration,
             stationarity=length,
             limit_multipliers=np.zeros(0),

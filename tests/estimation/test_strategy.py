@@ -15,7 +15,6 @@ from scipy.linalg import expm
 
 import casid as cs
 from casid.estimation.attempt import attempted
-from casid.estimation.results import result_of
 from casid.estimation.solvers.timed import timed
 from casid.estimation.strategy import doubtful
 
@@ -241,7 +240,7 @@ def test_seconds_bound_ipopt():
     problem, begin = lorenz(10.0), time.process_time()
     fit = cs.solve(problem, cs.MultipleShooting(interval=10), cs.Ipopt(seconds=1.0))
     assert time.process_time() - begin < 1.1
-    assert fit.status == "stopped at the time limit, not converged"
+    assert fit.result is cs.Results.STOPPED and "time" in fit.reason
 
 
 def test_seconds_bound_a_programme_of_more_steps():
@@ -251,7 +250,7 @@ def test_seconds_bound_a_programme_of_more_steps():
     begin = time.process_time()
     fit = cs.solve(problem, cs.MultipleShooting(interval=10, substeps=300), cs.Ipopt(seconds=1.0))
     assert time.process_time() - begin < 1.1
-    assert fit.status == "stopped at the time limit, not converged"
+    assert fit.result is cs.Results.STOPPED and "time" in fit.reason
 
 
 def test_a_simulation_that_grows_ends_at_the_best_solution_or_says_that_it_departed():
@@ -266,8 +265,6 @@ def test_a_simulation_that_grows_ends_at_the_best_solution_or_says_that_it_depar
 
 def test_every_result_says_what_to_do():
     assert all(one.value.endswith(".") and len(one.value) > 30 for one in cs.Results)
-    assert result_of("failed: the constraints cannot be satisfied together") is cs.Results.INFEASIBLE
-    assert result_of("stopped after 3 iterations, not converged") is cs.Results.STOPPED
 
 
 def test_an_infinite_reading_is_refused():

@@ -91,7 +91,7 @@ def test_sensitivities_that_overflow_are_a_status_and_no_exception() -> None:
     Where a diverging search ends depends on its last digits, and so on when its functions are compiled: a failure or
     the limit of iterations, with or without a standard error, but never a solution and never an exception."""
     fit = estimate(fly(Condition(case="G", manoeuvre=7, variant=1)), "output", "single-open")
-    assert fit.status.startswith(("failed", "stopped"))
+    assert not fit.converged and fit.remedy
     assert np.isnan(fit["Cm_alpha"].std) or fit["Cm_alpha"].std > 0.0
 
 

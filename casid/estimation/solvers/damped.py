@@ -14,6 +14,7 @@ import numpy as np
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.status import CONVERGED, DIVERGES, NO_DESCENT, Status, out_of_steps, status_of
 from casid.estimation.solvers.timed import Clock
 
 _FIRST, _MOST = 1e-3, 1e30  # damping
@@ -40,14 +41,12 @@ class DampedIteration:
 
     def run(self) -> Outcome:
         """Until a solution, the end of descent, or too many steps; a bad course is said in the status."""
-        status, iteration = "", 0
-        if not np.isfinite(self.value.cost):
-            status = "departed: the simulation diverges at the start values"
-        while not status:
+        iteration, status = 0, None if np.isfinite(self.value.cost) else DIVERGES
+        while status is None:
             iteration += 1
             status = self._iterate()
-            if not status and (iteration >= self.iterations or self.clock.is_up()):
-                status = f"stopped after {iteration} damped iterations, not converged"
+            if status is None and (iteration >= self.iterations or self.clock.is_up()):
+                status = out_of_steps(iteration, "damped iterations")
         return Outcome(
             point=self.point,
             value=self.value,
@@ -58,13 +57,13 @@ class DampedIteration:
             linear=self.linear,
         )
 
-    def _iterate(self) -> str:
+    def _iterate(self) -> Status | None:
         objective = self.objective
         self.value, change = objective.relaxed(self.point, self.value)
         try:
             self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
-            return f"failed: {error}"
+            return status_of(error)
         self.value = objective.reweighed(self.point, self.value, linear.noise)
         self.largest = np.maximum(self.largest, np.diagonal(linear.hessian))
         settled = change < 10 * self.tolerance and self.value.worst() < _DEFECT
@@ -72,19 +71,19 @@ class DampedIteration:
         if undamped is not None:
             self.stationarity, self.multipliers = objective.length(undamped, self.value), undamped.limit_multipliers
             if settled and objective.negligible(undamped, self.value, self.tolerance):
-                return "converged"
+                return CONVERGED
         while self.damping < _MOST:
             found = self._tried(linear)
             if found is not None:
                 self.point, self.value = found
                 self.linear = None
-                return ""
+                return None
             self.damping, self.raise_by = self.damping * self.raise_by, 2.0 * self.raise_by
         last = undamped or self._step(linear, _SINGULAR)
         rounding = last is not None and objective.negligible(last, self.value, _ROUNDED)
         if last is not None:
             self.stationarity, self.multipliers = objective.length(last, self.value), last.limit_multipliers
-        return "converged" if rounding and self.value.worst() < _DEFECT else "failed: no descent"
+        return CONVERGED if rounding and self.value.worst() < _DEFECT else NO_DESCENT
 
     def _step(self, linear: Linearised, damping: float) -> SolverStep | None:
         diagonal = np.maximum(self.largest, 1e-14 * self.largest.max(initial=0.0))

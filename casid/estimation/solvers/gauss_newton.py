@@ -10,6 +10,17 @@ import numpy as np
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome, check_limits
+from casid.estimation.solvers.status import (
+    CONVERGED,
+    CREEPS,
+    DIVERGES,
+    INFEASIBLE,
+    NO_DESCENT,
+    Status,
+    out_of_steps,
+    out_of_time,
+    status_of,
+)
 from casid.estimation.solvers.timed import Clock
 
 
@@ -70,7 +81,6 @@ class GaussNewton:
         return _Iteration(objective, self).run()
 
 
-CREEPS = "stopped: the steps shrink too slowly"
 _DEFECT = 1e-8
 _WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
@@ -84,7 +94,7 @@ class _Iteration:
     def __init__(self, objective: Objective, solver: GaussNewton) -> None:
         self.objective, self.solver = objective, solver
         self.clock = Clock(solver.seconds)
-        self._late = f"stopped after {solver.seconds:.3g} s, not converged"
+        self._late = out_of_time(solver.seconds)
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping = 0.0
@@ -102,18 +112,18 @@ class _Iteration:
 
     def run(self) -> Outcome:
         if not np.isfinite(self.value.cost):
-            return self._outcome("departed: the simulation diverges at the start values; try MultipleShooting", 0)
+            return self._outcome(DIVERGES, 0)
         for iteration in range(1, self.solver.iterations + 1):
             status = self._iterate()
-            if status:
+            if status is not None:
                 return self._outcome(status, iteration)
             if not self.solver.patient and self._creeps():
                 return self._outcome(CREEPS, iteration)
             if self.clock.is_up():
                 return self._outcome(self._late, iteration)
-        return self._outcome(f"stopped after {self.solver.iterations} iterations, not converged", iteration)
+        return self._outcome(out_of_steps(self.solver.iterations), iteration)
 
-    def _iterate(self) -> str:
+    def _iterate(self) -> Status | None:
         """One linearisation and accepted step; a status when that ends the iteration."""
         objective = self.objective
         if self.near and not self.relaxing:
@@ -124,7 +134,7 @@ class _Iteration:
                 self.value, self.noise_change = objective.relaxed(self.point, self.value)
             self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
-            return f"failed: {error}"
+            return status_of(error)
         self.value = objective.reweighed(self.point, self.value, linear.noise)
         undamped: SolverStep | None = None
         while True:
@@ -132,20 +142,20 @@ class _Iteration:
                 step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
             except np.linalg.LinAlgError as error:
                 if not self._more_damping():
-                    return f"failed: {error}"
+                    return status_of(error)
                 continue
             undamped = undamped or step
             if self._judge(step):
-                return "converged"
+                return CONVERGED
             found = self._search(step)
             if found is not None:
                 break
             if not self._more_damping():
                 if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
-                    return "converged"  # what is left of the step is rounding
+                    return CONVERGED  # what is left of the step is rounding
                 if not step.feasible:
-                    return "failed: the constraints cannot be satisfied together"
-                return "failed: no descent from a point that is not stationary"
+                    return INFEASIBLE
+                return NO_DESCENT
             if time.perf_counter() > self.clock.deadline:
                 return self._late
         whole = found[2] == 1.0 and self.damping < _WHOLE
@@ -154,7 +164,7 @@ class _Iteration:
         self.linear = None
         self.multipliers = step.limit_multipliers
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
-        return ""
+        return None
 
     def _creeps(self) -> bool:
         """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
@@ -222,7 +232,7 @@ class _Iteration:
     def _passes(self, violation: float, cost: float) -> bool:
         return all(violation < v or cost < c for v, c in self.filter)
 
-    def _outcome(self, status: str, iterations: int) -> Outcome:
+    def _outcome(self, status: Status, iterations: int) -> Outcome:
         return Outcome(
             point=self.point,
             value=self.value,

@@ -23,6 +23,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.separable import separable_functions
 from casid.estimation.solvers.solver import Outcome, check_limits
+from casid.estimation.solvers.status import CONVERGED, DIVERGES, INFEASIBLE, Results, Status
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
 
@@ -97,7 +98,7 @@ class Ipopt:
         left = self.seconds - took
         if self.hessian == "exact" and left > took and _on_plateau(objective, outcome):  # the other takes as long
             other = _minimise(objective, replace(self, hessian="gauss-newton", seconds=left))
-            if other.status == "converged" and not _on_plateau(objective, other):
+            if other.converged and not _on_plateau(objective, other):
                 return other
         return outcome
 
@@ -105,14 +106,19 @@ class Ipopt:
 _ROUNDS = 60  # of noise and covariance
 _SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
 _SOLVED = 1e-5  # standard deviations
-_TIME_LIMIT = "stopped at the time limit, not converged"
-_WORDS = {
-    "Maximum_Iterations_Exceeded": "stopped at the iteration limit, not converged",
+_TIME_LIMIT = Status(result=Results.STOPPED, reason="at the time limit, not converged")
+_ENDS = {  # what IPOPT says
+    "Solve_Succeeded": CONVERGED,
+    "Maximum_Iterations_Exceeded": Status(result=Results.STOPPED, reason="at the iteration limit, not converged"),
     "User_Requested_Stop": _TIME_LIMIT,
-    "Infeasible_Problem_Detected": "failed: the constraints cannot be satisfied together",
-    "Restoration_Failed": "failed: IPOPT found no point that satisfies the constraints better",
-    "Invalid_Number_Detected": "departed: the simulation diverges on the way",
-    "Solved_To_Acceptable_Level": "stopped at an acceptable point, not converged to the tolerance",
+    "Infeasible_Problem_Detected": INFEASIBLE,
+    "Restoration_Failed": Status(
+        result=Results.FAILED, reason="IPOPT found no point that satisfies the constraints better"
+    ),
+    "Invalid_Number_Detected": Status(result=Results.DEPARTED, reason="the simulation diverges on the way"),
+    "Solved_To_Acceptable_Level": Status(
+        result=Results.STOPPED, reason="at an acceptable point, not converged to the tolerance"
+    ),
 }
 
 
@@ -121,8 +127,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     value = objective.value(point)
     nothing = np.zeros(len(objective.limits))
     if not np.isfinite(value.cost):
-        status = "departed: the simulation diverges at the start values; try MultipleShooting"
-        return _outcome(point, value, status, 0, np.inf, nothing)
+        return _outcome(point, value, DIVERGES, 0, np.inf, nothing)
     deadline = time.perf_counter() + solver.seconds
     scale = _parameter_scale(objective, point, value)
     x = Packing(variables(objective, point, scale))
@@ -133,7 +138,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     if built is None:
         return _outcome(point, value, _TIME_LIMIT, 0, np.inf, nothing)
     function, programme = built
-    iterations, status, multipliers, settling = 0, "", np.zeros(programme.g.numel()), FixedPoint()
+    iterations, status, multipliers, settling = 0, _TIME_LIMIT, np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
         result, stats = function(
             until=deadline,
@@ -147,10 +152,11 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
         multipliers = np.asarray(result["lam_g"]).ravel()
         point = point_from(objective, x.unpack(np.asarray(result["x"]).ravel()), scale, point)
         value = objective.value(point, value.noise)
-        good = stats["return_status"] == "Solve_Succeeded" or _is_solution(objective, point, value)
         reason = str(stats["return_status"])
-        status = "converged" if good else _WORDS.get(reason, f"failed: IPOPT says {reason}")
-        if status != "converged" or not np.isfinite(value.cost):
+        status = _ENDS.get(reason, Status(result=Results.FAILED, reason=f"IPOPT says {reason}"))
+        if not status.converged and _is_solution(objective, point, value):
+            status = CONVERGED
+        if not status.converged or not np.isfinite(value.cost):
             break
         relaxed, change = _relaxed(objective, point, value, settling)
         value = objective.reweighed(point, value, relaxed)
@@ -160,7 +166,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
             break
         multipliers *= fitting / gain
         gain = fitting
-        status = "stopped: the noise did not settle"
+        status = Status(result=Results.STOPPED, reason="the noise did not settle")
         if time.perf_counter() > deadline:
             break
     limit_multipliers = multipliers[programme.linear]
@@ -170,7 +176,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
 
 
 def _outcome(
-    point: Point, value: ObjectiveValue, status: str, iterations: int, stationarity: float, multipliers: np.ndarray
+    point: Point, value: ObjectiveValue, status: Status, iterations: int, stationarity: float, multipliers: np.ndarray
 ) -> Outcome:
     return Outcome(
         point=point,
@@ -290,7 +296,7 @@ def _relaxed(
 
 def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
     """Whether IPOPT is content where the data say nothing of some parameter."""
-    if outcome.status != "converged":
+    if not outcome.converged:
         return False
     try:
         linear = objective.linearise(outcome.point, outcome.value)

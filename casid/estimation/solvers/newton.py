@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.solvers.damped import DampedIteration
-from casid.estimation.solvers.gauss_newton import CREEPS, GaussNewton
+from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.nlp import is_programmable
@@ -22,6 +22,19 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, NoiseState, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.solvers.solver import Outcome, check_limits
+from casid.estimation.solvers.status import (
+    CONVERGED,
+    FLAT_MINIMUM,
+    NO_DESCENT,
+    NO_MINIMUM,
+    NO_MOTION,
+    Results,
+    Stage,
+    Status,
+    out_of_steps,
+    out_of_time,
+    status_of,
+)
 
 _APART = 1e-3  # standard deviations between points whose gradients are compared
 # standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
@@ -34,9 +47,6 @@ _BENT = 1e-3  # of it: less curvature downwards changes ln(likelihood) by less t
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _LEAST, _MOST = 1e-3, 1e8  # damping
 _ROUNDING = 1e-15  # of the largest eigenvalue
-FLAT_MINIMUM = "not identifiable: a minimum that is flat"
-_NO_MINIMUM = "failed: a stationary point that is no minimum"
-_NO_MOTION = "failed: the model has no motion next to the present one"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,17 +113,17 @@ class Automatic:
         found = is_found(objective, outcome)
         if objective.problem.path_constraints:  # the cost within them is no function of the parameters alone
             left = self.seconds - (time.perf_counter() - begin)
-            other = Ipopt(seconds=left).minimise(objective) if left > 0.0 and outcome.status != "converged" else outcome
-            return other if other.status == "converged" else outcome
+            other = Ipopt(seconds=left).minimise(objective) if left > 0.0 and not outcome.converged else outcome
+            return other if other.converged else outcome
         if objective.soft or (found and outcome.attracted) or time.perf_counter() - begin > self.seconds:
             return outcome
         if found:  # a start that is stationary already, or a search that ended in rounding
             judged = _Newton(objective, self, outcome, begin + self.seconds).run()
-            return judged if judged.status in ("converged", _NO_MINIMUM) else outcome
-        if outcome.status != CREEPS:  # there it is the whole curvature that is missing
+            return judged if judged.status.result in (Results.CONVERGED, Results.NO_MINIMUM) else outcome
+        if outcome.status.stage is not Stage.CREEPING:  # there it is the whole curvature that is missing
             damped = DampedIteration(objective, self.tolerance, _DAMPED * self.iterations, begin + self.seconds).run()
             outcome = _better(objective, outcome, damped)
-        if outcome.status == "converged" and not is_found(objective, outcome):
+        if outcome.converged and not is_found(objective, outcome):
             return outcome
         outcome = _Newton(objective, self, outcome, begin + self.seconds).run()
         left = self.seconds - (time.perf_counter() - begin)
@@ -121,7 +131,7 @@ class Automatic:
         if programmable and left > 0.0 and not is_found(objective, outcome):
             # without states it is quick, and comes through valleys in which Newton's short steps do not end
             last = Ipopt(iterations=2 * _DAMPED * self.iterations, seconds=left).minimise(objective)
-            outcome = last if last.status == "converged" else outcome
+            outcome = last if last.converged else outcome
         return outcome
 
 
@@ -132,18 +142,18 @@ def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600
     the parameters alone.
     """
     known = outcome.attracted or outcome.solver == "Newton"
-    if outcome.status != "converged" or known or objective.soft or objective.problem.path_constraints:
+    if not outcome.converged or known or objective.soft or objective.problem.path_constraints:
         return outcome
     if outcome.linear is None and objective.dynamics is not None and not np.isfinite(outcome.stationarity):
         return outcome
     judged = _Newton(objective, Automatic(seconds=seconds), outcome, time.perf_counter() + seconds).run()
-    return replace(outcome, status=judged.status) if judged.status == _NO_MINIMUM else outcome
+    return replace(outcome, status=judged.status) if judged.status.result is Results.NO_MINIMUM else outcome
 
 
 def is_found(objective: Objective, outcome: Outcome) -> bool:
     """Whether it converged where the data say something of every parameter."""
-    if outcome.status != "converged" or outcome.linear is None:
-        return outcome.status == "converged"
+    if not outcome.converged or outcome.linear is None:
+        return outcome.converged
     return not lost(objective, outcome.linear, outcome.limit_multipliers)
 
 
@@ -173,7 +183,7 @@ class _Newton:
         self.objective, self.solver, self.begun, self.deadline = objective, solver, begun, deadline
         self.damping = 0.0
         self.multipliers = begun.limit_multipliers
-        self._late = f"stopped after {solver.seconds:.3g} s, not converged"
+        self._late = out_of_time(solver.seconds)
 
     def run(self) -> Outcome:
         # where the states are far from a motion of the model they start from the measured ones
@@ -182,28 +192,28 @@ class _Newton:
         at = self._settled(self.begun.point, noise) or self._settled(measured, noise)
         if at is None:
             return self.begun
-        status, iteration = "", 0
-        while not status and iteration < self.solver.iterations:
+        status, iteration = None, 0
+        while status is None and iteration < self.solver.iterations:
             iteration += 1
             try:
                 at, status = self._iterate(at)
             except np.linalg.LinAlgError as error:
-                status = f"failed: {error}"
-        status = status or f"stopped after {self.solver.iterations} iterations of Newton, not converged"
+                status = status_of(error)
+        status = status or out_of_steps(self.solver.iterations, "iterations of Newton")
         return self._outcome(at, status, self.begun.iterations + iteration)
 
-    def _iterate(self, at: _Settled) -> tuple[_Settled, str]:
+    def _iterate(self, at: _Settled) -> tuple[_Settled, Status | None]:
         """One step; a status when that ends the iteration."""
         root = self._root(at)
         exact = self._curvature(at, root)
         if exact is None:
-            return at, self._late if self._is_late else _NO_MOTION
+            return at, self._late if self._is_late else NO_MOTION
         exact += root.T @ self.objective.limits.curvature(at.point.theta, self.multipliers) @ root
         first = self._step(at, root, exact, 0.0)
         if self.objective.negligible(first, at.value, self.solver.tolerance):
             return at, self._judged(at, root, exact, first)
         level = self._only_flat_left(at, root, exact, first)
-        if level and self._judged(at, root, exact, first) == FLAT_MINIMUM:
+        if level and self._judged(at, root, exact, first) is FLAT_MINIMUM:
             return at, FLAT_MINIMUM
         step = first if self.damping == 0.0 else self._step(at, root, exact, self.damping)
         while True:
@@ -211,14 +221,14 @@ class _Newton:
             if found is not None:
                 self.multipliers = step.limit_multipliers
                 self.damping = self.damping / 10 if self.damping > _LEAST else 0.0
-                return found, ""
+                return found, None
             self.damping = max(10 * self.damping, _LEAST)
             if self.damping > _MOST:
                 break
             step = self._step(at, root, exact, self.damping)
         if self.objective.negligible(first, at.value, _ROUNDED):
             return at, self._judged(at, root, exact, first)
-        return at, self._late if self._is_late else "failed: no descent from a point that is not stationary"
+        return at, self._late if self._is_late else NO_DESCENT
 
     @property
     def _is_late(self) -> bool:
@@ -258,15 +268,15 @@ class _Newton:
         noise = 2.0 * at.value.cost / at.value.noise.levels.count
         return gain * self.solver.iterations / (_GAIN * max(noise, 1e-300))
 
-    def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> str:
+    def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> Status:
         """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
         free = self.objective.free_directions(at.point.theta, step.limit_multipliers)
         basis = np.linalg.qr(np.linalg.inv(root) @ free)[0]
         least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
         if least > _FLAT:
-            return "converged"
-        return _NO_MINIMUM if least < -_BENT else FLAT_MINIMUM
+            return CONVERGED
+        return NO_MINIMUM if least < -_BENT else FLAT_MINIMUM
 
     def _tried(self, at: _Settled, step: SolverStep) -> _Settled | None:
         """The point after the step, when it is lower or the first within the limits."""
@@ -322,7 +332,7 @@ class _Newton:
             value = objective.value(point, value.noise)
         return None
 
-    def _outcome(self, at: _Settled, status: str, iterations: int) -> Outcome:
+    def _outcome(self, at: _Settled, status: Status, iterations: int) -> Outcome:
         value = at.value
         length = np.nan
         with suppress(np.linalg.LinAlgError):

@@ -6,6 +6,8 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import get_lapack_funcs, null_space
 
+from casid.estimation.solvers.status import INFEASIBLE, NOT_NUMBERS, NoStepError
+
 _potrf, _potri = get_lapack_funcs(("potrf", "potri"), dtype=np.float64)
 # residuals of the optimality conditions, absolute and relative, of unknowns with unit curvature; more where rounding
 # does not allow that: what is active is solved exactly afterwards
@@ -78,20 +80,20 @@ def parameter_step(
     size = np.linalg.norm(c, axis=1)
     moves = size > 0.0
     if ((lower > 0.0) | (upper < 0.0))[~moves].any():  # a limit that no step moves
-        raise np.linalg.LinAlgError("the constraints cannot be satisfied together")
+        raise NoStepError(INFEASIBLE)
     size = np.where(moves, size, 1.0)
     c, low, high = c / size[:, None], lower / size, upper / size
     inside = c @ free
     if ((inside >= low) & (inside <= high)).all():
         return free * scale, np.zeros(len(rows))
     if not np.isfinite(c).all() or np.isnan(low).any() or np.isnan(high).any():
-        raise np.linalg.LinAlgError("the constraints are no numbers here")
+        raise NoStepError(NOT_NUMBERS)
     weight = np.full(len(rows), np.inf) if price is None else price * size
     # in units of the way to go: the free step, and to the limits where they are exceeded
     unit = max(float(np.abs(free).max()), float(np.maximum(low, -high).max(initial=0.0)), 1e-300)
     far = _FAR * unit * max(float(np.sqrt(np.linalg.norm(inverse))), 1.0)
     if not np.isfinite(far):
-        raise np.linalg.LinAlgError("the constraints are no numbers here")
+        raise NoStepError(NOT_NUMBERS)
     low, high = np.where(low < -far, -np.inf, low), np.where(high > far, np.inf, high)
     step, multipliers = _interior_point(h, g / unit, c, low / unit, high / unit, weight / unit)
     return unit * step * scale, unit * multipliers / size
@@ -122,7 +124,7 @@ def _interior_point(
                 last.append(upper)
                 which.append(i)
     if not parts:
-        raise np.linalg.LinAlgError("the constraints are no numbers here")
+        raise NoStepError(NOT_NUMBERS)
     matrix = np.array(parts)
     structure = {"h": ca.Sparsity.dense(*quadratic.shape), "a": ca.Sparsity.dense(*matrix.shape)}
     least = np.concatenate([np.full(n, -np.inf), np.zeros(excess)])
@@ -143,7 +145,7 @@ def _interior_point(
         if solver.stats()["success"] and np.isfinite(found).all():
             break
     else:
-        raise np.linalg.LinAlgError("the constraints cannot be satisfied together")
+        raise NoStepError(INFEASIBLE)
     multipliers = np.bincount(which, dual, len(c))
     return _polished(h, g, c, (low, high), price, (found[:n], multipliers))
 

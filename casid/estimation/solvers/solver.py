@@ -10,12 +10,12 @@ import numpy as np
 from casid.arguments import number, whole
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
+from casid.estimation.solvers.status import Status
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Where a solver stopped and why: status is "converged" or says in words what is the matter; `linear` is the
-    linearisation at the point when the solver has it.
+    """Where a solver stopped and why; `linear` is the linearisation at the point when the solver has it.
 
     stationarity        length of a further Gauss-Newton step in standard deviations of the solution
     limit_multipliers   one per row of the linear constraints, positive at an upper limit
@@ -26,13 +26,18 @@ class Outcome:
 
     point: Point
     value: ObjectiveValue
-    status: str
+    status: Status
     iterations: int
     stationarity: float
     limit_multipliers: np.ndarray
     linear: Linearised | None = None
     solver: str = "GaussNewton"
     attracted: bool = False
+
+    @property
+    def converged(self) -> bool:
+        """Whether the solver calls its point a solution."""
+        return self.status.converged
 
 
 def check_limits(solver: Any) -> None:

@@ -146,12 +146,12 @@ def test_a_step_of_the_coordinates_of_the_noise_is_one_standard_deviation(noise)
 def test_the_likelihood_descends_from_one_relaxation_to_the_next(holes):
     given = Problem(short_period(), [measured(2, holes)], free=["*"], start=START, noise="full")
     iteration = _Iteration(build_objective(given, MultipleShooting(interval=10)), PRECISE)
-    costs, status = [], ""
-    while not status:
+    costs, status = [], None
+    while status is None:
         status = iteration._iterate()
         if iteration.relaxing and iteration.value.worst() < 1e-9:
             costs.append(iteration.objective.likelihood_cost(iteration.value))
-    assert status == "converged" and len(costs) >= 4
+    assert status.converged and len(costs) >= 4
     assert (np.diff(costs) < 1e-9 * abs(costs[0])).all(), costs
 
 
