@@ -39,6 +39,7 @@ from casid.model import station
 from casid.model.aircraft import Aircraft
 from casid.model.causes import aero_term, unsteady_aero
 from casid.model.causes import turbulence as turbulence_effect
+from casid.model.effect import Effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence, title_of
 
@@ -236,7 +237,7 @@ def cause_of(
         statistic=trial.gain.raw + trial.gain.spared,
         dof=dof,
         held_out_gain=held,
-        indistinguishable_from=tuple(_named(t) for t in equivalents),
+        indistinguishable_from=(*_equal(one, fit, trial.gain.raw), *(_named(t) for t in equivalents)),
         sentence=cause_sentence(one, value, std, len(names)),
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
@@ -295,15 +296,26 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
 
 def _named(trial: Trial) -> Mapping[str, object]:
     """The entry of an alternative in `indistinguishable_from`."""
-    effect = trial.effect
+    return _entry(trial.effect, float(trial.candidate.attached.values["value"]), trial.gain.raw)
+
+
+def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, object]]:
+    """The entry of the effect that is equal to a cause by algebra; empty without one."""
+    if one.effect.equal is None or one.records:
+        return []
+    other, factor = one.effect.equal(fit.flight.aircraft)
+    return [_entry(other, factor * one.values["value"], gain)]
+
+
+def _entry(effect: Effect, value: float, gain: float) -> Mapping[str, object]:
     return {
         "kind": effect.kind,
         "target": effect.target,
         "term": effect.term,
         "title": title_of(effect),
-        "value": float(trial.candidate.attached.values["value"]),
+        "value": value,
         "unit": effect.unit,
-        "gain": trial.gain.raw,
+        "gain": gain,
     }
 
 

@@ -79,6 +79,7 @@ class Effect:
     includes     kinds of simpler effects that are special cases of it: where one of these does as well, it comes first
     shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
                  free derivatives take up the rest
+    equal        aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
     expected     structure that other aircraft have: put into the model when it is found, and no fault
     improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
@@ -129,6 +130,7 @@ class Effect:
     relative: bool = False
     includes: tuple[str, ...] = ()
     shows_as: str | None = None
+    equal: Callable[[Airframe], tuple[Effect, float]] | None = None
     expected: bool = False
     improbable: bool = False
     constant: bool = False

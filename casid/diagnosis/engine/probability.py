@@ -26,6 +26,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.effect import Effect
+from casid.model.effects import effect_named
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,6 +161,10 @@ def _place(cause: Cause, round_: Round | None, scale: Scale, named: Collection[t
     best, logs = round_.leader, {}
     effects = {best.effect.name: best.effect}
     logs[best.effect.name] = 0.0
+    stated = {(o["kind"], o["target"], o["term"]) for o in cause.indistinguishable_from}
+    for kind, target, term in stated - {trial.effect.key for trial in round_.trials}:  # equal by algebra: as likely
+        equal = effect_named(f"{kind}({target}:{term})")
+        effects[equal.name], logs[equal.name] = equal, 0.0
     for rival in (one for one in possible_rivals(best, round_.rivals) if one.effect.key not in named):
         behind = -scale.per_distance * max(distance(best, rival, scale.criteria), 0.0)
         name = rival.effect.name

@@ -75,12 +75,14 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
     fit, found = evidence.fit, {}
     coloured, bends = coloured_deviation(fit), {} if fit.flight.sizes else _bends(fit)
     lines = straight_lines(evidence)
+    wake = by_the_wake(evidence, lines)
     for i, slot in enumerate(fit.slots):
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
         variance = float(lines[i] @ evidence.covariance @ lines[i])
         from_records = 1.0 - weight * variance
         slope = deviation_along(evidence, lines[i], value)
         corrected = max(math.hypot(slope, *left_open(evidence, i)), float(coloured[i]))
+        corrected = math.hypot(corrected, float(wake[i]))
         if otherwise is not None:
             corrected = math.hypot(corrected, otherwise[slot.name] - value)
         if not (variance > 0.0 and from_records > 0.0):
@@ -90,6 +92,27 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
         determined = from_records > fit.flight.criteria.given.from_records
         one = FlightValue(value=own, std=corrected / from_records, determined=determined)
         found[slot.name] = replace(one, at_middle=_at_middle(evidence, lines[i], one, bends.get(slot.name, {})))
+    return found
+
+
+def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
+    """(slots,) 1-sigma of the fitted values by the downwash at the tail, which arrives late, in a model without it.
+
+    Beside the pitch rate, the rate of the angle of attack has the derivative of the pitch rate times the slope of the
+    downwash, 2 CL_alpha / (pi A) (B. Etkin, Dynamics of Flight, 3.9). Records show the sum of the two; a file may state
+    either of them.
+    """
+    fit, found = evidence.fit, np.zeros(len(evidence.fit.slots))
+    number, aircraft = {slot.name: i for i, slot in enumerate(fit.slots)}, fit.flight.aircraft
+    if fit.flight.sizes is not None:
+        return found
+    lift = next((abs(fit.derivatives[name]) for name in ("CL_alpha", "CZ_alpha") if name in fit.derivatives), 0.0)
+    slope = min(2.0 * lift * aircraft.moment_length_pitch**2 / (math.pi * aircraft.area), 1.0)
+    for j, (coefficient, term) in enumerate(evidence.terms, len(fit.slots)):
+        i = number.get(f"{coefficient}_q")
+        if term == "alphadot" and i is not None:
+            size = slope * abs(float(fit.values[i])) / evidence.factors[j - len(fit.slots)]
+            found = np.hypot(found, size * lines[: len(fit.slots), j])
     return found
 
 

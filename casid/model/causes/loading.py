@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from casid.model.airframe import Airframe
+from casid.model.causes.aerodynamics import aero_term
 from casid.model.effect import Effect, Symbols, cause
 from casid.model.path import SignalPath
 
@@ -88,7 +89,13 @@ def thrust_asymmetry(target: str = "") -> Effect:
         path.moment[2] -= values["value"] * path.surface["thrust"]
 
     return Effect(
-        kind="thrust_asymmetry", by_record=True, station="moments", change=change, meaningful=0.05, limit=20.0
+        kind="thrust_asymmetry",
+        by_record=True,
+        station="moments",
+        change=change,
+        equal=lambda aircraft: (aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral),
+        meaningful=0.05,
+        limit=20.0,
     )
 
 
@@ -102,4 +109,11 @@ def thrust_line(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.moment[1] += values["value"] * path.surface["thrust"]
 
-    return Effect(kind="thrust_line", station="moments", change=change, meaningful=0.05, limit=10.0)
+    return Effect(
+        kind="thrust_line",
+        station="moments",
+        change=change,
+        equal=lambda aircraft: (aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch),
+        meaningful=0.05,
+        limit=10.0,
+    )

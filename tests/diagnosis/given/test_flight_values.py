@@ -13,7 +13,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import FlightValue, flight_values
-from casid.model.causes import aero_term
+from casid.model.causes import aero_term, unsteady_aero
 from problems.do328 import do328
 
 
@@ -65,3 +65,16 @@ def test_deviations_hold_the_slopes_of_a_curved_aircraft() -> None:
     naive = abs(found["Cm_alpha"].value - truth["Cm_alpha"]) / fitted.std("Cm_alpha")
     assert naive > 3.0
     assert np.quantile(errors(found, truth), 0.95) < 2.5
+
+
+def test_pitch_damping_has_room_for_a_wake_that_the_model_lacks() -> None:
+    """Cm_alphadot was flown, 0.3 of Cm_q, and the model has none: records show the sum. The other slopes stay."""
+    late = Attached(effect=unsteady_aero("Cm"), values={"value": -8.0})
+    flight = prepare(do328(), flights([late], seed=3))
+    fitted = fit(flight, (), flight.noise())
+    found = flight_values(weigh(fitted))
+    off = abs(fitted["Cm_q"] - do328().derivatives["Cm_q"])
+    assert off > 10.0 * fitted.std("Cm_q")
+    assert off < 2.0 * found["Cm_q"].std
+    assert np.quantile(errors(found, do328().derivatives), 0.9) < 2.0
+    assert found["Cl_p"].std < 3.0 * fitted.std("Cl_p")

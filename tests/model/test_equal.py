@@ -1,0 +1,37 @@
+"""Causes that are equal by algebra. Truth: the derivative of the state with each of them."""
+
+from __future__ import annotations
+
+import casadi as ca
+import numpy as np
+import pytest
+from diagnosis_flights import flights
+
+from casid.model.causes import KINDS
+from casid.model.dynamics import aircraft_model
+from casid.model.effect import Effect
+from problems.do328 import do328
+
+PAIRS = [effect for kind in KINDS.values() if not kind.targets and (effect := kind.make("")).equal is not None]
+
+
+@pytest.mark.parametrize("effect", PAIRS, ids=lambda effect: effect.name)
+def test_equal_causes_move_the_aircraft_alike(effect: Effect) -> None:
+    aircraft, record = do328(), flights(seed=1, count=1)[0]
+    assert effect.equal is not None
+    other, factor = effect.equal(aircraft)
+
+    def rates(one: Effect, value: float) -> np.ndarray:
+        model = aircraft_model(aircraft, effects=[one])
+        p = model.nominal_vector()
+        p[model.parameters.index(one.name)] = value
+        u = [record[name][100] for name in model.inputs]
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        return f(model.guess(record)[100], u, p, np.zeros(len(model.disturbances))).full().ravel()
+
+    np.testing.assert_allclose(rates(effect, 0.2), rates(other, 0.2 * factor), rtol=1e-9, atol=1e-12)
+    assert np.abs(rates(effect, 0.2) - rates(effect, 0.0)).max() > 1e-4
+
+
+def test_the_thrust_line_and_its_asymmetry_have_an_equal() -> None:
+    assert {one.name for one in PAIRS} == {"thrust_line", "thrust_asymmetry"}
