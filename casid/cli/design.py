@@ -19,9 +19,9 @@ from casid.model.effects import effect_of, effect_value
 from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
 from casid.report.design_figures import designed_histories, separated
-from casid.report.estimate_figures import write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from casid.report.result_page import write_result
 from casid.report.words import expectation_in_words, manoeuvre_in_words, odds_in_words
 
 SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
@@ -46,7 +46,8 @@ def design(
     """Design the most informative input for the derivatives, or the input that separates two causes.
 
     The aircraft flies level at the trim of its file. Writes the designed manoeuvre and the standard one as records,
-    DIR/design.json with the Cramer-Rao bounds of both, and DIR/figures; with --separate DIR/next_flight.csv.
+    DIR/design.json with the Cramer-Rao bounds of both, and the page
+    DIR/design.html; with --separate DIR/next_flight.csv.
 
     Parameters
     ----------
@@ -120,8 +121,9 @@ def _telling(
         write_record(one.record, folder / f"{name}.csv")
     shown = [*experiment.surfaces, *experiment.limits]
     histories = designed_histories("design", {name: one.record for name, one in designs.items()}, shown)
-    write_pictures([histories], folder / "figures")
-    return json.dumps(document(experiment, designs), indent=1), table(designs, shape)
+    said = table(designs, shape)
+    write_result(folder, "design", f"Designed manoeuvre: {shape}", said, [histories])
+    return json.dumps(document(experiment, designs), indent=1), said
 
 
 def _separating(
@@ -140,7 +142,6 @@ def _separating(
     stage("the manoeuvre that separates them")
     found = separating_manoeuvre(rivals, experiment)
     write_record(found.flown, folder / "next_flight.csv")
-    write_pictures([separated(found, rivals)], folder / "figures")
     told = {
         "schema": "casid.design/1",
         "separate": list(separate),
@@ -157,6 +158,8 @@ def _separating(
     }
     expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
     said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation.log_odds)}. {expected}"
+    title = f"Manoeuvre that separates {separate[0]} and {separate[1]}"
+    write_result(folder, "design", title, said, [separated(found, rivals)])
     return json.dumps(told, indent=1), said
 
 

@@ -47,9 +47,10 @@ from casid.model.applied import Applied, apply_effects, axes_of, default_free, w
 from casid.model.dynamics import moved_coefficients
 from casid.model.path import aerodynamic_parameters
 from casid.records.record import Record
-from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories, write_pictures
+from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
+from casid.report.result_page import write_result
 from casid.report.style import Picture
 from casid.signals import SURFACES
 
@@ -76,8 +77,8 @@ def estimate(
 ) -> None:
     """Estimate the derivatives of an aircraft file from flight records.
 
-    Writes DIR/estimate.json, DIR/model.toml (the aircraft file with the estimates), DIR/figures and DIR/run.json. The
-    status is 0 also without convergence, which estimate.json says in words.
+    Writes DIR/estimate.json, DIR/model.toml (the aircraft file with the estimates), the page DIR/estimate.html and
+    DIR/run.json. The status is 0 also without convergence, which estimate.json says in words.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ def estimate(
         (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
-        write_pictures(pictures(applied, fit), folder / "figures")
+        write_result(folder, "estimate", f"Estimate of {file.name}", fit, pictures(applied, fit))
     print(text if as_json else fit)
 
 

@@ -18,9 +18,9 @@ from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
-from casid.report.estimate_figures import write_pictures
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.response_figures import bode, bode_mismatch
+from casid.report.result_page import write_result
 
 _COUNT = 100  # frequencies in a band
 
@@ -43,7 +43,8 @@ def response(
 ) -> None:
     """Estimate frequency responses from flight records, with coherence and random error.
 
-    Writes DIR/response.json and, for each output, a Bode diagram into DIR/figures. With aircraft files, their responses
+    Writes DIR/response.json and
+    the page DIR/response.html with a Bode diagram for each output. With aircraft files, their responses
     by exact linearisation at the medians of the records stand beside it, with the mismatch and its cost.
 
     Parameters
@@ -91,11 +92,11 @@ def response(
         found = [compare_responses(one, models, envelope=bounds) if models else one for one in flown]
         text = json.dumps(document(found, models), indent=1)
         (folder / "response.json").write_text(text + "\n", encoding="utf-8")
-        write_pictures(
-            [bode(x) if isinstance(x, FrequencyResponse) else bode_mismatch(x) for x in found], folder / "figures"
-        )
+        said = "\n\n".join(map(_said, found))
+        drawn = [bode(x) if isinstance(x, FrequencyResponse) else bode_mismatch(x) for x in found]
+        write_result(folder, "response", f"Responses to {input}", said, drawn)
         write_provenance(made_with, folder / "run.json")
-    print(text if as_json else "\n\n".join(map(_said, found)))
+    print(text if as_json else said)
 
 
 def document(found: Sequence[FrequencyResponse | ResponseComparison], models: dict[str, LinearModel]) -> dict[str, Any]:

@@ -16,8 +16,9 @@ from casid.records.record import Record
 from casid.records.segments import Segment
 from casid.records.segments import segments as found_in
 from casid.report.data_pages import segment_figure
-from casid.report.estimate_figures import file_name, write_pictures
+from casid.report.estimate_figures import file_name
 from casid.report.folder import whole_folder
+from casid.report.result_page import write_result
 from casid.signals import DEGREE, for_a_person, unit_of
 
 
@@ -32,7 +33,7 @@ def segments(
     """Find the manoeuvres in long logs, by the excitation of each axis.
 
     Prints a table. The status is 0, and 1 when no log has a manoeuvre. With --out every manoeuvre is written as
-    DIR/LOG_1.csv and so on, beside DIR/segments.json and a picture DIR/figures/segments_LOG.svg.
+    DIR/LOG_1.csv and so on, beside DIR/segments.json and the page DIR/segments.html.
 
     Parameters
     ----------
@@ -66,7 +67,8 @@ def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], fo
         for number, one in enumerate(found[record.name], 1):
             name = f"{file_name(record.name)}_{number}"
             write_record(record.between(one.start, one.stop, name), folder / f"{name}.csv")
-    write_pictures([segment_figure(record, found[record.name]) for record in records], folder / "figures")
+    drawn = [segment_figure(record, found[record.name]) for record in records]
+    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", _table(found), drawn)
 
 
 def _table(found: Mapping[str, Sequence[Segment]]) -> str:

@@ -20,8 +20,9 @@ from casid.model.applied import Applied, apply_effects
 from casid.model.simulate import simulate as fly_model
 from casid.records.readers import write_record
 from casid.records.record import Record
-from casid.report.estimate_figures import file_name, histories, write_pictures
+from casid.report.estimate_figures import file_name, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.result_page import write_result
 from casid.report.style import Picture
 from casid.signals import SURFACES
 
@@ -42,7 +43,8 @@ def simulate(
 
     Every flight begins at the measured state; states that are not measured begin as they fit the first seconds of the
     record best. Writes the simulated
-    records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel, and DIR/figures. A simulation that
+    records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel, and
+    the page DIR/simulate.html. A simulation that
     diverges is said, and is not an error.
 
     Parameters
@@ -75,7 +77,7 @@ def simulate(
         text = json.dumps({"schema": "casid.simulate/1", "records": results}, indent=1)
         (folder / "simulate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
-        write_pictures(pictures, folder / "figures")
+        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", table(results), pictures)
     print(text if as_json else table(results))
 
 

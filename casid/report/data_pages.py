@@ -118,6 +118,7 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     return Picture(
         name=f"segments_{file_name(record.name)}",
         figure=figure,
+        histories=True,
         title=f"{record.name}: manoeuvres",
         caption="Surfaces and rates of rotation. Shaded and numbered: the manoeuvres that were found.",
         alt=f"{len(found)} manoeuvres in {record.name}.",

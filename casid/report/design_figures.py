@@ -40,6 +40,7 @@ def designed_histories(name: str, records: Mapping[str, Record], channels: Seque
     return Picture(
         name=f"{name}_histories",
         figure=drawn,
+        histories=True,
         title=f"Designed inputs, {name}",
         caption="All inputs keep the same limits of surfaces and states.",
         alt=f"Time histories of {', '.join(channels)} for {', '.join(records)}.",
@@ -100,6 +101,7 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
     return Picture(
         name="next_flight" if number == 1 else f"next_flight-{number}",
         figure=drawn,
+        histories=True,
         title=f"Next flight: {names[0]}, or {names[1]}?",
         caption=(
             f"What is moved, and what {label_of(channel)} would read with either cause, the derivatives and the start "

@@ -81,6 +81,7 @@ def histories(
         name=f"histories_{file_name(record)}",
         figure=figure,
         title=f"{record}: measured and {names}",
+        histories=True,
         caption=f"Outputs of {record}: measured, and {names}.",
         alt=f"Time histories of {', '.join(channels)}, measured and {names}.",
     )

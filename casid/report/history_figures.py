@@ -138,6 +138,7 @@ def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture
     return Picture(
         name=f"tracks_{plane}",
         figure=figure,
+        histories=True,
         title=f"Before and after: {plane} motion in all channels",
         caption=(
             f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "

@@ -87,6 +87,7 @@ def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = bla
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s"),
         figure=figure,
         title=f"{one.test.id} {one.test.title}",
+        histories=True,
         caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
         "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: begin of the "
         "manoeuvre.",
@@ -286,6 +287,7 @@ def related_figure(one: MatchedTest) -> Picture | None:
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s_related"),
         figure=figure,
         title=f"{one.test.id}: related variables",
+        histories=True,
         caption="Related variables, which the test does not compare, in the same manoeuvre.",
         alt=f"Time histories of {', '.join(map(told, names))}: flight, as given and extended.",
         wide=True,

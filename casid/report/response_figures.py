@@ -68,6 +68,7 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
     return Picture(
         name=f"bode_{file_name(response.output)}_{file_name(response.input)}",
         figure=figure,
+        histories=True,
         title=f"{_name(response.output)} to {_name(response.input)}",
         caption=f"Response of {_name(response.output)} to {_name(response.input)}{given}, from "
         f"{', '.join(response.records)}. Grey: coherence below {USABLE:g}, or as "
@@ -92,6 +93,7 @@ def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figur
     return Picture(
         name=f"bode_{file_name(flight.output)}_{file_name(flight.input)}",
         figure=figure,
+        histories=True,
         title=f"{_name(flight.output)} to {_name(flight.input)}",
         caption=f"Response of {_name(flight.output)} to {_name(flight.input)}: flight and models, and models less "
         f"flight. {costs}, over {comparison.band[0]:.3g} to {comparison.band[1]:.3g} rad/s. Grey: coherence below "

@@ -55,7 +55,7 @@ _RC: Mapping[str, Any] = MappingProxyType(
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
     """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it. A `wide`
-    one is scrolled sideways where there is no room for it."""
+    one is scrolled sideways where there is no room for it. The curves of one of `histories` can be zoomed in a page."""
 
     name: str
     figure: Figure
@@ -63,6 +63,7 @@ class Picture:
     caption: str
     alt: str
     wide: bool = False
+    histories: bool = False
 
     def svg(self) -> bytes:
         """The figure as SVG; the same figure gives the same bytes.

@@ -5,12 +5,15 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
+from casid.report.interactive import data_of, library, licence
 from casid.report.style import Picture
 from casid.report.words import pretty
 
@@ -106,4 +109,21 @@ def render(template: str, context: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
     )
     environment.filters["pretty"] = pretty
+    used: list[str] = []
+
+    def curves(picture: Picture) -> Markup | None:
+        if not picture.histories or library() is None:
+            return None
+        used.append(picture.name)
+        return data_of(picture.figure)
+
+    def drawing() -> dict[str, Markup] | None:
+        found = library()
+        if not used or found is None:
+            return None
+        own = files("casid.report").joinpath("templates/interactive.js").read_text(encoding="utf-8")
+        script, style = (Markup(one.replace("</", "<\\/")) for one in (f"{found[0]}\n{own}", found[1]))  # noqa: S704
+        return {"script": script, "style": style, "licence": Markup.escape(licence())}
+
+    environment.globals |= {"curves": curves, "drawing": drawing}
     return environment.get_template(template).render(context)

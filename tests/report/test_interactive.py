@@ -1,0 +1,186 @@
+"""Curves of a figure that a reader can zoom. Truth: the arrays that were drawn, and a browser that is asked."""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from casid.acceptance.match import proof_of_match
+from casid.cli.options import DEMO
+from casid.report import interactive
+from casid.report.match_page import write_match
+from casid.report.pdf import browser
+from casid.report.style import blank, settings
+
+needs_uplot = pytest.mark.skipif(interactive.library() is None, reason="uplot-python is not installed")
+needs_browser = pytest.mark.skipif(browser() is None, reason="no Chromium, Chrome or Edge is installed")
+
+
+def decoded(panel: dict, series: dict) -> tuple[np.ndarray, np.ndarray]:
+    x = np.frombuffer(base64.b64decode(panel["x"]), "<f4")
+    codes = np.frombuffer(base64.b64decode(series["y"]), "<i2").astype(float)
+    y = np.where(codes < -32000, np.nan, series["low"] + series["step"] * (codes + 32000))
+    return x[codes != -32767], y[codes != -32767]  # at places of its own
+
+
+def drawn(t: np.ndarray, y: np.ndarray):
+    with settings():
+        figure = blank(2.0)
+        axis = figure.subplots()
+        axis.fill_between(t, y - 1.0, y + 2.0, color="#DDDDDD", lw=0, label="tolerance")
+        axis.plot(t, y, "--", color="#D55E00", label="as given")
+        axis.axvline(t[3], color="black")
+        axis.axvspan(t[5], t[9], color="green", alpha=0.2)
+        axis.set_ylabel("q [deg/s]")
+        axis.legend()
+    return figure
+
+
+def test_curves_bands_spans_and_marks_are_those_of_the_figure() -> None:
+    """To half a step of 64 000 levels, with the gap where a sample is missing."""
+    t = np.linspace(2.0, 8.0, 401)
+    y = 5.0 * np.sin(t)
+    y[50:60] = np.nan
+    (panel,) = interactive.panels_of(drawn(t, y))["panels"]
+    x, read = decoded(panel, panel["series"][0])
+    np.testing.assert_allclose(x, t, rtol=1e-6)
+    assert np.isnan(read[50:60]).all() and panel["series"][0]["label"] == "as given"
+    np.testing.assert_allclose(read[100:], y[100:], atol=10.0 / 64000)
+    x, low = decoded(panel, panel["bands"][0]["low"])
+    np.testing.assert_allclose(low[x > 4.0], y[t > 4.0][: (x > 4.0).sum()] - 1.0, atol=10.0 / 64000)
+    assert panel["marks"][0]["x"] == t[3]
+    assert (panel["spans"][0]["from"], panel["spans"][0]["to"]) == pytest.approx((t[5], t[9]))
+    assert panel["label"] == "q [deg/s]"
+
+
+def test_a_long_curve_keeps_its_peaks() -> None:
+    """One sample of 90 000 stands out; it is the largest of what is left."""
+    t = np.arange(90_000) / 50.0
+    y = np.zeros(len(t))
+    y[41_234] = 7.0
+    with settings():
+        figure = blank(2.0)
+        figure.subplots().plot(t, y)
+    (panel,) = interactive.panels_of(figure)["panels"]
+    x, read = decoded(panel, panel["series"][0])
+    assert len(x) <= 4000 and read.max() == pytest.approx(7.0, abs=1e-3)
+    assert x[read.argmax()] == pytest.approx(t[41_234], abs=1e-3)
+
+
+def test_what_a_figure_says_cannot_leave_its_script() -> None:
+    t = np.linspace(0.0, 1.0, 50)
+    figure = drawn(t, t)
+    figure.axes[0].set_ylabel("</script><script>alert(1)</script>")
+    assert "</script>" not in interactive.data_of(figure)
+    assert json.loads(interactive.data_of(figure))["panels"][0]["label"].startswith("</script>")
+
+
+def page(folder: Path) -> Path:
+    proof = proof_of_match(DEMO / "aircraft.toml", DEMO / "m4.csv", tests=["2.c.10", "2.d.2"])
+    write_match(proof, folder)
+    return folder / "match.html"
+
+
+@needs_uplot
+def test_a_page_is_one_file_with_its_library_and_the_licence(tmp_path: Path) -> None:
+    text = page(tmp_path).read_text(encoding="utf-8")
+    assert text.count("var uPlot") == 1 and "MIT Licensed" in re.search("<footer.*?</footer>", text, re.S)[0]  # pyright: ignore
+    assert not re.search(r"""(?:src|href)=["'](?!data:|#)""", text)
+    assert "<img" in text  # for print, and for readers without scripts
+
+
+def test_without_the_library_a_page_keeps_its_pictures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("casid.report.interactive.library", lambda: None)
+    monkeypatch.setattr("casid.report.templating.library", lambda: None)
+    text = page(tmp_path).read_text(encoding="utf-8")
+    assert "<script" not in text and text.count("<img") == 3
+
+
+# zooms as a reader does, and writes what it finds into the page, which the browser then prints
+_READER = """
+<script>
+window.faults = [];
+window.addEventListener("error", (e) => window.faults.push(e.message));
+const wait = () => new Promise((done) => setTimeout(done, 100));
+window.addEventListener("load", () => setTimeout(async () => {
+  const told = { faults: window.faults };
+  try {
+    const figure = document.querySelector("figure.live"), plots = figure.plots, over = plots[0].over;
+    const box = over.getBoundingClientRect();
+    told.panels = plots.length;
+    told.canvases = figure.querySelectorAll("canvas").length;
+    const pixels = (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+    const inked = (canvas) => pixels(canvas).some((v) => v);
+    told.inked = [...figure.querySelectorAll("canvas")].every(inked);
+    told.before = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
+    const at = (type, share, more) => new MouseEvent(type,
+      { bubbles: true, clientX: box.left + share * box.width, clientY: box.top + 20, ...more });
+    over.dispatchEvent(at("mouseenter", 0.3));
+    over.dispatchEvent(at("mousemove", 0.3));
+    await wait();
+    over.dispatchEvent(at("mousedown", 0.3, { button: 0 }));
+    await wait();
+    over.dispatchEvent(at("mousemove", 0.6));
+    await wait();
+    document.dispatchEvent(at("mouseup", 0.6, { button: 0 }));
+    await wait();
+    told.cursors = plots.map((p) => p.cursor.idx);
+    told.zoomed = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
+    figure.querySelector("[aria-label='later']").click();
+    await wait();
+    told.panned = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
+    figure.querySelector("[aria-label='show all']").click();
+    await wait();
+    told.all = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
+    const tick = figure.querySelector("input[type=checkbox]");
+    tick.click();
+    await wait();
+    told.hidden = figure.querySelector(".panel").hidden;
+    told.wide = document.documentElement.scrollWidth - document.documentElement.clientWidth;
+    told.requests = performance.getEntriesByType("resource").map((e) => e.name).filter((n) => !n.startsWith("data:"));
+  } catch (error) { told.faults.push(String(error)); }
+  const place = document.createElement("pre");
+  place.id = "told"; place.textContent = JSON.stringify(told);
+  document.body.append(place);
+}, 1500));
+</script>
+"""
+
+
+@needs_uplot
+@needs_browser
+@pytest.mark.parametrize("width", [1400, 420])
+def test_in_a_browser_it_draws_zooms_pans_and_asks_for_nothing(tmp_path: Path, width: int) -> None:
+    file = page(tmp_path)
+    file.write_text(file.read_text(encoding="utf-8").replace("<head>", f"<head>{_READER}"), encoding="utf-8")
+    options = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        f"--window-size={width},2400",
+        "--virtual-time-budget=8000",
+    ]
+    command = [str(browser()), *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", file.as_uri()]
+    dumped = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+    found = re.search(r'<pre id="told">(.*?)</pre>', dumped, re.S)
+    assert found, dumped[-2000:]
+    told = json.loads(html.unescape(found[1]))
+    assert told["faults"] == [] and told["requests"] == []
+    assert told["panels"] == told["canvases"] == 4 and told["inked"]
+    (before,), (zoomed,), (panned,), (whole,) = (
+        {tuple(one) for one in told[k]} for k in ("before", "zoomed", "panned", "all")
+    )
+    length = before[1] - before[0]
+    assert zoomed == pytest.approx((before[0] + 0.3 * length, before[0] + 0.6 * length), abs=0.02 * length)
+    assert panned[0] > zoomed[0] and panned[1] - panned[0] == pytest.approx(zoomed[1] - zoomed[0])
+    assert whole == pytest.approx(before)
+    assert len(set(told["cursors"])) == 1 and told["cursors"][0] is not None
+    assert told["hidden"] is True
+    assert told["wide"] <= 0 or width > 420
