@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from casid.report.interactive import data_of, library, licence
 from casid.report.style import Picture
@@ -111,19 +110,19 @@ def render(template: str, context: Mapping[str, Any]) -> str:
     environment.filters["pretty"] = pretty
     used: list[str] = []
 
-    def curves(picture: Picture) -> Markup | None:
+    def curves(picture: Picture) -> str | None:
         if not picture.histories or library() is None:
             return None
         used.append(picture.name)
         return data_of(picture.figure)
 
-    def drawing() -> dict[str, Markup] | None:
+    def drawing() -> dict[str, str] | None:
         found = library()
         if not used or found is None:
             return None
         own = files("casid.report").joinpath("templates/interactive.js").read_text(encoding="utf-8")
-        script, style = (Markup(one.replace("</", "<\\/")) for one in (f"{found[0]}\n{own}", found[1]))  # noqa: S704
-        return {"script": script, "style": style, "licence": Markup.escape(licence())}
+        script, style = (one.replace("</", "<\\/") for one in (f"{found[0]}\n{own}", found[1]))
+        return {"script": script, "style": style, "licence": licence()}
 
     environment.globals |= {"curves": curves, "drawing": drawing}
     return environment.get_template(template).render(context)
