@@ -52,6 +52,11 @@ _ROOMS = {
     "casid.formats.fmu": ("fmu_model",),
     "casid.model.port": ("ModelPort",),
     "casid.model.external": ("external_function",),
+    "casid.model.rotors": (
+        "Rotor",
+        "Rotors",
+        "Voltage",
+    ),
     "casid.model.simulate": (
         "Simulation",
         "simulate",

@@ -82,6 +82,22 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"$\chi$ is what the reading depends on, such as $\alpha$.",
     ),
     "thrust_scale": (r"T = (1 + v)\,T_\mathrm{rec}", ""),
+    "rotor_effectiveness": (r"T_i = (1 + v)\,T_{i,\mathrm{file}}(u_i)", "Of one rotor, or of all."),
+    "rotor_torque": (r"Q_i = (1 + v)\,\kappa_i\,T_i", r"$\kappa_i$ is the torque per thrust of the file."),
+    "rotor_lag": (
+        r"(T_\mathrm{file} + v)\,\dot u = u_\mathrm{rec} - u",
+        r"$T_\mathrm{file}$ is the time constant of the file, $u$ the input that acts.",
+    ),
+    "rotor_delay": (r"u(t) = u_\mathrm{rec}(t - \tau_\mathrm{file} - v)", r"$\tau_\mathrm{file}$ is that of the file."),
+    "rotor_position": (r"\mathbf r_i = \mathbf r_{i,\mathrm{file}} + v\,\mathbf e", r"$\mathbf e$ is the body axis."),
+    "rotor_swap": (r"u_i = u_{i,\mathrm{rec}} + v\,(u_{j,\mathrm{rec}} - u_{i,\mathrm{rec}})", "And the same for $j$."),
+    "added_mass": (
+        r"m = m_\mathrm{file} + v,\quad \mathbf r_\mathrm{cg} = \frac{v}{m}\,\mathbf r_i",
+        r"$\mathbf r_i$ is the hub of the rotor; the inertia grows by that of a point there.",
+    ),
+    "body_drag": (r"X = X_\mathrm{file} - v\,u", r"$u$ is the velocity against the air along the axis."),
+    "rotor_inflow": (r"T_i = T_{i,\mathrm{file}}\,(1 - v\,V_a)", r"$V_a$ is the velocity of the hub along its thrust."),
+    "battery_sag": (r"T_i = T_{i,\mathrm{file}}\,(U / U_\mathrm{ref})^{v}", r"$U$ is the voltage of the battery."),
     "clock_drift": (
         r"z(t) = y\Bigl(t - \frac{v}{1 + v}(t - t_1)\Bigr)",
         r"$t_1$ is the first sample; what stands in the record at $t$ was read earlier when the clock runs fast.",

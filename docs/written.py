@@ -79,7 +79,7 @@ def write(folder: Path) -> None:
 
 
 def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) -> str:
-    targets = ", ".join(f"`{t}`" for t in kind.targets) if kind.targets else "none"
+    targets = ", ".join(f"`{t}`" for t in kind.targets) if kind.targets else "a rotor" if kind.of_rotors else "none"
     sentence = re.sub(r"\[(\w+)\|(\w+)\]", r"\1 (or \2)", kind.sentence).replace("{", "*").replace("}", "*")
     lines = [
         f"# `{kind.kind}`",

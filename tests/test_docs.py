@@ -12,9 +12,10 @@ import pytest
 
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS
+from problems.blind.case import ROTORS
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-NOT_DRAWN = {"table_increment"}  # the Do 328 has no tables
+NOT_DRAWN = {"table_increment", *ROTORS}  # the Do 328 has no tables and no rotors
 
 
 @pytest.mark.parametrize("page", ["how-to", "kinds-of-model"])

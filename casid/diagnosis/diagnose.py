@@ -20,7 +20,7 @@ from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_rec
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis, OfAircraft
-from casid.diagnosis.systems.diagnose import diagnose_system
+from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
@@ -77,6 +77,8 @@ def diagnose_aircraft(
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
+    if aircraft.rotors is not None:
+        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft)
     stages = Stages(report)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)

@@ -5,6 +5,7 @@ SI units and radians throughout; body axes x forward, y right, z down, from the 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of, with_co
 from casid.model.airframe import Inertia
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
+from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.records.toml_file import read_toml
@@ -43,7 +45,8 @@ class Aircraft:
     Attributes
     ----------
     name, mass, inertia, gravity, area
-        What it is called, and its mass [kg], inertia, gravity [m/s2] and wing area [m2].
+        What it is called, and its mass [kg], inertia, gravity [m/s2] and wing area [m2]. Area and lengths may be left
+        out where there are rotors and no aerodynamics.
     moment_length_lateral, moment_length_pitch
         Lengths of the moment coefficients [m]: C = moment / (qbar area length).
     rate_length_lateral, rate_length_pitch
@@ -75,6 +78,8 @@ class Aircraft:
         A function of a namespace of regressors (`alpha`, `q`, `delta_e`, ... as in `terms`; `airspeed` [m/s], `qbar`
         [Pa], `rho`, `thrust` [N]) that returns CasADi expressions of coefficients by name. Derivatives, terms and
         tables are added to what it returns.
+    rotors
+        The rotors, beside a wing (VTOL) or alone (multirotor).
 
     Raises
     ------
@@ -93,11 +98,11 @@ class Aircraft:
     mass: float
     inertia: Inertia
     gravity: float = 9.80665
-    area: float
-    moment_length_lateral: float
-    moment_length_pitch: float
-    rate_length_lateral: float
-    rate_length_pitch: float
+    area: float = math.nan
+    moment_length_lateral: float = math.nan
+    moment_length_pitch: float = math.nan
+    rate_length_lateral: float = math.nan
+    rate_length_pitch: float = math.nan
     thrust_line_z: float = 0.0
     engine_y: tuple[float, ...] = ()
     accelerometer: tuple[float, ...] = _ORIGIN
@@ -112,16 +117,20 @@ class Aircraft:
     tables: tuple[Table, ...] = ()
     std: Mapping[str, float] = field(default_factory=dict)
     aerodynamics: Aerodynamics | None = None
+    rotors: Rotors | None = None
     effects: tuple[EffectValue, ...] = ()
 
     __repr__ = brief
 
     def __post_init__(self) -> None:
         lengths = ("moment_length_lateral", "moment_length_pitch", "rate_length_lateral", "rate_length_pitch")
+        if self.rotors is not None:
+            require(self.rotors, Rotors, "'rotors'", "cs.Rotors(each=[cs.Rotor(...), ...])")
         values: dict[str, Any] = {"name": one_line(self.name, "'name'")}
         require(self.inertia, Inertia, "'inertia'", "cs.Inertia(Ixx=..., Iyy=..., Izz=..., Ixz=...)")
+        unused = [name for name in ("area", *lengths) if not self.winged and math.isnan(getattr(self, name))]
         values |= {
-            name: number(getattr(self, name), f"'{name}'", positive=True)
+            name: 1.0 if name in unused else number(getattr(self, name), f"'{name}'", positive=True)
             for name in ("mass", "gravity", "area", *lengths)
         }
         values["thrust_line_z"] = number(self.thrust_line_z, "'thrust_line_z'")
@@ -145,6 +154,8 @@ class Aircraft:
             if KINDS[effect.kind].of_coefficients:
                 for coefficient in KINDS[effect.kind].parts(effect.target):
                     self._check_coefficient(coefficient, f"effect '{effect.kind}'")
+            elif KINDS[effect.kind].of_rotors and effect.target not in KINDS[effect.kind].targets:
+                self._check_rotors(KINDS[effect.kind].parts(effect.target), f"effect '{effect.kind}'")
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
@@ -160,7 +171,20 @@ class Aircraft:
             )
         raise unknown("coefficient", coefficient, valid, where)
 
+    def _check_rotors(self, names: Iterable[str], where: str) -> None:
+        own = self.rotors.names if self.rotors else ()
+        for name in names:
+            if name not in (*own, ALL):
+                raise unknown("rotor", name, (*own, ALL), where)
+
+    @property
+    def winged(self) -> bool:
+        """Whether it has aerodynamics."""
+        return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
+
     def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
+        if self.rotors is not None and not self.winged:
+            return {}
         derivatives = numbers_by_name(self.derivatives, "derivatives")
         if not (derivatives or tables or self.aerodynamics):
             raise InputError("'derivatives' is empty; give at least one, like Cm_alpha = -1.2")

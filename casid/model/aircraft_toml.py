@@ -16,6 +16,7 @@ from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
 from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
 from casid.model.effect_value import EffectValue
+from casid.model.rotors import read_rotors, written_rotors
 from casid.model.tables import read_tables, written_table
 from casid.model.terms import parse_term
 from casid.signals import FOOT, POUND, SLUG, TONNE
@@ -116,7 +117,7 @@ def _plain(value: Any) -> Any:
 
 
 POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
-_SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "effects")
+_SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "rotors", "effects")
 _AERODYNAMICS = (
     "force_axes",
     "relative_uncertainty",
@@ -146,7 +147,8 @@ _EFFECT_KEYS = (
 
 def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     """The fields of `Aircraft` that the tables of `file` give. Raises InputError."""
-    check_keys(data, _SECTIONS, "top level", ("aircraft", "reference", "aerodynamics"))
+    winged = "aerodynamics" in data or "rotors" not in data
+    check_keys(data, _SECTIONS, "top level", ("aircraft", *(("reference", "aerodynamics") if winged else ())))
     tables = {name: subtable(data, name, "top level") for name in _SECTIONS if name != "effects"}
     general, aerodynamics, sensors = tables["aircraft"], tables["aerodynamics"], tables["sensors"]
     propulsion = tables["propulsion"]
@@ -154,7 +156,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")
     check_keys(sensors, (*POSITIONS, "noise"), "[sensors]")
     check_keys(aerodynamics, _AERODYNAMICS, "[aerodynamics]")
-    if not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
+    if winged and not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
         raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
     inertia = subtable(general, "inertia", "[aircraft]")
     check_keys(inertia, (*INERTIAS, *PRODUCTS), "[aircraft] inertia", INERTIAS)
@@ -173,7 +175,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
         "name": text(general.get("name", file.stem), "[aircraft] name"),
         "mass": in_si(general["mass"], "kg", "[aircraft] mass"),
         "inertia": Inertia(**{k: in_si(v, "kg m2", f"[aircraft] inertia: {k}") for k, v in inertia.items()}),
-        **_reference(tables["reference"]),
+        **(_reference(tables["reference"]) if winged or "reference" in data else {}),
         **given,
         "noise": subtable(sensors, "noise", "[sensors]"),
         "trim": tables["trim"],
@@ -183,6 +185,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
         "tables": look_ups,
         "std": std,
         "aerodynamics": _own(aerodynamics, file.parent),
+        "rotors": read_rotors(tables["rotors"]),
         "effects": _effects(data.get("effects", [])),
     }
 
@@ -245,16 +248,20 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
     products = () if a.inertia.symmetric else PRODUCTS
     inertia = {name: getattr(a.inertia, name) for name in (*INERTIAS, *products)}
     yield "[aircraft]", {"name": a.name, "mass": a.mass, "inertia": inertia, "gravity": a.gravity}
-    moment = {"lateral": a.moment_length_lateral, "pitch": a.moment_length_pitch}
-    rate = {"lateral": a.rate_length_lateral, "pitch": a.rate_length_pitch}
-    yield "[reference]", {"area": a.area, "moment_length": moment, "rate_length": rate}
-    yield "[propulsion]", {"thrust_line_z": a.thrust_line_z, "engine_y": a.engine_y}
+    if a.winged:
+        moment = {"lateral": a.moment_length_lateral, "pitch": a.moment_length_pitch}
+        rate = {"lateral": a.rate_length_lateral, "pitch": a.rate_length_pitch}
+        yield "[reference]", {"area": a.area, "moment_length": moment, "rate_length": rate}
+        yield "[propulsion]", {"thrust_line_z": a.thrust_line_z, "engine_y": a.engine_y}
     yield "[sensors]", {name: getattr(a, name) for name in POSITIONS}
     optional = (("[sensors.noise]", a.noise), ("[trim]", a.trim))
     yield from ((header, table) for header, table in optional if table)
-    general = {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
-    yield "[aerodynamics]", general | _written_own(a.aerodynamics)
-    if a.derivatives or not a.tables:
+    if a.rotors is not None:
+        yield from written_rotors(a.rotors)
+    if a.winged:
+        general = {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
+        yield "[aerodynamics]", general | _written_own(a.aerodynamics)
+    if a.derivatives or (a.winged and not a.tables):
         yield "[aerodynamics.derivatives]", a.derivatives
     if a.terms:
         yield "[aerodynamics.terms]", a.terms

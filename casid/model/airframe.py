@@ -12,6 +12,7 @@ import numpy as np
 from casid.arguments import number
 from casid.errors import InputError
 from casid.model.aerodynamics import Aerodynamics
+from casid.model.rotors import Rotors
 from casid.model.tables import Table
 
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
@@ -144,3 +145,7 @@ class Airframe(Protocol):
     def tables(self) -> tuple[Table, ...]: ...
     @property
     def aerodynamics(self) -> Aerodynamics | None: ...
+    @property
+    def rotors(self) -> Rotors | None: ...
+    @property
+    def winged(self) -> bool: ...

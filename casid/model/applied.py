@@ -218,6 +218,8 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
     named = [name for _, name, _ in aerodynamic_parameters(aircraft)] + list(aircraft.knots)
     known_std = {name: std[name] for name in named if math.isfinite(std.get(name, math.nan))}
     changed = aircraft.with_derivatives(derivatives).with_terms(terms)
+    if aircraft.rotors is not None:
+        changed = replace(changed, rotors=aircraft.rotors.with_values(values, std))
     return replace(changed, tables=tables, std={**aircraft.std, **known_std}, effects=tuple(effects))
 
 

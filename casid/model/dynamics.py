@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from casid.arguments import names
 from casid.errors import InputError, unknown
@@ -18,7 +19,7 @@ from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.path import (
     AIR_STATES,
-    INPUTS,
+    GROUND,
     INTEGRALS,
     OUTPUTS,
     STATES,
@@ -27,7 +28,9 @@ from casid.model.path import (
     coefficient_names,
     disturbance_names,
     fly,
+    input_names,
 )
+from casid.model.rotors import Rotors, acting, command, delay_of, lag_of, thrust_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
 from casid.model.system import EquationForm, Model
 from casid.model.tables import Table
@@ -123,7 +126,7 @@ def _measured_path(aircraft: Aircraft, c: dict[str, ca.SX], parameter: dict[str,
             "phi": ca.SX(0),
             "theta": ca.SX(0),
         },
-        disturbance={d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft.force_axes)},
+        disturbance={d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft)},
     )
 
 
@@ -191,15 +194,25 @@ def state_guess(
     aircraft: Aircraft, states: Sequence[str] = STATES, further: Mapping[str, str] = MappingProxyType({})
 ) -> Callable[[Record], np.ndarray]:
     """First guess of the trajectory (N, states + further) from measured air data, rates and attitude; what is not
-    measured is taken from trim. `further` states start as the channels that are given for them."""
-    return partial(_measured_flight, dict(aircraft.trim), tuple(states), dict(further))
+    measured is taken from trim. `further` states start as the channels that are given for them. An aircraft with
+    rotors has the velocity over ground where no airspeed is measured, and hovers where neither is."""
+    return partial(_measured_flight, dict(aircraft.trim), tuple(states), dict(further), aircraft.rotors is not None)
+
+
+def _velocity_from_ground(record: Record) -> np.ndarray:
+    """(N, 3) body velocity from velocity over ground and attitude; at rest where these are not measured."""
+    north, east, down, phi, theta, psi = (_filled(record, name, 0.0) for name in (*GROUND, "phi", "theta", "psi"))
+    turn = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
+    return turn.inv().apply(np.stack([north, east, down], axis=1))
 
 
 def _measured_flight(
-    trim: Mapping[str, float], states: Sequence[str], further: Mapping[str, str], record: Record
+    trim: Mapping[str, float], states: Sequence[str], further: Mapping[str, str], hovers: bool, record: Record
 ) -> np.ndarray:
     alpha = _filled(record, "alpha", trim.get("alpha", 0.0))
     velocity = velocity_from_air_data(_filled(record, "V", trim.get("V", np.nan)), alpha, _filled(record, "beta", 0.0))
+    if hovers and "V" not in record:
+        velocity = _velocity_from_ground(record)
     if not np.isfinite(velocity).all():
         raise InputError(f"record '{record.name}': airspeed V is neither a channel nor in [trim]; give one of them")
     table = dict(zip("uvw", velocity.T, strict=True))
@@ -234,7 +247,8 @@ def aircraft_model(
         "full", or "longitudinal" (u w q theta move) or "lateral" (v p r phi move); the states that do not move are then
         inputs with the names of `STATES`, see `flight_inputs`.
     outputs
-        Channels that are modelled; default all that the axes move. "psi" and "altitude" become states too.
+        Channels that are modelled; default all that the axes move. "psi", "altitude", "north" and "east" become states
+        too, and the heading also for "v_north", "v_east" and "v_down".
     effects
         Symbolic effects to be parameters of the model; default those of the aircraft file.
     known
@@ -250,7 +264,8 @@ def aircraft_model(
     -------
     Model
         Its states are among u v w [m/s], p q r [rad/s], phi theta [rad], its inputs the surfaces [rad], thrust [N] and
-        density rho [kg/m3], further ones by `axes` and `known`; `flight_inputs` makes records that have all of them.
+        density rho [kg/m3] of a wing, the rotors by name and the battery where it matters, further ones by `axes` and
+        `known`; `flight_inputs` makes records that have all of them.
 
     Raises
     ------
@@ -267,16 +282,22 @@ def aircraft_model(
     aircraft = given_aircraft(aircraft, "aircraft_model")
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "aircraft_model")
+    if aircraft.rotors is not None and axes != "full":
+        raise InputError(f"aircraft_model: axes is '{axes}'; the rotors of '{aircraft.name}' move all: write 'full'")
     moving, chosen, moved = MOVING[axes], _outputs(aircraft, axes, outputs), moved_coefficients(aircraft, axes)
     values, aerodynamic = _effect_values(aircraft), _aerodynamic_values(aircraft)
     symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
-    nominal = aerodynamic | {f"bias_{o}": 0.0 for o in (*OUTPUTS, *(s for s in INTEGRALS if s in further))}
+    of_rotors = aircraft.rotors.parameters() if aircraft.rotors else {}
+    read = outputs_of(aircraft) if aircraft.rotors else OUTPUTS
+    read = (*read, *(name for name in (*INTEGRALS, *GROUND) if name in further or (name in GROUND and name in chosen)))
+    nominal = aerodynamic | {name: value for name, (value, _) in of_rotors.items()}
+    nominal |= {f"bias_{o}": 0.0 for o in read}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
     given = tuple(known)
-    disturbances = tuple(d for d in disturbance_names(aircraft.force_axes) if d not in given)
-    inputs = (*INPUTS, *(s for s in STATES if s not in moving), *given)
+    disturbances = tuple(d for d in disturbance_names(aircraft) if d not in given)
+    inputs = (*input_names(aircraft), *(s for s in STATES if s not in moving), *given)
     x, u, p, w = (
         ca.SX.sym(letter, len(names))
         for letter, names in (("x", (*moving, *further)), ("u", inputs), ("p", nominal), ("w", disturbances))
@@ -310,9 +331,11 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std=_prior_std(aircraft, aerodynamic),
-        equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if equations else None,
-        units=parameter_units(nominal, symbolic, aircraft.tables),
+        prior_std=_prior_std(aircraft, aerodynamic) | {name: std for name, (_, std) in of_rotors.items() if std > 0.0},
+        equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given)
+        if equations and aircraft.rotors is None
+        else None,
+        units=parameter_units(nominal, symbolic, aircraft.tables, aircraft.rotors),
     )
 
 
@@ -329,23 +352,33 @@ def _prior_std(aircraft: Aircraft, values: Mapping[str, float]) -> dict[str, flo
 
 def _outputs(aircraft: Aircraft, axes: str, outputs: Iterable[str] | None) -> tuple[str, ...]:
     """The channels that are asked for; raises InputError for one that these axes do not have."""
-    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else _FRAME_OUTPUTS[axes]
-    valid = (*_FRAME_OUTPUTS[axes], *INTEGRATED[axes])
+    own = outputs_of(aircraft, axes)
+    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else own
+    valid = (*own, *INTEGRATED[axes], *(GROUND if axes == "full" else ()))
     for name in chosen:
         if name not in valid:
             raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
     return tuple(chosen)
 
 
+def outputs_of(aircraft: Aircraft, axes: str = "full") -> tuple[str, ...]:
+    """The channels that these axes of an aircraft move; without a wing none of the air data."""
+    return tuple(name for name in _FRAME_OUTPUTS[axes] if aircraft.winged or name not in ("V", "alpha", "beta"))
+
+
 def _further_states(outputs: Iterable[str], effects: Sequence[Effect], turning: Iterable[str]) -> dict[str, str]:
     """State besides those that the axes move -> the channel that it is as large as."""
     asked = {*outputs, *(channel for e in effects for channel in e.reads)}
+    if asked & {*GROUND, "north", "east"}:
+        asked.add("psi")
     further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in effects for s, c in e.states.items()}
     return further | {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
 
 
 def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
     """The aerodynamic coefficients that act on the states which `axes` move."""
+    if not aircraft.winged:
+        return ()
     return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
 
 
@@ -356,10 +389,13 @@ def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
     return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
 
 
-def parameter_units(names: Iterable[str], effects: Sequence[Effect], tables: Sequence[Table] = ()) -> dict[str, str]:
+def parameter_units(
+    names: Iterable[str], effects: Sequence[Effect], tables: Sequence[Table] = (), rotors: Rotors | None = None
+) -> dict[str, str]:
     """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
     units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
     units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
+    units |= {name: unit_of_parameter(name) for name in rotors.parameters()} if rotors else {}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
         for name in names
@@ -432,10 +468,13 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "flight_inputs")
     check_radians(record)
-    _check_complete(record)
-    added: dict[str, np.ndarray] = {}
+    _check_complete(record, (*SURFACES, "thrust", "rho", *(aircraft.rotors.inputs if aircraft.rotors else ())))
+    added = _acting_rotors(aircraft, record)
     notes: list[str] = []
     n = len(record)
+    if not aircraft.winged:
+        added |= {name: unwrapped(record[name]) for name in ("psi", "phi") if name in record}
+        return record.with_channels(**added)
     for surface in SURFACES:
         if surface not in record:
             if axes != "full" and (surface == "delta_e") == (axes == "lateral"):
@@ -470,9 +509,24 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     return record.with_channels(**added).with_notes(*notes)
 
 
-def _check_complete(record: Record) -> None:
+def _acting_rotors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:
+    """Inputs of the rotors behind their delays and lags, and what was commanded under `command`, as a record is asked
+    for them once and once more."""
+    found: dict[str, np.ndarray] = {}
+    for name in aircraft.rotors.inputs if aircraft.rotors else ():
+        if name not in record:
+            raise InputError(f"record '{record.name}': input channel '{name}' is missing; its rotors are driven by it")
+    for one in aircraft.rotors.each if aircraft.rotors else ():
+        given = record[command(one.name)] if command(one.name) in record else record[one.name]
+        found |= {command(one.name): given, one.name: acting(one, record.t, given)}
+        found |= {lag_of(one.name): np.full(len(record), one.lag), delay_of(one.name): np.full(len(record), one.delay)}
+        found[thrust_of(one.name)] = one.effectiveness * one.static_thrust(found[one.name])
+    return found
+
+
+def _check_complete(record: Record, inputs: Sequence[str]) -> None:
     """Inputs have no gaps: nothing says how they run there."""
-    for name in (*SURFACES, "thrust", "rho"):
+    for name in inputs:
         if name in record and len(gaps := np.flatnonzero(np.isnan(record[name]))):
             raise InputError(
                 f"record '{record.name}', t = {record.t[gaps[0]]:.6g} s: the sample of input {name} is missing (nan), "

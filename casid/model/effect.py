@@ -236,6 +236,7 @@ class Kind:
     terms       valid terms, where they are no monomials: body axes
     joined      the target is a set of `targets` that change together, written `CL+CD`
     optional    the target may be left out
+    of_rotors   a target may be a rotor of the aircraft too, by its name, or "rotors" for all
     variants    further parameter -> make, of another effect of this kind that has it
     candidates  the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     """
@@ -251,6 +252,7 @@ class Kind:
     terms: tuple[str, ...] = ()
     joined: bool = False
     optional: bool = False
+    of_rotors: bool = False
     variants: Mapping[str, Callable[..., Effect]]
     candidates: Callable[[Airframe], Iterable[Effect]]
 
@@ -318,6 +320,7 @@ def cause(
     terms: Iterable[str] = (),
     joined: bool = False,
     optional: bool = False,
+    of_rotors: bool = False,
     variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
     candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
@@ -329,7 +332,8 @@ def cause(
 
     def register(make: Callable[..., Effect]) -> Callable[..., Effect]:
         def one_for_each_target(aircraft: Airframe) -> Iterable[Effect]:
-            return (make(target) for target in valid or ("",))
+            rotors = aircraft.rotors.names if of_rotors and aircraft.rotors else ()
+            return (make(target) for target in ((*valid, *rotors) or ("",)))
 
         KINDS[kind] = Kind(
             kind=kind,
@@ -343,6 +347,7 @@ def cause(
             terms=tuple(terms),
             joined=joined,
             optional=optional,
+            of_rotors=of_rotors,
             variants=variants,
             candidates=candidates or one_for_each_target,
         )

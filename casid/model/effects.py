@@ -11,12 +11,18 @@ from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.vocabulary import KINDS, check_effect
+from casid.signals import SURFACES
+
+_OF_A_WING = ("surface", "coefficients", "moments")  # stations that an aircraft without a wing does not have
 
 
 def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
     """Every deterministic effect that makes sense for this aircraft and these measured outputs."""
     measured = frozenset(outputs)
-    shown = [e for kind in KINDS.values() for e in kind.candidates(aircraft) if _shows_in(e, measured)]
+    kinds = [kind for kind in KINDS.values() if aircraft.winged or not kind.of_coefficients]
+    shown = [e for kind in kinds for e in kind.candidates(aircraft) if _shows_in(e, measured)]
+    if not aircraft.winged:
+        shown = [e for e in shown if e.station not in _OF_A_WING and e.target not in (*SURFACES, "surfaces", "thrust")]
     known = {(e.kind, e.target) for e in shown}
     return [e for e in shown if not _is_one_channel(e, measured, known)]
 

@@ -1,6 +1,6 @@
 """The signal path of an aircraft, station by station, as CasADi expressions.
 
-surface -> mass properties -> wind -> air data -> coefficients -> forces and moments -> rigid body -> sensors
+surface -> mass properties -> wind -> rotors -> air data -> coefficients -> forces and moments -> rigid body -> sensors
 
 Every station is one function that reads and writes a `SignalPath`. An effect (see `effects`) is an extra piece at one
 named station, applied after the station's own equations. Frames: body axes x forward, y right, z down, origin in the
@@ -9,7 +9,7 @@ centre of gravity; u v w are inertial velocity components in an air mass at rest
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -20,12 +20,17 @@ import numpy as np
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
+from casid.model.rotors import Rotor, effectiveness, thrust_of, torque
 from casid.model.terms import derivative_term, parse_term
 from casid.signals import SURFACES
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
-INTEGRALS = ("psi", "altitude")  # nothing depends on them: states of a model that is asked for them as outputs
+# nothing depends on them but the heading of a velocity over ground: states of a model that is asked for them as outputs
+INTEGRALS = ("psi", "altitude", "north", "east")
+GROUND = ("v_north", "v_east", "v_down")  # velocity over ground, of a model that has the heading
+EQUATIONS = ("u", "v", "w", "p", "q", "r")  # of motion, at which something unknown may enter beside rotors
 INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")
+_SLOWEST = 1e-3  # m/s: the least airspeed of a wing beside rotors, so that hover has flow angles
 MOMENTS = ("Cl", "Cm", "Cn")
 
 
@@ -34,12 +39,35 @@ def coefficient_names(force_axes: str) -> tuple[str, ...]:
     return ("CL", "CD", "CY", *MOMENTS) if force_axes == "wind" else ("CX", "CZ", "CY", *MOMENTS)
 
 
-def disturbance_names(force_axes: str) -> tuple[str, ...]:
+def input_names(aircraft: Airframe) -> tuple[str, ...]:
+    """Inputs of a model: surfaces, thrust and density of a wing, and what drives the rotors."""
+    return (*(INPUTS if aircraft.winged else ()), *(aircraft.rotors.inputs if aircraft.rotors else ()))
+
+
+def disturbance_names(aircraft: Airframe) -> tuple[str, ...]:
     """Stations at which an unknown time history may enter: increments of coefficients (dCL ...), of surfaces and
-    thrust (d_delta_e ..., d_thrust), velocity of the air in body axes [m/s] and its rotation [rad/s]."""
-    increments = tuple(station.coefficient(name) for name in coefficient_names(force_axes))
+    thrust (d_delta_e ..., d_thrust), of the input and the thrust of each rotor (d_m1, d_thrust_m1), and beside rotors
+    of accelerations (f_u [m/s2], f_p [rad/s2] ...); velocity of the air in body axes [m/s], its rotation [rad/s]."""
+    names = aircraft.rotors.names if aircraft.rotors else ()
+    of_rotors = tuple(station.control(one) for name in names for one in (name, thrust_of(name)))
+    of_rotors += tuple(map(station.equation, EQUATIONS)) if names else ()
+    if not aircraft.winged:
+        return (*of_rotors, *map(station.wind, "xyz"))
+    increments = tuple(station.coefficient(name) for name in coefficient_names(aircraft.force_axes))
     controls = (station.control(name) for name in (*SURFACES, "thrust"))
-    return (*increments, *controls, *station.MOVING_AIR)
+    return (*increments, *controls, *of_rotors, *station.MOVING_AIR)
+
+
+@dataclass
+class RotorSignal:
+    """A rotor on the path: its input, thrust at rest [N] and torque per thrust [m] with the sign of its spin, position
+    [m] and the axis of its thrust."""
+
+    rotor: Rotor
+    input: Any
+    thrust: Any
+    torque: Any
+    position: list[Any]
 
 
 @dataclass
@@ -59,6 +87,10 @@ class SignalPath:
     inertia: dict[str, Any] = field(default_factory=dict)
     cg: list[Any] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     wind: list[Any] = field(default_factory=list)
+    rotor: dict[str, RotorSignal] = field(default_factory=dict)
+    drag: dict[str, Any] = field(default_factory=dict)
+    inflow: Any = 0.0
+    voltage_exponent: Any = 0.0
     air: dict[str, Any] = field(default_factory=dict)
     regressor: dict[str, Any] = field(default_factory=dict)
     rates: Any = None
@@ -72,7 +104,7 @@ class SignalPath:
 
 def surface_station(path: SignalPath) -> None:
     """Surface positions and thrust as they act on the aircraft."""
-    for name in ("delta_e", "delta_a", "delta_r", "thrust"):
+    for name in ("delta_e", "delta_a", "delta_r", "thrust") if path.aircraft.winged else ():
         path.surface[name] = path.inputs[name] + path.disturbance[station.control(name)]
 
 
@@ -86,6 +118,64 @@ def mass_station(path: SignalPath) -> None:
 def wind_station(path: SignalPath) -> None:
     """Velocity of the air in body axes."""
     path.wind = [path.disturbance[station.wind(axis)] for axis in "xyz"]
+
+
+def rotor_station(path: SignalPath) -> None:
+    """Input, thrust at rest and torque per thrust of each rotor, and what acts on the airframe beside them."""
+    rotors = path.aircraft.rotors
+    if rotors is None:
+        return
+    path.rotor = {}
+    for one in rotors.each:
+        u = path.inputs[one.name] + path.disturbance[station.control(one.name)]
+        path.rotor[one.name] = RotorSignal(
+            rotor=one,
+            input=u,
+            thrust=path.parameter[effectiveness(one.name)] * one.static_thrust(u),
+            torque=one.spin * path.parameter[torque(one.name)],
+            position=list(one.position),
+        )
+    path.drag = {axis: path.parameter.get(f"drag_{axis}", 0.0) for axis in "xyz"}
+    path.inflow = path.parameter.get("inflow", 0.0)
+    path.voltage_exponent = path.parameter.get("voltage_exponent", 0.0)
+
+
+def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
+    """Force [N] and moment [N m] of all rotors and of the drag of the body, in body axes about the reference point."""
+    rotors, rates = path.aircraft.rotors, [path.state[name] for name in "pqr"]
+    velocity = [path.state[name] - wind for name, wind in zip("uvw", path.wind, strict=True)]
+    force, moment = [-path.drag[axis] * v for axis, v in zip("xyz", velocity, strict=True)], [0.0, 0.0, 0.0]
+    assert rotors is not None
+    for i, name in enumerate("uvw"):
+        force[i] = force[i] + path.mass * path.disturbance[station.equation(name)]
+    inflow, pressure = path.inflow, 1.0
+    if rotors.voltage is not None and not _is_zero(path.voltage_exponent):
+        relative = path.inputs[rotors.voltage.channel] / rotors.voltage.reference
+        pressure = ca.exp(path.voltage_exponent * ca.log(relative))
+    for name, one in path.rotor.items():
+        axis, thrust = one.rotor.axis, one.thrust * pressure
+        if not _is_zero(inflow):
+            hub = [v + w for v, w in zip(velocity, _cross(rates, one.position), strict=True)]
+            thrust = thrust * (1.0 - inflow * sum(a * v for a, v in zip(axis, hub, strict=True)))
+        thrust = thrust + path.disturbance[station.control(thrust_of(name))]
+        along = [a * thrust for a in axis]
+        about = _cross(one.position, along)
+        spinning = [0.0, 0.0, 0.0]
+        if one.rotor.speed and one.rotor.inertia:
+            turning = [one.rotor.spin * one.rotor.inertia * a * one.input for a in axis]
+            spinning = _cross(turning, rates)  # less the rates x the angular momentum
+        for i in range(3):
+            force[i] = force[i] + along[i]
+            moment[i] = moment[i] + about[i] - one.torque * along[i] + spinning[i]
+    return force, moment
+
+
+def _is_zero(value: Any) -> bool:
+    return isinstance(value, float) and value == 0.0
+
+
+def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 # by the axis of the air's rotation that the gradient of its velocity makes: the state, that velocity as it was a part
@@ -112,6 +202,10 @@ def air_data_station(path: SignalPath) -> None:
     """Airspeed, flow angles, dynamic pressure and the dimensionless regressors of the aerodynamic model."""
     state, aircraft = path.state, path.aircraft
     ua, va, wa = (state[name] - wind for name, wind in zip("uvw", path.wind, strict=True))
+    if not aircraft.winged:
+        return
+    if aircraft.rotors is not None:
+        ua = ua + _SLOWEST
     V = ca.sqrt(ua**2 + va**2 + wa**2)
     alpha, beta = ca.atan2(wa, ua), ca.asin(va / V)
     path.air = {
@@ -231,6 +325,9 @@ def aerodynamic_parameters(aircraft: Airframe) -> list[tuple[str, str, str]]:
 def force_station(path: SignalPath) -> None:
     """Body-axes aerodynamic force and moment about the reference point, [N] and [N m]; thrust along body x."""
     aircraft, C, air = path.aircraft, path.coefficient, path.air
+    if not aircraft.winged:
+        path.force, path.moment = rotor_loads(path)
+        return
     qS = air["qbar"] * aircraft.area
     if aircraft.force_axes == "wind":
         sa, cos_a = ca.sin(air["alpha"]), ca.cos(air["alpha"])
@@ -245,6 +342,10 @@ def force_station(path: SignalPath) -> None:
         qS * pitch * C["Cm"] + aircraft.thrust_line_z * thrust,
         qS * lateral * C["Cn"],
     ]
+    if aircraft.rotors is not None:
+        force, moment = rotor_loads(path)
+        path.force = [own + more for own, more in zip(path.force, force, strict=True)]
+        path.moment = [own + more for own, more in zip(path.moment, moment, strict=True)]
 
 
 def rigid_body_station(path: SignalPath) -> None:
@@ -259,6 +360,11 @@ def rigid_body_station(path: SignalPath) -> None:
     sph, cph, sth, cth = ca.sin(s["phi"]), ca.cos(s["phi"]), ca.sin(s["theta"]), ca.cos(s["theta"])
     p, q, r = s["p"], s["q"], s["r"]
     pdot, qdot, rdot = _angular_acceleration(path, (p, q, r), (L, M, N))
+    if path.aircraft.rotors is not None:
+        pdot, qdot, rdot = (
+            rate + path.disturbance[station.equation(name)]
+            for name, rate in zip("pqr", (pdot, qdot, rdot), strict=True)
+        )
     path.derivative |= {
         "u": ax - g * sth + r * s["v"] - q * s["w"],
         "v": ay + g * cth * sph - r * s["u"] + p * s["w"],
@@ -271,6 +377,23 @@ def rigid_body_station(path: SignalPath) -> None:
         "psi": (q * sph + r * cph) / cth,
         "altitude": s["u"] * sth - s["v"] * sph * cth - s["w"] * cph * cth,
     }
+    if "psi" in s:
+        ground = velocity_over_ground(s)
+        path.derivative |= {"north": ground["v_north"], "east": ground["v_east"]}
+
+
+def velocity_over_ground(state: Mapping[str, Any]) -> dict[str, Any]:
+    """v_north, v_east, v_down [m/s] of a state with a heading."""
+    sph, cph = ca.sin(state["phi"]), ca.cos(state["phi"])
+    sth, cth = ca.sin(state["theta"]), ca.cos(state["theta"])
+    across = state["v"] * sph + state["w"] * cph
+    ahead, aside = state["u"] * cth + across * sth, state["v"] * cph - state["w"] * sph
+    spsi, cpsi = ca.sin(state["psi"]), ca.cos(state["psi"])
+    return {
+        "v_north": ahead * cpsi - aside * spsi,
+        "v_east": ahead * spsi + aside * cpsi,
+        "v_down": across * cth - state["u"] * sth,
+    }
 
 
 def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tuple[Any, Any, Any]:
@@ -280,7 +403,7 @@ def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tup
     L = L - (Izz - Iyy) * q * r + Ixz * p * q
     N = N - (Iyy - Ixx) * p * q - Ixz * q * r
     determinant = Ixx * Izz - Ixz**2
-    if path.aircraft.inertia.symmetric:
+    if all(_is_zero(path.inertia[name]) for name in PRODUCTS):
         pitch = (M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2)) / Iyy
         return (Izz * L + Ixz * N) / determinant, pitch, (Ixz * L + Ixx * N) / determinant
     xy, yz = path.inertia["Ixy"], path.inertia["Iyz"]
@@ -305,14 +428,18 @@ def sensor_station(path: SignalPath) -> None:
         x, y, z = position
         return air["u"] + q * z - r * y, air["v"] + r * x - p * z, air["w"] + p * y - q * x
 
-    ua, _, wa = airspeed_at(arm("alpha_vane"))
-    ub, vb, wb = airspeed_at(arm("beta_vane"))
     x, y, z = arm("accelerometer")
     ax, ay, az = (f / path.mass for f in path.force)
-    path.output = {
-        "V": air["V"],
-        "alpha": ca.atan2(wa, ua),
-        "beta": ca.asin(vb / ca.sqrt(ub**2 + vb**2 + wb**2)),
+    path.output = {}
+    if path.aircraft.winged:
+        ua, _, wa = airspeed_at(arm("alpha_vane"))
+        ub, vb, wb = airspeed_at(arm("beta_vane"))
+        path.output |= {
+            "V": air["V"],
+            "alpha": ca.atan2(wa, ua),
+            "beta": ca.asin(vb / ca.sqrt(ub**2 + vb**2 + wb**2)),
+        }
+    path.output |= {
         "p": p,
         "q": q,
         "r": r,
@@ -326,8 +453,11 @@ def sensor_station(path: SignalPath) -> None:
         "rdot": d["r"],
     }
     path.output |= {name: s[name] for name in INTEGRALS if name in s}
+    if "psi" in s:
+        path.output |= velocity_over_ground(s)
     for name in path.output:
-        path.output[name] += path.parameter[f"bias_{name}"]
+        if f"bias_{name}" in path.parameter:
+            path.output[name] += path.parameter[f"bias_{name}"]
 
 
 OUTPUTS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "pdot", "qdot", "rdot")
@@ -361,7 +491,22 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     }
     wind_station(path)
     apply("wind")
+    rotor_station(path)
+    apply("rotors")
     air_data_station(path)
+    if path.aircraft.winged:
+        _aerodynamic_forces(path, apply)
+    else:
+        force_station(path)
+    apply("moments")
+    rigid_body_station(path)
+    sensor_station(path)
+    apply("sensors")
+    return path
+
+
+def _aerodynamic_forces(path: SignalPath, apply: Callable[[str], None]) -> None:
+    """Coefficients, and all forces and moments with them."""
     coefficient_station(path)
     unsteady = [row for row in aerodynamic_parameters(path.aircraft) if "alphadot" in row[2] or "betadot" in row[2]]
     force_station(path)
@@ -372,8 +517,3 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     apply("coefficients")
     force_station(path)
     settle_rates(path)
-    apply("moments")
-    rigid_body_station(path)
-    sensor_station(path)
-    apply("sensors")
-    return path

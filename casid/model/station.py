@@ -68,6 +68,11 @@ def coefficient(name: str) -> str:
     return Station("coefficient", name).key
 
 
+def equation(state: str) -> str:
+    """Key of what is added to the equation of a state."""
+    return Station("equation", state).key
+
+
 def wind(axis: str) -> str:
     """Key of the velocity of the air along a body axis."""
     return Station("wind", axis).key

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import casadi as ca
@@ -31,6 +33,10 @@ class Trim:
         Of all engines [N].
     rho
         Density of the air [kg/m3].
+    phi
+        Bank angle [rad]; an aircraft with rotors may need one.
+    rotors
+        Rotor or battery channel -> its input.
 
     Examples
     --------
@@ -46,18 +52,27 @@ class Trim:
     delta_e: float
     thrust: float
     rho: float
+    phi: float = 0.0
+    rotors: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def state(self) -> np.ndarray:
         """(8,) state vector u v w p q r phi theta."""
-        return np.array(
-            [self.V * np.cos(self.alpha), 0, self.V * np.sin(self.alpha), 0, 0, 0, 0, self.theta], dtype=float
-        )
+        climb = self.theta - self.alpha
+        u, _, down = self.V * np.array([np.cos(self.alpha), 0.0, np.sin(self.alpha)])
+        if self.phi:  # the path of flight lies in the vertical plane of the heading
+            ahead, below = self.V * np.cos(climb), -self.V * np.sin(climb)
+            across = ahead * np.sin(self.theta) + below * np.cos(self.theta)
+            return np.array(
+                [u, across * np.sin(self.phi), across * np.cos(self.phi), 0, 0, 0, self.phi, self.theta], dtype=float
+            )
+        return np.array([u, 0, down, 0, 0, 0, 0, self.theta], dtype=float)
 
     @property
     def inputs(self) -> dict[str, float]:
         """Input of an aircraft model -> its value."""
-        return {"delta_e": self.delta_e, "delta_a": 0.0, "delta_r": 0.0, "thrust": self.thrust, "rho": self.rho}
+        fixed = {"delta_e": self.delta_e, "delta_a": 0.0, "delta_r": 0.0, "thrust": self.thrust, "rho": self.rho}
+        return fixed | dict(self.rotors)
 
 
 def trim(
@@ -72,7 +87,9 @@ def trim(
 ) -> Trim:
     """Solve udot = wdot = qdot = 0 for alpha, delta_e and one of thrust or density.
 
-    Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is.
+    Given density (or altitude, standard atmosphere), thrust is found; given thrust, density is. An aircraft with rotors
+    is balanced in all axes by their inputs, bank and pitch angle, with surfaces at rest and `thrust` as given (or 0):
+    V = 0 is hover.
 
     Parameters
     ----------
@@ -109,10 +126,14 @@ def trim(
     (10400.0, -0.02)
     """
     aircraft = given_aircraft(aircraft, "trim")
-    number(V, "trim: V", positive=True)
+    number(V, "trim: V", least=0.0, positive=aircraft.rotors is None)
     for what, value in (("altitude", altitude), ("rho", rho), ("thrust", thrust), ("climb_angle", climb_angle)):
         if value is not None:
             number(value, f"trim: {what}", positive=what == "rho")
+    if aircraft.rotors is not None:
+        if rho is None:
+            rho = float(standard_density(np.array(altitude or 0.0)))
+        return _balanced_by_rotors(aircraft, V, climb_angle, rho, thrust or 0.0, values)
     if (rho is None and altitude is None) == (thrust is None):
         raise InputError("trim: give either a density (rho or altitude) or a thrust, the other is solved for")
     if rho is None and altitude is not None:
@@ -145,3 +166,47 @@ def trim(
     if np.abs(imbalance(solution.x)).max() > 1e-8:
         raise InputError(f"trim: '{aircraft.name}' has no steady flight at V = {V:g} m/s ({solution.message})")
     return point(solution.x)
+
+
+def _balanced_by_rotors(
+    aircraft: Aircraft, V: float, climb: float, rho: float, thrust: float, values: dict[str, float] | None
+) -> Trim:
+    """Steady flight by Newton's method from hover with equal thrusts; of more than four rotors with the least change of
+    these."""
+    rotors = aircraft.rotors
+    assert rotors is not None
+    model = aircraft_model(aircraft, effects=())
+    z = ca.SX.sym("z", len(rotors.each) + 2)  # thrusts over weight, bank, pitch
+    weight = aircraft.mass * aircraft.gravity
+    phi, theta = z[-2], z[-1]
+    ahead, below = V * math.cos(climb), -V * math.sin(climb)
+    across = ahead * ca.sin(theta) + below * ca.cos(theta)
+    state = ca.vertcat(
+        ahead * ca.cos(theta) - below * ca.sin(theta), across * ca.sin(phi), across * ca.cos(phi), 0, 0, 0, phi, theta
+    )
+    fixed = {"thrust": thrust, "rho": rho} | (
+        {rotors.voltage.channel: rotors.voltage.reference} if rotors.voltage else {}
+    )
+    at_rest = {
+        name: one.input_for(weight / len(rotors.each)) for name, one in zip(rotors.names, rotors.each, strict=True)
+    }
+    inputs = [ca.SX(fixed.get(name, 0.0)) for name in model.inputs]
+    for i, one in enumerate(rotors.each):
+        inputs[model.inputs.index(one.name)] = at_rest[one.name] * (1.0 + z[i])
+    p, calm = model.nominal_vector(values), np.zeros(len(model.disturbances))
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])(state, ca.vertcat(*inputs), p, calm)
+    left = f[[model.states.index(name) for name in "uvwpqr"]]
+    at = ca.Function("at", [z], [left, ca.jacobian(left, z)])
+    point = np.zeros(z.shape[0])
+    for _ in range(50):
+        found, slope = (part.full() for part in at(point))
+        step = np.linalg.lstsq(slope, -found[:, 0], rcond=None)[0]
+        point = point + step
+        if np.abs(step).max() < 1e-13:
+            break
+    if not np.abs(at(point)[0].full()).max() < 1e-8:
+        raise InputError(f"trim: the rotors of '{aircraft.name}' do not balance it at V = {V:g} m/s")
+    drive = {name: at_rest[name] * (1.0 + float(point[i])) for i, name in enumerate(rotors.names)}
+    drive |= {name: value for name, value in fixed.items() if rotors.voltage and name == rotors.voltage.channel}
+    bank, pitch = float(point[-2]), float(point[-1])
+    return Trim(V=V, alpha=pitch - climb, theta=pitch, delta_e=0.0, thrust=thrust, rho=rho, phi=bank, rotors=drive)

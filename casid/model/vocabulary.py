@@ -12,6 +12,7 @@ import re
 from casid.errors import InputError, unknown
 from casid.model.causes import KINDS
 from casid.model.effect import Effect, Kind
+from casid.model.rotors import ALL
 from casid.model.terms import Term, derivative_name, in_words, parse_term
 from casid.signals import label_of
 
@@ -52,13 +53,14 @@ def check_effect(kind: str, target: str | None, term: str | None = None, where: 
     if kind not in KINDS:
         raise unknown("effect kind", kind, KINDS, where)
     entry = KINDS[kind]
-    if not target and entry.targets and not entry.optional:
-        raise InputError(f"{prefix}effect '{kind}' needs a target; expected one of: {', '.join(entry.targets)}")
-    if target and not entry.targets:
+    if not target and (entry.targets or entry.of_rotors) and not entry.optional:
+        valid = (*entry.targets, *(("the name of a rotor", ALL) if entry.of_rotors else ()))
+        raise InputError(f"{prefix}effect '{kind}' needs a target; expected one of: {', '.join(valid)}")
+    if target and not entry.targets and not entry.of_rotors:
         raise InputError(f"{prefix}effect '{kind}' has no target, got '{target}'; leave it out")
     parts = entry.parts(target)
     for part in parts:
-        if part not in entry.targets:
+        if part not in entry.targets and not entry.of_rotors:  # which rotors there are an aircraft says
             raise unknown(f"target of '{kind}'", part, entry.targets, where)
     if len(set(parts)) != len(parts):
         raise InputError(f"{prefix}effect '{kind}': target '{target}' names a coefficient twice")

@@ -29,6 +29,9 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
 # what only `problems.independent` or `problems.strips` have
 NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
 NOT_DRAWN += ("wing_bending", "slow_change")
+ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
+ROTORS += ("rotor_inflow", "added_mass", "body_drag", "battery_sag")
+NOT_DRAWN += ROTORS  # of an aeroplane; `problems.rotors` has the generator
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -48,6 +51,7 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "aerodynamics": ("aero_term", "unsteady_aero", "configuration_change", "table_increment"),
         "mass and propulsion": ("cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line", "thrust_scale"),
         "air": ("wind_shear", "gust", "turbulence"),
+        "rotors": ROTORS,
     }
 )
 

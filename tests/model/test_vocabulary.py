@@ -40,13 +40,25 @@ PUBLIC = {
     "position_error",
     "clock_drift",
     "thrust_scale",
+    "added_mass",
+    "battery_sag",
+    "body_drag",
+    "rotor_delay",
+    "rotor_effectiveness",
+    "rotor_inflow",
+    "rotor_lag",
+    "rotor_position",
+    "rotor_swap",
+    "rotor_torque",
 }
 
 
 def every_effect():
     for kind, entry in KINDS.items():
         targets = [*entry.targets, *([None] if entry.optional or not entry.targets else [])]
-        for target in targets + (["CL+CD", "CL+CD+Cm"] if entry.joined else []):
+        if entry.of_rotors:
+            targets = [*entry.targets, *(["m1+m2"] if entry.joined else ["m1", "rotors"])]
+        for target in targets + (["CL+CD", "CL+CD+Cm"] if entry.joined and not entry.of_rotors else []):
             yield kind, target, (*entry.terms, "alpha^2")[0] if entry.needs_term else None
 
 

@@ -50,16 +50,16 @@ def meaningful_share(fitted: FlightFit, one: Attached) -> float:
         return fitted.flight.sizes.share_of(fitted, one)
     effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
     if effect.amplitude is not None:
-        return _consequence(fitted, one)
+        return consequence(fitted, one)
     smallest = effect.smallest_that_matters(fitted.flight.aircraft)
     if smallest is not None:
         own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, _consequence(fitted, one), _lateness(fitted, one) / criteria.late)
+        return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
     share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
     return max(share, 1.0) if effect.expected else share
 
 
-def _consequence(fitted: FlightFit, one: Attached) -> float:
+def consequence(fitted: FlightFit, one: Attached) -> float:
     """Largest r.m.s. change that an effect on the signal path makes, in units of the smallest change that matters.
 
     For a surface it is the change of a coefficient over a part of its variation. For a reading it is the change of the

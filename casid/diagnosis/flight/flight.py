@@ -34,7 +34,7 @@ from casid.records.thinning import averaged, spaced
 from casid.signals import SURFACES
 
 # If altitude were an output, a steady updraft, which is common, would appear as a bias of alpha.
-_NOT_JUDGED = ("altitude",)
+_NOT_JUDGED = ("altitude", "north", "east")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +53,7 @@ class Flight:
                  (`NoiseModel.colour`)
     turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
     held         behaviour of inputs between recorded samples (`Batch.held`), for records that do not state it
+    horizon      time [s] over which a simulation is compared with a record, 0: the whole of it
     every        number of recorded samples of which each sample is the mean
     unknown      inputs that were never recorded: nothing that depends on them is judged
     criteria     the thresholds for all decisions made with this flight
@@ -70,6 +71,7 @@ class Flight:
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
+    horizon: float = 0.0
     every: int = 1
     unknown: tuple[str, ...] = ()
     criteria: Criteria = Criteria()

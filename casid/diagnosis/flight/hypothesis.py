@@ -66,7 +66,7 @@ class Regressors:
             inputs=named,
             parameter={},
             turning={axis: sign for axis, sign in flight.turning.items() if AIR_STATES[axis][0] in named},
-            disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft.force_axes)},
+            disturbance={d: moving.get(d, ca.SX(0)) for d in disturbance_names(flight.aircraft)},
         )
         for station in (surface_station, wind_station, air_data_station):
             station(path)

@@ -69,6 +69,8 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
     begin = fit.motion.X[0] if start is None else start
     model, batch = fit.model, fit.batch
     N, R = batch.live.shape
+    if fit.flight.horizon and start is None:
+        return _read_along(fit, _in_windows(fit))
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
     (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(model))
@@ -77,6 +79,26 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
         given = (one[:, r].T for one in (U0, U1))
         states = chain(begin[r], *given, P, W0[:, r].T, W1[:, r].T, batch.dt[:, r][None])
         X[:, r] = np.vstack([begin[r][None], states.full().T])
+    return _read_along(fit, X)
+
+
+def _in_windows(fit: FlightFit) -> np.ndarray:
+    """(N, R, nx) states simulated over the flight's horizon again and again, from the most likely motion."""
+    batch, X = fit.batch, fit.motion.X.copy()
+    steps = max(1, round(fit.flight.horizon / float(np.median(batch.dt))))
+    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(fit.model))
+    last = len(X) - 1
+    for first in range(steps):  # sample number `first` of all windows at once
+        at = np.arange(first, last, steps)
+        X[at + 1] = fit.functions.step(X[at], U0[at], U1[at], fit.parameters, W0[at], W1[at], batch.dt[at])
+        begins = at + 1 if first == steps - 1 else []
+        X[begins] = fit.motion.X[begins]
+    return X
+
+
+def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:
+    """What the instruments read along simulated states."""
+    model, batch = fit.model, fit.batch
     output = fit.output_along(X)
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
     output = np.where(np.isfinite(output), output, np.inf)

@@ -13,14 +13,18 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, split
 from casid.diagnosis.engine.search import search
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.judgement import Stages, judged
-from casid.diagnosis.result import Diagnosis, OfSystem
+from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of
+from casid.diagnosis.systems.rotorcraft import rotorcraft
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
+from casid.model.aircraft import Aircraft
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
 from casid.model.system import Model, check_continuous
@@ -101,6 +105,39 @@ def diagnose_system(
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
     return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))
+
+
+ExtendedBy = Callable[[Aircraft, FlightFit, Sequence[Cause], Sequence[Cause]], Aircraft]
+
+
+def diagnose_rotorcraft(
+    aircraft: Aircraft,
+    records: Sequence[Record],
+    hold_out: Sequence[Record],
+    report: Callable[[str], None],
+    criteria: Criteria,
+    extended: ExtendedBy,
+) -> Diagnosis:
+    """Diagnose an aircraft with rotors; `extended` makes its file of a fit, the named and the minor causes.
+
+    Raises InputError for records that lack an input of a rotor, and for channels that no record has.
+    """
+    stages = Stages(report)
+    stages.begin("reading the records")
+    fit_on, held = split(records, hold_out, criteria.held_out)
+    plant = rotorcraft(aircraft, fit_on, criteria)
+    _check_measured(plant.base, held)
+    stages.begin("refit of the model")
+    refitted = first_fit(plant)
+    stages.begin("simulation as given")
+    given = fly_as_given(plant, held, refitted)
+
+    def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
+        return OfAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
+
+    found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
+    against = contradicted_parameters(plant.base, found.flight, criteria)
+    return concluded(found, [one for one in against if not one.parameter.startswith(OFFSET)])
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

@@ -75,7 +75,7 @@ class Terms:
 
     def __init__(self, plant: Plant, model: Model) -> None:
         self._batch = plant.batch(model)
-        self._states, self._inputs = model.states, model.inputs
+        self._states, self._inputs, self._sigma = model.states, model.inputs, plant.input_sigma
         names = [control(name) for name in model.inputs]
         self._acting = [model.disturbances.index(n) if n in model.disturbances else None for n in names]
         self._terms = tuple(map(as_term, plant.terms_of))
@@ -84,10 +84,23 @@ class Terms:
         self._function = Compilable(ca.Function("terms", [base.x, base.u], [rows]))
         self.recorded = {name: self._batch.U[..., i] for i, name in enumerate(self._inputs)}
         self._read = {as_read(name): self._batch.Z[..., i] for i, name in enumerate(model.outputs)}
+        further = {name: np.zeros(self._batch.live.shape) for name in plant.channels}
+        for name, series in further.items():
+            for j, record in enumerate(plant.records):
+                series[: len(record), j], series[len(record) :, j] = record[name], record[name][-1]
+        self._read |= further
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nu) recorded inputs, which have no noise."""
-        return self._batch.U
+        """(N, R, nu) recorded inputs, corrected by their most likely `noise` (disturbance -> (N, R)) where they have
+        any; noise larger than possible indicates a fault and is reduced in proportion to its excess."""
+        if not noise:
+            return self._batch.U
+        U, live = self._batch.U.copy(), self._batch.live
+        for i, name in enumerate(self._inputs):
+            if (station := control(name)) in noise:
+                power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
+                U[..., i] += noise[station] / np.maximum(power, 1.0)
+        return U
 
     def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
         """name -> (N, R): states of the trajectory X (N, R, nx), `inputs` (N, R, nu), readings as measured, and the
@@ -113,6 +126,11 @@ class Plant:
     sigma     1-sigma of the noise of each output
     paths     record -> (N, states) start of a fit; otherwise the model's own first guess
     effects   the causes that are considered;  sizes  their measures of size
+    white     disturbance -> 1-sigma of process noise
+    channels  channels of the records that effects look at, beside inputs and readings
+    build     makes the model with some symbolic effects, where these change more than equations and readings
+    prepare   makes records ready for the model
+    horizon   time [s] over which a simulation is compared with a record, 0: the whole of it
     every     number of recorded samples of which each sample is the mean
     """
 
@@ -126,6 +144,11 @@ class Plant:
     paths: Mapping[str, np.ndarray] = field(default_factory=dict)
     effects: list[Effect] = field(default_factory=list)
     sizes: Sizes | None = None
+    white: Mapping[str, float] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+    build: Callable[[Sequence[Effect]], Model] | None = None
+    prepare: Callable[[Sequence[Record]], Sequence[Record]] = tuple
+    horizon: float = 0.0
     every: int = 1
     input_sigma: dict[str, float] = field(default_factory=dict)
     doubted: tuple[str, ...] = ()
@@ -165,7 +188,8 @@ class Plant:
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """Measurement noise, and `coloured` disturbances beside it."""
-        return NoiseModel(measurement=self.sigma, coloured=coloured or {})
+        random = {"white": self.white, "inputs": self.input_sigma}
+        return NoiseModel(measurement=self.sigma, coloured=coloured or {}, **random)
 
     def model(self, effects: Sequence[Effect] = ()) -> Model:
         """The model with its ports as disturbances, and symbolic `effects` among its parameters."""
@@ -177,6 +201,10 @@ class Plant:
         return self._models[key]
 
     def _built(self, effects: Sequence[Effect]) -> Model:
+        if self.build is not None:
+            model = self.build(effects)
+            own = {"nominal": {**model.nominal, **self.base.nominal}, "prior_std": self.base.prior_std}
+            return replace(model, state_scale=self.base.state_scale, **own)
         base, draft = self.base, Draft(self.base, self.terms_of)
         values = {effect.name: ca.SX.sym("value") for effect in effects}
         for effect in effects:
@@ -228,12 +256,13 @@ class Plant:
 
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
         """This plant with values of its parameters, and other records under its noise."""
-        base = replace(self.base, nominal={**self.base.nominal, **values})
-        paths = motions(base, records, self.sigma, self.criteria.numerics.systems.smoothed)
+        base, records = replace(self.base, nominal={**self.base.nominal, **values}), tuple(self.prepare(records))
+        smoothed = self.criteria.numerics.systems.smoothed
+        paths = motions(base, records, self.sigma, smoothed) if self.build is None else {}
         return replace(
             self,
             base=base,
-            records=tuple(records),
+            records=records,
             paths=paths,
             _models={},
             _functions={},
@@ -311,14 +340,14 @@ def plant_of(
         records=tuple(records),
         sigma=sigma,
         terms_of=library.terms(base),
-        criteria=_for_systems(criteria, float(np.median([record.duration for record in records]))),
+        criteria=for_systems(criteria, float(np.median([record.duration for record in records]))),
         paths=motions(base, records, sigma, criteria.numerics.systems.smoothed),
         effects=effects_of(library, base, ports, records, free, criteria.systems),
         sizes=PlantSizes(),
     )
 
 
-def _for_systems(criteria: Criteria, duration: float) -> Criteria:
+def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
     by, wider = criteria.numerics.naming, criteria.numerics.systems.wider

@@ -23,6 +23,18 @@ from casid.model.causes.instruments import (
 )
 from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
 from casid.model.causes.recording import clock_drift, position_error, sensor_misalignment, thrust_scale
+from casid.model.causes.rotors import (
+    added_mass,
+    battery_sag,
+    body_drag,
+    rotor_delay,
+    rotor_effectiveness,
+    rotor_inflow,
+    rotor_lag,
+    rotor_position,
+    rotor_swap,
+    rotor_torque,
+)
 from casid.model.causes.tables import table_increment
 from casid.model.effect import KINDS
 
@@ -31,8 +43,11 @@ __all__ = [
     "SENSOR_GROUPS",
     "accelerometer_position",
     "actuator_lag",
+    "added_mass",
     "aero_term",
     "backlash",
+    "battery_sag",
+    "body_drag",
     "cg_offset",
     "clock_drift",
     "configuration_change",
@@ -45,6 +60,13 @@ __all__ = [
     "mass",
     "position_error",
     "rate_limit",
+    "rotor_delay",
+    "rotor_effectiveness",
+    "rotor_inflow",
+    "rotor_lag",
+    "rotor_position",
+    "rotor_swap",
+    "rotor_torque",
     "sensor_bias",
     "sensor_delay",
     "sensor_lag",

@@ -9,6 +9,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.effect import Effect, Series, Values, cause
+from casid.model.rotors import thrust_of
 from casid.signals import SURFACES
 
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
@@ -134,13 +135,18 @@ def backlash(surface: str) -> Effect:
 @cause(
     "effectiveness_change",
     targets=(*SURFACES, "thrust"),
+    of_rotors=True,
     unit="1",
     quantity="relative change from the onset on; -0.3: 30 % are lost",
     sentence="The effectiveness of the {label} changes by {percent} in mid-record.",
 )
 def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {station.control(surface): values["value"] * operators.step(t, values["onset"]) * known[surface]}
+        lost = values["value"] * operators.step(t, values["onset"])
+        if thrust_of(surface) in known:  # a rotor, of which the thrust changes
+            thrust = thrust_of(surface)
+            return {station.control(thrust): lost * known[thrust]}
+        return {station.control(surface): lost * known[surface]}
 
     def from_the_onset_on(s: np.ndarray, values: Values) -> np.ndarray:
         return np.full(len(s), 1.0 + values["value"], dtype=complex)

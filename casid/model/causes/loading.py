@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
 from casid.model.effect import Effect, Symbols, cause
@@ -9,6 +11,7 @@ from casid.model.path import SignalPath
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
 _MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
+_CG_MATTERS = 0.02  # m, of an aircraft without rotors; of these the same part of their arms as of the mass
 
 
 @cause(
@@ -23,6 +26,11 @@ def cg_offset(axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.cg["xyz".index(axis)] += values["value"]
 
+    def matters(aircraft: Airframe) -> float:
+        if aircraft.rotors is None:
+            return _CG_MATTERS
+        return _MASS_MATTERS * max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
+
     return Effect(
         kind="cg_offset",
         target=axis,
@@ -31,7 +39,7 @@ def cg_offset(axis: str) -> Effect:
         shows_as="accelerometer_position",
         station="wind",
         change=change,
-        meaningful=0.02,
+        meaningful=matters,
         limit=3.0,
     )
 

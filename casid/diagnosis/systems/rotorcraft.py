@@ -1,0 +1,239 @@
+"""An aircraft with rotors in the place of a plant: it flies in closed loop, so that innovations judge it.
+
+A multirotor integrates its moments four times into position, and its controller answers every disturbance: in open loop
+no simulation follows a flight for longer than a second, and inputs are correlated with what disturbs the motion. The
+filter therefore has process noise in every force and moment equation; its size, and that of the readings, is the most
+likely one beside all parameters and a constant at every equation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.size import consequence
+from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.flight import as_updated, moves
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
+from casid.errors import InputError
+from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
+from casid.filtering.kalman import kalman_filter, residual_column
+from casid.model.aircraft import Aircraft
+from casid.model.causes import sensor_bias
+from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
+from casid.model.effect import Effect
+from casid.model.effects import catalogue
+from casid.model.path import EQUATIONS, GROUND, INTEGRALS
+from casid.model.port import ModelPort as Port
+from casid.model.station import control, equation
+from casid.model.system import Model
+from casid.records.noise import pooled_sigma
+from casid.records.record import Record
+
+HORIZON_S = 0.5  # over which a simulation is compared with a record: a tumble of a small multirotor takes as long
+_ACCELERATIONS = ("pdot", "qdot", "rdot")  # computed from the rates, and nothing new
+_WORDS = {
+    "u": "the force along x",
+    "v": "the force along y",
+    "w": "the force along z",
+    "p": "the rolling moment",
+    "q": "the pitching moment",
+    "r": "the yawing moment",
+}
+_DISTURBED, _LEAST = 0.03, 0.01  # process noise to begin with, of the weight; the least, of that
+_TINY = 1e-120
+_SMOOTHED, _SWEEPS, _FACTORS = 2, 4, (4.0, 2.0, 1.4)
+_WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origin, or none
+_UNSTATED = 0.05  # 1-sigma of an effectiveness that is not stated: normal flights of one airframe scatter by 2 to 5 %
+
+
+def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> tuple[str, ...]:
+    """The channels of the motion that the records measure. Raises InputError where none tells of rotation."""
+    modelled = (*outputs_of(aircraft), *INTEGRALS, *GROUND)
+    found = tuple(n for n in modelled if n not in _ACCELERATIONS and moves(records, n, criteria.noise))
+    if not set(found) & {"p", "q", "phi", "theta", *GROUND[:2], "north", "east"}:
+        raise InputError(
+            f"record '{records[0].name}': no rate, attitude or motion over ground is measured; without any the rotors "
+            f"of '{aircraft.name}' cannot be told apart"
+        )
+    return found
+
+
+def with_stated_uncertainty(aircraft: Aircraft) -> Aircraft:
+    """The aircraft with a usual uncertainty of its rotors where its file states none."""
+    rotors = aircraft.rotors
+    assert rotors is not None
+    if rotors.relative_uncertainty or any(one.std for one in rotors.each):
+        return aircraft
+    return replace(aircraft, rotors=replace(rotors, relative_uncertainty=_UNSTATED))
+
+
+def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> Plant:
+    """The plant of an aircraft with rotors and the records to be fitted.
+
+    Raises InputError for records that lack an input of a rotor, or every rate.
+    """
+    aircraft = with_stated_uncertainty(aircraft)
+    assert aircraft.rotors is not None
+    outputs = measured_outputs(aircraft, records, criteria)
+    ready = prepared(aircraft, records, outputs)
+    build = partial(_built, aircraft, outputs)
+    base = build(())
+    offsets = {f"bias_{name}": _usual_offset(name, aircraft) for name in outputs if name not in _WHERE}
+    base = replace(base, prior_std={**base.prior_std, **offsets})
+    free = tuple(name for name in base.parameters if name in base.prior_std)
+    ports = (
+        *(Port(kind="state derivative", name=name, words=_WORDS[name]) for name in _WORDS),
+        *(Port(kind="output", name=name) for name in outputs),
+    )
+    commanded = {name: pooled_sigma([record[name] for record in ready]) for name in aircraft.rotors.names}
+    inputs = {control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0}
+    sigma, white = most_likely_noise(aircraft, base, ready, free, noise_of(base, ready, criteria.noise), inputs)
+    effects = [_in_all_records(e) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
+    return Plant(
+        base=base,
+        freed=free,
+        ports=ports,
+        records=ready,
+        sigma=sigma,
+        white=white,
+        input_sigma=inputs,
+        terms_of={},
+        criteria=for_systems(criteria, float(np.median([record.duration for record in ready]))),
+        effects=effects,
+        sizes=RotorSizes(aircraft=aircraft),
+        channels=tuple(name for name in ready[0].channels if name not in (*outputs, *base.inputs)),
+        build=build,
+        prepare=partial(prepared, aircraft, outputs=outputs),
+        horizon=HORIZON_S,
+    )
+
+
+def _usual_offset(channel: str, aircraft: Aircraft) -> float:
+    """Prior 1-sigma of the offset of an instrument: of a small one, as large as matters."""
+    return float(sensor_bias(channel).smallest_that_matters(aircraft) or np.inf)
+
+
+def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str]) -> tuple[Record, ...]:
+    """The records with all inputs of the model, without readings that only repeat the one before."""
+    return tuple(as_updated(flight_inputs(aircraft, record), outputs) for record in records)
+
+
+def _built(aircraft: Aircraft, outputs: Sequence[str], effects: Sequence[Effect]) -> Model:
+    return aircraft_model(aircraft, outputs=outputs, effects=effects, equations=False)
+
+
+def _in_all_records(effect: Effect) -> Effect:
+    """An effect of the loading shows in all records: the thrust of the rotors is known as well as weight is."""
+    return replace(effect, relative=False, shows_as=None)
+
+
+def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
+    """Whether an effect can show in this model: moving air where something depends on it."""
+    rotors = aircraft.rotors
+    assert rotors is not None
+    moved_by_air = aircraft.winged or any(rotors.drag) or rotors.inflow
+    return bool(moved_by_air) or effect.enters is None or not effect.enters.startswith("wind_")
+
+
+def most_likely_noise(
+    aircraft: Aircraft,
+    model: Model,
+    records: Sequence[Record],
+    free: Sequence[str],
+    read: Mapping[str, float],
+    inputs: Mapping[str, float],
+) -> tuple[dict[str, float], dict[str, float]]:
+    """(output -> 1-sigma, equation -> 1-sigma of process noise) by coordinate ascent of the likelihood, with the free
+    parameters and a constant at every equation of motion eliminated. `read` is the noise of the readings by their high
+    band; a reading may have more, for a filter or a slow update hides some of it, and hardly less."""
+    functions, batch = PointFunctions(model, free), make_batch(model, records)
+    P = np.tile(model.nominal_vector(), (len(records), 1))
+    sigma, white = dict(read), _usual_disturbances(aircraft)
+    samples, many = batch.live.shape
+    X = np.zeros((samples, many, len(model.states)))
+    for j, record in enumerate(records):
+        guess = model.guess(record)
+        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    for _ in range(_SMOOTHED):
+        linear = linearise(functions, batch, P, X)
+        smoother = kalman_filter(linear, NoiseModel(measurement=sigma, white=white, inputs=inputs))
+        X = X + smoother.smooth(*residual_column(linear))[0][..., : len(model.states)]
+    linear = linearise(functions, batch, P, X)
+    stations = [model.disturbances.index(name) for name in white]
+    ones = np.broadcast_to(batch.live[..., None].astype(float), (*batch.live.shape, len(white)))
+    Y, F = residual_column(linear)
+
+    def deviance(sigma: Mapping[str, float], white: Mapping[str, float]) -> float:
+        kalman = kalman_filter(linear, NoiseModel(measurement=sigma, white=white, inputs=inputs))
+        left = kalman.whiten(Y, F).reshape(-1)
+        columns = [kalman.whiten_histories(stations, ones), kalman.whiten(linear.Dp, linear.Bp)]
+        basis = np.concatenate([one.reshape(len(left), -1) for one in columns], axis=1)
+        basis[np.abs(basis) < _TINY] = 0.0  # numbers below the normal ones take a hundred times as long
+        scale = np.sqrt(np.sum(basis**2, axis=0))
+        basis = basis[:, scale > 0.0] / scale[scale > 0.0]
+        values, vectors = np.linalg.eigh(basis.T @ basis)
+        kept = values > 1e-10 * values[-1]
+        taken = (vectors[:, kept].T @ (basis.T @ left)) ** 2 / values[kept]
+        return float(left @ left - taken.sum() + np.sum(kalman.log_determinant))
+
+    tables = {"white": white, "sigma": sigma}
+    least = {"white": {n: _LEAST * v for n, v in white.items()}, "sigma": {n: 0.5 * v for n, v in read.items()}}
+    lowest = deviance(sigma, white)
+    for factor in _FACTORS:
+        for _ in range(_SWEEPS):
+            before = lowest
+            for which, name in [(which, name) for which, table in tables.items() for name in table]:
+                here = tables[which][name]
+                for by in (factor, 1.0 / factor):
+                    tables[which][name] = max(here * by, least[which][name])
+                    found = deviance(sigma, white)
+                    if found < lowest - 0.5:
+                        lowest = found
+                        break
+                    tables[which][name] = here
+            if before - lowest < 2.0:
+                break
+    return sigma, white
+
+
+def _usual_disturbances(aircraft: Aircraft) -> dict[str, float]:
+    """Equation -> 1-sigma of process noise that a part of the weight makes, at the arm of a rotor."""
+    assert aircraft.rotors is not None
+    force = _DISTURBED * aircraft.gravity
+    arm = max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
+    moment = force * aircraft.mass * arm
+    inertia = {"p": aircraft.inertia.Ixx, "q": aircraft.inertia.Iyy, "r": aircraft.inertia.Izz}
+    return {equation(n): moment / inertia[n] if n in inertia else force for n in EQUATIONS}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotorSizes:
+    """Size of a cause of an aircraft with rotors, in units of the smallest that matters."""
+
+    aircraft: Aircraft
+
+    def share_of(self, fit: FlightFit, one: Attached) -> float:
+        """The value over the smallest that matters; for a reading, or for a time, not more than its consequence."""
+        smallest = one.effect.smallest_that_matters(self.aircraft)
+        own = np.inf if smallest is None else abs(one.values["value"]) / smallest
+        return min(own, consequence(fit, one))
+
+    def told(self, fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
+        """Value and 1-sigma of a cause for a person."""
+        return one.effect.in_words(one.values)["value"], std
+
+    def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
+        """The strongest of the latent inputs, with its port in words."""
+        return PlantSizes().told_at(fit, missing)
+
+    def missing_share(self, fit: FlightFit, missing: MissingInput) -> float:
+        """R.m.s. of the latent input at a port over the variation there."""
+        return PlantSizes().missing_share(fit, missing)

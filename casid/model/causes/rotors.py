@@ -1,0 +1,310 @@
+"""Causes between the input of a rotor and what it does to the airframe, and in what is attached to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from itertools import combinations
+
+import numpy as np
+
+from casid.model import operators, station
+from casid.model.airframe import Airframe
+from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.path import SignalPath
+from casid.model.rotors import ALL, command, delay_of, lag_of
+
+_DRAG_SPEED = 5.0  # m/s: at which drag is compared with weight
+_WEIGHT_SHARE = 0.05  # part of the weight, of the arm of a rotor, or of a mass that matters
+
+
+def rotors_in(known: Series, target: str) -> list[str]:
+    """Names of the rotors that a target names, of a record whose inputs are complete."""
+    names = [name.removesuffix(command("")) for name in known if name.endswith(command(""))]
+    return names if target == ALL else [target]
+
+
+def _targets(aircraft: Airframe) -> tuple[str, ...]:
+    """Each rotor of an aircraft, and all."""
+    return (*aircraft.rotors.names, ALL) if aircraft.rotors else ()
+
+
+def _changes_of_thrust(aircraft: Airframe) -> Iterable[Effect]:
+    return map(rotor_effectiveness, _targets(aircraft))
+
+
+@cause(
+    "rotor_effectiveness",
+    of_rotors=True,
+    candidates=_changes_of_thrust,
+    unit="1",
+    quantity="relative change of thrust; -0.15: 15 % less than by the file",
+    title="{label}: effectiveness",
+    sentence="The thrust of {label} differs by {percent} from that of the aircraft file.",
+)
+def rotor_effectiveness(target: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        for one in _signals(path, target):
+            one.thrust = one.thrust * (1.0 + values["value"])
+
+    return Effect(
+        kind="rotor_effectiveness",
+        target=target,
+        by_record=True,
+        station="rotors",
+        change=change,
+        enters=None if target == ALL else station.control(f"thrust_{target}"),
+        meaningful=0.05,
+        limit=0.95,
+    )
+
+
+def _changes_of_torque(aircraft: Airframe) -> Iterable[Effect]:
+    return map(rotor_torque, _targets(aircraft))
+
+
+@cause(
+    "rotor_torque",
+    of_rotors=True,
+    candidates=_changes_of_torque,
+    unit="1",
+    quantity="relative change of the reaction torque per thrust; -2: it turns the other way",
+    title="{label}: reaction torque",
+    sentence="The reaction torque of {label} differs by {percent} from that of the aircraft file; by -200 % it would "
+    "turn the other way.",
+)
+def rotor_torque(target: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        for one in _signals(path, target):
+            one.torque = one.torque * (1.0 + values["value"])
+
+    return Effect(
+        kind="rotor_torque",
+        target=target,
+        by_record=True,
+        station="rotors",
+        change=change,
+        meaningful=0.1,
+        limit=3.0,
+    )
+
+
+def _timing(kind: str, target: str, sizes: Iterable[float], meaningful: float, limit: float, of_lag: bool) -> Effect:
+    """A lag or delay beside that of the file, as what it changes of the input."""
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        found = {}
+        for name in rotors_in(known, target):
+            lag, late = float(known[lag_of(name)][0]), float(known[delay_of(name)][0])
+            lag, late = (max(lag + values["value"], 0.0), late) if of_lag else (lag, late + values["value"])
+            moved = operators.lag(t, operators.delay(t, known[command(name)], late), lag)
+            found[station.control(name)] = moved - known[name]
+        return found
+
+    return Effect(
+        kind=kind,
+        target=target,
+        linear=False,
+        grid=tuple({"value": size} for size in sizes),
+        series=series,
+        meaningful=meaningful,
+        limit=limit,
+    )
+
+
+def _lags(aircraft: Airframe) -> Iterable[Effect]:
+    return map(rotor_lag, _targets(aircraft))
+
+
+@cause(
+    "rotor_lag",
+    of_rotors=True,
+    candidates=_lags,
+    unit="s",
+    quantity="time constant between input and thrust, less that of the file",
+    title="{label}: lag",
+    sentence="The thrust of {label} follows its input with a time constant that is {size} [longer|shorter] than in the "
+    "aircraft file.",
+)
+def rotor_lag(target: str) -> Effect:
+    return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.01, 0.5, of_lag=True)
+
+
+def _delays(aircraft: Airframe) -> Iterable[Effect]:
+    return map(rotor_delay, _targets(aircraft))
+
+
+@cause(
+    "rotor_delay",
+    of_rotors=True,
+    candidates=_delays,
+    unit="s",
+    quantity="dead time between input and thrust, less that of the file",
+    title="{label}: delay",
+    sentence="The thrust of {label} follows its input {size} [later|earlier] than in the aircraft file.",
+)
+def rotor_delay(target: str) -> Effect:
+    return _timing("rotor_delay", target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.01, 0.3, of_lag=False)
+
+
+def _masses(aircraft: Airframe) -> Iterable[Effect]:
+    return [added_mass(name) for name in (aircraft.rotors.names if aircraft.rotors else ())]
+
+
+def _drags(aircraft: Airframe) -> Iterable[Effect]:
+    return [body_drag(axis) for axis in ("xyz" if aircraft.rotors else "")]
+
+
+def _inflow(aircraft: Airframe) -> Iterable[Effect]:
+    return [rotor_inflow()] if aircraft.rotors else []
+
+
+def _sag(aircraft: Airframe) -> Iterable[Effect]:
+    return [battery_sag()] if aircraft.rotors and aircraft.rotors.voltage else []
+
+
+def _positions(aircraft: Airframe) -> Iterable[Effect]:
+    return [rotor_position(name, axis) for name in (aircraft.rotors.names if aircraft.rotors else ()) for axis in "xy"]
+
+
+def _arm(aircraft: Airframe) -> float:
+    assert aircraft.rotors is not None
+    return float(np.mean([math.hypot(*one.position[:2]) for one in aircraft.rotors.each]))
+
+
+@cause(
+    "rotor_position",
+    of_rotors=True,
+    terms=("x", "y", "z"),
+    candidates=_positions,
+    unit="m",
+    quantity="true minus assumed position, body axes",
+    title="{label}: position along {term}",
+    sentence="The {label} stands {size} along body {term} from where the aircraft file has it.",
+)
+def rotor_position(target: str, axis: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        for one in _signals(path, target):
+            one.position["xyz".index(axis)] += values["value"]
+
+    return Effect(
+        kind="rotor_position",
+        target=target,
+        term=axis,
+        station="rotors",
+        change=change,
+        meaningful=lambda aircraft: _WEIGHT_SHARE * _arm(aircraft),
+        limit=5.0,
+    )
+
+
+def _pairs(aircraft: Airframe) -> Iterable[Effect]:
+    names = aircraft.rotors.names if aircraft.rotors else ()
+    return [rotor_swap(f"{a}+{b}") for a, b in combinations(names, 2)]
+
+
+@cause(
+    "rotor_swap",
+    of_rotors=True,
+    joined=True,
+    candidates=_pairs,
+    unit="1",
+    quantity="part of each input that acts on the other rotor: 1, they are interchanged",
+    title="{label}: inputs interchanged",
+    sentence="The inputs of {label} are interchanged ({percent}).",
+)
+def rotor_swap(target: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        first, second = target.split("+")
+        change = values["value"] * (known[second] - known[first])
+        return {station.control(first): change, station.control(second): -change}
+
+    return Effect(kind="rotor_swap", target=target, series=series, meaningful=0.5, limit=1.5)
+
+
+@cause(
+    "added_mass",
+    of_rotors=True,
+    candidates=_masses,
+    unit="kg",
+    quantity="mass beside that of the file, at the hub of the rotor",
+    title="{label}: added mass",
+    sentence="A mass of {size} that the aircraft file does not have is attached at {label}.",
+)
+def added_mass(target: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        assert path.aircraft.rotors is not None
+        (one,) = path.aircraft.rotors.of(target)
+        whole = path.mass + values["value"]
+        reduced = path.mass * values["value"] / whole
+        x, y, z = one.position
+        squares = {"Ixx": y * y + z * z, "Iyy": x * x + z * z, "Izz": x * x + y * y}
+        for name, square in (squares | {"Ixz": x * z, "Ixy": x * y, "Iyz": y * z}).items():
+            path.inertia[name] += reduced * square
+        path.cg = [c + values["value"] / whole * arm for c, arm in zip(path.cg, one.position, strict=True)]
+        path.mass = whole
+
+    return Effect(
+        kind="added_mass",
+        target=target,
+        by_record=True,
+        station="mass",
+        change=change,
+        meaningful=lambda aircraft: _WEIGHT_SHARE * aircraft.mass,
+    )
+
+
+@cause(
+    "body_drag",
+    targets=("x", "y", "z"),
+    candidates=_drags,
+    unit="N s/m",
+    quantity="drag per velocity, beside that of the file",
+    title="{words} along {target}",
+    sentence="The body has a drag of {size} along {target} that the aircraft file does not have.",
+)
+def body_drag(axis: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.drag[axis] += values["value"]
+
+    return Effect(
+        kind="body_drag",
+        target=axis,
+        station="rotors",
+        change=change,
+        meaningful=lambda aircraft: _WEIGHT_SHARE * aircraft.mass * aircraft.gravity / _DRAG_SPEED,
+    )
+
+
+@cause(
+    "rotor_inflow",
+    candidates=_inflow,
+    unit="s/m",
+    quantity="part of the thrust lost for each m/s along it, beside that of the file",
+    sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
+)
+def rotor_inflow(target: str = "") -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.inflow += values["value"]
+
+    return Effect(kind="rotor_inflow", station="rotors", change=change, meaningful=0.02, limit=1.0)
+
+
+@cause(
+    "battery_sag",
+    candidates=_sag,
+    unit="1",
+    quantity="exponent of the battery's voltage in the thrust, beside that of the file",
+    sentence="The thrust follows the voltage of the battery with an exponent that is {size} [larger|smaller] than in "
+    "the aircraft file.",
+)
+def battery_sag(target: str = "") -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.voltage_exponent += values["value"]
+
+    return Effect(kind="battery_sag", station="rotors", change=change, meaningful=0.3, limit=5.0)
+
+
+def _signals(path: SignalPath, target: str) -> list:
+    assert path.aircraft.rotors is not None
+    return [path.rotor[one.name] for one in path.aircraft.rotors.of(target)]

@@ -1,0 +1,1 @@
+"""Multirotors: flights by RotorPy with hidden effects, and CrazyPAD, a nano-quadrotor with known damage."""
