@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
+from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from casid.arguments import names
@@ -176,6 +177,9 @@ _SCALE = MappingProxyType(
 )
 
 
+_STANDARD_GRAVITY, _SLOPE_S = 9.80665, 0.3
+
+
 def velocity_from_air_data(V: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """(N, 3) body velocity u v w from airspeed and flow angles, in air at rest."""
     return np.stack([V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)], axis=1)
@@ -206,6 +210,34 @@ def _velocity_from_ground(record: Record) -> np.ndarray:
     return turn.inv().apply(np.stack([north, east, down], axis=1))
 
 
+def _leaning(record: Record) -> dict[str, np.ndarray]:
+    """Attitude and rates that no channel has, of an aircraft that leans to where it accelerates over ground."""
+    psi, velocity = _filled(record, "psi", 0.0), {}
+    for name, position in zip(GROUND[:2], ("north", "east"), strict=True):
+        if name in record or position in record:
+            velocity[name] = _filled(record, name, 0.0) if name in record else _slope(record, record[position])
+    if len(velocity) < 2:
+        return {}
+    north, east = (_slope(record, series) for series in velocity.values())
+    ahead, aside = np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north
+    found = {}
+    for angle, rate, leans in (("phi", "p", aside), ("theta", "q", -ahead)):
+        values = _filled(record, angle, 0.0) if angle in record else np.arctan2(leans, _STANDARD_GRAVITY)
+        found |= {} if angle in record else {angle: values}
+        found |= {} if rate in record else {rate: _slope(record, values)}
+    return found
+
+
+def _slope(record: Record, series: np.ndarray) -> np.ndarray:
+    """(N,) slope of a series by parabolas over a part of a second."""
+    good = np.isfinite(series)
+    whole = np.interp(record.t, record.t[good], series[good])
+    window = min(2 * max(round(_SLOPE_S / (2.0 * record.dt)), 1) + 1, (len(record) - 1) // 2 * 2 + 1)
+    if window < 3:
+        return np.gradient(whole, record.t)
+    return savgol_filter(whole, window, 2, deriv=1, delta=record.dt, mode="interp")
+
+
 def _measured_flight(
     trim: Mapping[str, float], states: Sequence[str], further: Mapping[str, str], hovers: bool, record: Record
 ) -> np.ndarray:
@@ -219,6 +251,8 @@ def _measured_flight(
     for name in ("p", "q", "r", "phi"):
         table[name] = _filled(record, name, 0.0)
     table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
+    if hovers:
+        table |= _leaning(record)
     table |= {s: _filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
     return np.stack([table[name] for name in (*states, *further)], axis=1)
 

@@ -20,7 +20,7 @@ import numpy as np
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
-from casid.model.rotors import Rotor, effectiveness, thrust_of, torque
+from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
 from casid.signals import SURFACES
 
@@ -132,7 +132,7 @@ def rotor_station(path: SignalPath) -> None:
             rotor=one,
             input=u,
             thrust=path.parameter[effectiveness(one.name)] * one.static_thrust(u),
-            torque=one.spin * path.parameter[torque(one.name)],
+            torque=one.spin * one.torque,
             position=list(one.position),
         )
     path.drag = {axis: path.parameter.get(f"drag_{axis}", 0.0) for axis in "xyz"}

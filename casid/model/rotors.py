@@ -297,10 +297,13 @@ class Rotors:
         return found
 
     def parameters(self) -> dict[str, tuple[float, float]]:
-        """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated."""
+        """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated.
+
+        Reaction torques are as in the file: steady flight balances them, whatever their size, and what quick commands
+        do to the yaw rate is mostly the inertia of the rotors.
+        """
         share = self.relative_uncertainty
         found = {effectiveness(one.name): (one.effectiveness, one.effectiveness_std(share)) for one in self.each}
-        found |= {torque(one.name): (one.torque, share * abs(one.torque)) for one in self.each}
         for axis, value in zip("xyz", self.drag, strict=True):
             if value:
                 found[f"drag_{axis}"] = value, share * abs(value)
@@ -317,7 +320,6 @@ class Rotors:
                 one,
                 effectiveness=values.get(effectiveness(one.name), one.effectiveness),
                 std=std.get(effectiveness(one.name), one.std),
-                torque=values.get(torque(one.name), one.torque),
             )
             for one in self.each
         )
@@ -333,14 +335,9 @@ def effectiveness(name: str) -> str:
     return f"effectiveness_{name}"
 
 
-def torque(name: str) -> str:
-    """Name of the parameter of a rotor's reaction torque per thrust."""
-    return f"torque_{name}"
-
-
 def unit_of_parameter(name: str) -> str:
     """SI unit of one of `Rotors.parameters`."""
-    units = {"effectiveness": "1", "torque": "m", "drag": "N s/m", "inflow": "s/m", "voltage": "1"}
+    units = {"effectiveness": "1", "drag": "N s/m", "inflow": "s/m", "voltage": "1"}
     return units[name.partition("_")[0]]
 
 

@@ -36,6 +36,7 @@ from casid.model.station import control, equation
 from casid.model.system import Model
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
+from casid.records.thinning import averaged
 
 HORIZON_S = 0.5  # over which a simulation is compared with a record: a tumble of a small multirotor takes as long
 _ACCELERATIONS = ("pdot", "qdot", "rdot")  # computed from the rates, and nothing new
@@ -49,7 +50,10 @@ _WORDS = {
 }
 _DISTURBED, _LEAST = 0.03, 0.01  # process noise to begin with, of the weight; the least, of that
 _TINY = 1e-120
-_SMOOTHED, _SWEEPS, _FACTORS = 2, 4, (4.0, 2.0, 1.4)
+_SMOOTHED, _SWEEPS, _FACTORS = 1, 4, (4.0, 2.0, 1.4)
+_NOT_NOISE = 0.3  # part of the variation of a reading above which it is motion
+_ALIKE = (("f_u", "f_v"), ("f_w",), ("f_p", "f_q"), ("f_r",))  # equations whose disturbances are of one size
+_RATE_HZ = 30.0  # a rotor answers within 0.03 to 0.1 s; what is faster in a log is aliased
 _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origin, or none
 _UNSTATED = 0.05  # 1-sigma of an effectiveness that is not stated: normal flights of one airframe scatter by 2 to 5 %
 
@@ -123,7 +127,8 @@ def _usual_offset(channel: str, aircraft: Aircraft) -> float:
 
 def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str]) -> tuple[Record, ...]:
     """The records with all inputs of the model, without readings that only repeat the one before."""
-    return tuple(as_updated(flight_inputs(aircraft, record), outputs) for record in records)
+    ready = (as_updated(flight_inputs(aircraft, record), outputs) for record in records)
+    return tuple(averaged(one, every) if (every := int(1.0 / (one.dt * _RATE_HZ))) > 1 else one for one in ready)
 
 
 def _built(aircraft: Aircraft, outputs: Sequence[str], effects: Sequence[Effect]) -> Model:
@@ -184,21 +189,24 @@ def most_likely_noise(
         taken = (vectors[:, kept].T @ (basis.T @ left)) ** 2 / values[kept]
         return float(left @ left - taken.sum() + np.sum(kalman.log_determinant))
 
-    tables = {"white": white, "sigma": sigma}
-    least = {"white": {n: _LEAST * v for n, v in white.items()}, "sigma": {n: 0.5 * v for n, v in read.items()}}
+    groups = [(white, names) for names in _ALIKE] + [(sigma, (name,)) for name in sigma]
+    bounds = {name: (_LEAST * value, value / _LEAST) for name, value in white.items()}
+    for i, name in enumerate(model.outputs):
+        varies = float(np.nanstd(batch.Z[..., i][batch.live]))
+        bounds[name] = (0.5 * read[name], max(_NOT_NOISE * varies, read[name]))
     lowest = deviance(sigma, white)
     for factor in _FACTORS:
         for _ in range(_SWEEPS):
             before = lowest
-            for which, name in [(which, name) for which, table in tables.items() for name in table]:
-                here = tables[which][name]
+            for table, names in groups:
+                here = {name: table[name] for name in names}
                 for by in (factor, 1.0 / factor):
-                    tables[which][name] = max(here * by, least[which][name])
+                    table |= {name: float(np.clip(value * by, *bounds[name])) for name, value in here.items()}
                     found = deviance(sigma, white)
                     if found < lowest - 0.5:
                         lowest = found
                         break
-                    tables[which][name] = here
+                    table |= here
             if before - lowest < 2.0:
                 break
     return sigma, white
