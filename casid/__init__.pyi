@@ -68,6 +68,7 @@ from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.external import external_function
 from casid.model.feedback import SampledFeedback
 from casid.model.port import ModelPort
+from casid.model.rotors import Rotor, Rotors, Voltage
 from casid.model.simulate import Simulation, simulate
 from casid.model.system import Model, define_model, define_regression
 from casid.model.tables import Table, table
@@ -140,6 +141,8 @@ __all__ = [
     "ResponseFit",
     "ResponseParameter",
     "Results",
+    "Rotor",
+    "Rotors",
     "SampledFeedback",
     "Segment",
     "Simulation",
@@ -156,6 +159,7 @@ __all__ = [
     "TrackedDerivatives",
     "TransferFunction",
     "Trim",
+    "Voltage",
     "aircraft_model",
     "bootstrap",
     "check",

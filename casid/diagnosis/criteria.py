@@ -16,6 +16,7 @@ from typing import Any
 from casid.criterion import Criterion, Value, listed, number, overridden
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.systems.library import SystemCriteria
+from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 
 _GAIN = "2 ln L"
@@ -563,6 +564,7 @@ class Criteria:
     verdict: VerdictCriteria = VerdictCriteria()
     priors: Priors = Priors()
     systems: SystemCriteria = SystemCriteria()
+    rotors: RotorCriteria = RotorCriteria()
     numerics: Numerics = Numerics()
 
     @property

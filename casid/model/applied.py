@@ -24,6 +24,7 @@ from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.path import INTEGRALS, aerodynamic_parameters
+from casid.model.rotors import with_values
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.signals import SURFACES, scale_of
@@ -219,7 +220,7 @@ def with_estimates(aircraft: Aircraft, values: Mapping[str, float], std: Mapping
     known_std = {name: std[name] for name in named if math.isfinite(std.get(name, math.nan))}
     changed = aircraft.with_derivatives(derivatives).with_terms(terms)
     if aircraft.rotors is not None:
-        changed = replace(changed, rotors=aircraft.rotors.with_values(values, std))
+        changed = replace(changed, rotors=with_values(aircraft.rotors, values, std))
     return replace(changed, tables=tables, std={**aircraft.std, **known_std}, effects=tuple(effects))
 
 

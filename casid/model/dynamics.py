@@ -31,7 +31,7 @@ from casid.model.path import (
     fly,
     input_names,
 )
-from casid.model.rotors import Rotors, acting, command, delay_of, lag_of, thrust_of, unit_of_parameter
+from casid.model.rotors import Rotors, acting, command, delay_of, lag_of, parameters_of, thrust_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
 from casid.model.system import EquationForm, Model
 from casid.model.tables import Table
@@ -235,7 +235,7 @@ def _slope(record: Record, series: np.ndarray) -> np.ndarray:
     window = min(2 * max(round(_SLOPE_S / (2.0 * record.dt)), 1) + 1, (len(record) - 1) // 2 * 2 + 1)
     if window < 3:
         return np.gradient(whole, record.t)
-    return savgol_filter(whole, window, 2, deriv=1, delta=record.dt, mode="interp")
+    return np.asarray(savgol_filter(whole, window, 2, deriv=1, delta=record.dt, mode="interp"))
 
 
 def _measured_flight(
@@ -314,22 +314,15 @@ def aircraft_model(
     (('u', 'w', 'q', 'theta'), ('alpha', 'q'))
     """
     aircraft = given_aircraft(aircraft, "aircraft_model")
-    if axes not in MOVING:
-        raise unknown("axes", str(axes), MOVING, "aircraft_model")
-    if aircraft.rotors is not None and axes != "full":
-        raise InputError(f"aircraft_model: axes is '{axes}'; the rotors of '{aircraft.name}' move all: write 'full'")
+    _check_axes(aircraft, axes)
+    given, by_equations = tuple(known), equations and not aircraft.rotors
     moving, chosen, moved = MOVING[axes], _outputs(aircraft, axes, outputs), moved_coefficients(aircraft, axes)
-    values, aerodynamic = _effect_values(aircraft), _aerodynamic_values(aircraft)
+    values, aerodynamic = _effect_values(aircraft), _given_values(aircraft)
     symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
-    of_rotors = aircraft.rotors.parameters() if aircraft.rotors else {}
-    read = outputs_of(aircraft) if aircraft.rotors else OUTPUTS
-    read = (*read, *(name for name in (*INTEGRALS, *GROUND) if name in further or (name in GROUND and name in chosen)))
-    nominal = aerodynamic | {name: value for name, (value, _) in of_rotors.items()}
-    nominal |= {f"bias_{o}": 0.0 for o in read}
+    nominal = aerodynamic | {f"bias_{o}": 0.0 for o in _read(aircraft, {*further, *chosen})}
     nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
-    given = tuple(known)
     disturbances = tuple(d for d in disturbance_names(aircraft) if d not in given)
     inputs = (*input_names(aircraft), *(s for s in STATES if s not in moving), *given)
     x, u, p, w = (
@@ -365,22 +358,37 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std=_prior_std(aircraft, aerodynamic) | {name: std for name, (_, std) in of_rotors.items() if std > 0.0},
-        equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given)
-        if equations and aircraft.rotors is None
-        else None,
+        prior_std=_prior_std(aircraft, aerodynamic),
+        equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if by_equations else None,
         units=parameter_units(nominal, symbolic, aircraft.tables, aircraft.rotors),
     )
 
 
-def _aerodynamic_values(aircraft: Aircraft) -> dict[str, float]:
-    """Derivatives and terms of the file, and the values of its free tables."""
+def _check_axes(aircraft: Aircraft, axes: str) -> None:
+    if axes not in MOVING:
+        raise unknown("axes", str(axes), MOVING, "aircraft_model")
+    if aircraft.rotors is not None and axes != "full":
+        raise InputError(f"aircraft_model: axes is '{axes}'; the rotors of '{aircraft.name}' move all: write 'full'")
+
+
+def _read(aircraft: Aircraft, asked: Iterable[str]) -> tuple[str, ...]:
+    """The channels whose instruments have an offset in a model: those of the axes, and further ones that are asked."""
+    own = outputs_of(aircraft) if aircraft.rotors else OUTPUTS
+    return (*own, *(name for name in (*INTEGRALS, *GROUND) if name in asked))
+
+
+def _given_values(aircraft: Aircraft) -> dict[str, float]:
+    """Derivatives and terms of the file, the values of its free tables, and numbers of its rotors."""
     derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
-    return derivatives | {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
+    derivatives |= {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
+    of_rotors = parameters_of(aircraft.rotors) if aircraft.rotors else {}
+    return derivatives | {name: value for name, (value, _) in of_rotors.items()}
 
 
 def _prior_std(aircraft: Aircraft, values: Mapping[str, float]) -> dict[str, float]:
     stds = {name: (aircraft.relative_uncertainty or 0.0) * abs(value) for name, value in values.items()}
+    if aircraft.rotors is not None:
+        stds |= {name: std for name, (_, std) in parameters_of(aircraft.rotors).items()}
     return {name: std for name, std in stds.items() if std > 0.0}
 
 
@@ -429,7 +437,7 @@ def parameter_units(
     """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
     units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
     units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
-    units |= {name: unit_of_parameter(name) for name in rotors.parameters()} if rotors else {}
+    units |= {name: unit_of_parameter(name) for name in parameters_of(rotors)} if rotors else {}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
         for name in names

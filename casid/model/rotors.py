@@ -194,10 +194,6 @@ class Rotor:
             raise InputError(f"rotor '{self.name}': no input gives a thrust of {thrust:.4g} N")
         return min(real)
 
-    def effectiveness_std(self, relative: float) -> float:
-        """1-sigma of `effectiveness`: its own, or a `relative` one of the file; 0 where neither is stated."""
-        return self.std or relative * self.effectiveness
-
     @property
     def moment_arm(self) -> tuple[float, ...]:
         """Moment about the centre of gravity per thrust by its position, position x axis [m]."""
@@ -296,47 +292,49 @@ class Rotors:
             raise unknown("rotor", target, (*self.names, ALL))
         return found
 
-    def parameters(self) -> dict[str, tuple[float, float]]:
-        """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated.
-
-        Reaction torques are as in the file: steady flight balances them, whatever their size, and what quick commands
-        do to the yaw rate is mostly the inertia of the rotors.
-        """
-        share = self.relative_uncertainty
-        found = {effectiveness(one.name): (one.effectiveness, one.effectiveness_std(share)) for one in self.each}
-        for axis, value in zip("xyz", self.drag, strict=True):
-            if value:
-                found[f"drag_{axis}"] = value, share * abs(value)
-        if self.inflow:
-            found["inflow"] = self.inflow, share * abs(self.inflow)
-        if self.voltage and self.voltage.exponent:
-            found["voltage_exponent"] = self.voltage.exponent, share * abs(self.voltage.exponent)
-        return found
-
-    def with_values(self, values: Mapping[str, float], std: Mapping[str, float]) -> Rotors:
-        """The same rotors with other values of `parameters`, and their standard deviations."""
-        each = tuple(
-            replace(
-                one,
-                effectiveness=values.get(effectiveness(one.name), one.effectiveness),
-                std=std.get(effectiveness(one.name), one.std),
-            )
-            for one in self.each
-        )
-        drag = tuple(values.get(f"drag_{axis}", value) for axis, value in zip("xyz", self.drag, strict=True))
-        voltage = self.voltage
-        if voltage is not None:
-            voltage = replace(voltage, exponent=values.get("voltage_exponent", voltage.exponent))
-        return replace(self, each=each, drag=drag, inflow=values.get("inflow", self.inflow), voltage=voltage)
-
 
 def effectiveness(name: str) -> str:
     """Name of the parameter that multiplies the thrust of a rotor."""
     return f"effectiveness_{name}"
 
 
+def parameters_of(rotors: Rotors) -> dict[str, tuple[float, float]]:
+    """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated.
+
+    Reaction torques are as in the file: steady flight balances them, whatever their size, and what quick commands
+    do to the yaw rate is mostly the inertia of the rotors.
+    """
+    share = rotors.relative_uncertainty
+    found = {effectiveness(one.name): (one.effectiveness, one.std or share * one.effectiveness) for one in rotors.each}
+    for axis, value in zip("xyz", rotors.drag, strict=True):
+        if value:
+            found[f"drag_{axis}"] = value, share * abs(value)
+    if rotors.inflow:
+        found["inflow"] = rotors.inflow, share * abs(rotors.inflow)
+    if rotors.voltage and rotors.voltage.exponent:
+        found["voltage_exponent"] = rotors.voltage.exponent, share * abs(rotors.voltage.exponent)
+    return found
+
+
+def with_values(rotors: Rotors, values: Mapping[str, float], std: Mapping[str, float]) -> Rotors:
+    """The same rotors with other values of `parameters_of`, and their standard deviations."""
+    each = tuple(
+        replace(
+            one,
+            effectiveness=values.get(effectiveness(one.name), one.effectiveness),
+            std=std.get(effectiveness(one.name), one.std),
+        )
+        for one in rotors.each
+    )
+    drag = tuple(values.get(f"drag_{axis}", value) for axis, value in zip("xyz", rotors.drag, strict=True))
+    voltage = rotors.voltage
+    if voltage is not None:
+        voltage = replace(voltage, exponent=values.get("voltage_exponent", voltage.exponent))
+    return replace(rotors, each=each, drag=drag, inflow=values.get("inflow", rotors.inflow), voltage=voltage)
+
+
 def unit_of_parameter(name: str) -> str:
-    """SI unit of one of `Rotors.parameters`."""
+    """SI unit of one of `parameters_of`."""
     units = {"effectiveness": "1", "drag": "N s/m", "inflow": "s/m", "voltage": "1"}
     return units[name.partition("_")[0]]
 

@@ -9,7 +9,7 @@ likely one beside all parameters and a constant at every equation.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,8 +22,9 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
+from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
-from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
+from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.aircraft import Aircraft
 from casid.model.causes import sensor_bias
@@ -38,7 +39,6 @@ from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 from casid.records.thinning import averaged
 
-HORIZON_S = 0.5  # over which a simulation is compared with a record: a tumble of a small multirotor takes as long
 _ACCELERATIONS = ("pdot", "qdot", "rdot")  # computed from the rates, and nothing new
 _WORDS = {
     "u": "the force along x",
@@ -48,14 +48,8 @@ _WORDS = {
     "q": "the pitching moment",
     "r": "the yawing moment",
 }
-_DISTURBED, _LEAST = 0.03, 0.01  # process noise to begin with, of the weight; the least, of that
-_TINY = 1e-120
-_SMOOTHED, _SWEEPS, _FACTORS = 1, 4, (4.0, 2.0, 1.4)
-_NOT_NOISE = 0.3  # part of the variation of a reading above which it is motion
 _ALIKE = (("f_u", "f_v"), ("f_w",), ("f_p", "f_q"), ("f_r",))  # equations whose disturbances are of one size
-_RATE_HZ = 30.0  # a rotor answers within 0.03 to 0.1 s; what is faster in a log is aliased
 _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origin, or none
-_UNSTATED = 0.05  # 1-sigma of an effectiveness that is not stated: normal flights of one airframe scatter by 2 to 5 %
 
 
 def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> tuple[str, ...]:
@@ -70,13 +64,13 @@ def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Cr
     return found
 
 
-def with_stated_uncertainty(aircraft: Aircraft) -> Aircraft:
+def with_stated_uncertainty(aircraft: Aircraft, usual: float) -> Aircraft:
     """The aircraft with a usual uncertainty of its rotors where its file states none."""
     rotors = aircraft.rotors
     assert rotors is not None
     if rotors.relative_uncertainty or any(one.std for one in rotors.each):
         return aircraft
-    return replace(aircraft, rotors=replace(rotors, relative_uncertainty=_UNSTATED))
+    return replace(aircraft, rotors=replace(rotors, relative_uncertainty=usual))
 
 
 def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> Plant:
@@ -84,10 +78,10 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
 
     Raises InputError for records that lack an input of a rotor, or every rate.
     """
-    aircraft = with_stated_uncertainty(aircraft)
+    aircraft = with_stated_uncertainty(aircraft, criteria.rotors.effectiveness)
     assert aircraft.rotors is not None
     outputs = measured_outputs(aircraft, records, criteria)
-    ready = prepared(aircraft, records, outputs)
+    ready = prepared(aircraft, records, outputs, criteria.rotors.rate)
     build = partial(_built, aircraft, outputs)
     base = build(())
     offsets = {f"bias_{name}": _usual_offset(name, aircraft) for name in outputs if name not in _WHERE}
@@ -98,25 +92,29 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         *(Port(kind="output", name=name) for name in outputs),
     )
     commanded = {name: pooled_sigma([record[name] for record in ready]) for name in aircraft.rotors.names}
-    inputs = {control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0}
-    sigma, white = most_likely_noise(aircraft, base, ready, free, noise_of(base, ready, criteria.noise), inputs)
+    by_band = NoiseModel(
+        measurement=noise_of(base, ready, criteria.noise),
+        white=_usual_disturbances(aircraft, criteria.rotors.disturbed),
+        inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
+    )
+    noise = most_likely_noise(base, ready, free, by_band, criteria.rotors)
     effects = [_in_all_records(e) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
     return Plant(
         base=base,
         freed=free,
         ports=ports,
         records=ready,
-        sigma=sigma,
-        white=white,
-        input_sigma=inputs,
+        sigma=dict(noise.measurement),
+        white=noise.white,
+        input_sigma=dict(noise.inputs),
         terms_of={},
         criteria=for_systems(criteria, float(np.median([record.duration for record in ready]))),
         effects=effects,
         sizes=RotorSizes(aircraft=aircraft),
         channels=tuple(name for name in ready[0].channels if name not in (*outputs, *base.inputs)),
         build=build,
-        prepare=partial(prepared, aircraft, outputs=outputs),
-        horizon=HORIZON_S,
+        prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
+        horizon=criteria.rotors.horizon,
     )
 
 
@@ -125,10 +123,10 @@ def _usual_offset(channel: str, aircraft: Aircraft) -> float:
     return float(sensor_bias(channel).smallest_that_matters(aircraft) or np.inf)
 
 
-def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str]) -> tuple[Record, ...]:
+def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str], rate: float) -> tuple[Record, ...]:
     """The records with all inputs of the model, without readings that only repeat the one before."""
     ready = (as_updated(flight_inputs(aircraft, record), outputs) for record in records)
-    return tuple(averaged(one, every) if (every := int(1.0 / (one.dt * _RATE_HZ))) > 1 else one for one in ready)
+    return tuple(averaged(one, every) if (every := int(1.0 / (one.dt * rate))) > 1 else one for one in ready)
 
 
 def _built(aircraft: Aircraft, outputs: Sequence[str], effects: Sequence[Effect]) -> Model:
@@ -149,73 +147,73 @@ def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
 
 
 def most_likely_noise(
-    aircraft: Aircraft,
-    model: Model,
-    records: Sequence[Record],
-    free: Sequence[str],
-    read: Mapping[str, float],
-    inputs: Mapping[str, float],
-) -> tuple[dict[str, float], dict[str, float]]:
-    """(output -> 1-sigma, equation -> 1-sigma of process noise) by coordinate ascent of the likelihood, with the free
-    parameters and a constant at every equation of motion eliminated. `read` is the noise of the readings by their high
-    band; a reading may have more, for a filter or a slow update hides some of it, and hardly less."""
-    functions, batch = PointFunctions(model, free), make_batch(model, records)
-    P = np.tile(model.nominal_vector(), (len(records), 1))
-    sigma, white = dict(read), _usual_disturbances(aircraft)
-    samples, many = batch.live.shape
-    X = np.zeros((samples, many, len(model.states)))
-    for j, record in enumerate(records):
-        guess = model.guess(record)
-        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
-    for _ in range(_SMOOTHED):
-        linear = linearise(functions, batch, P, X)
-        smoother = kalman_filter(linear, NoiseModel(measurement=sigma, white=white, inputs=inputs))
-        X = X + smoother.smooth(*residual_column(linear))[0][..., : len(model.states)]
-    linear = linearise(functions, batch, P, X)
-    stations = [model.disturbances.index(name) for name in white]
-    ones = np.broadcast_to(batch.live[..., None].astype(float), (*batch.live.shape, len(white)))
-    Y, F = residual_column(linear)
+    model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, by: RotorCriteria
+) -> NoiseModel:
+    """The noise of readings and process noise by coordinate ascent of the likelihood.
 
-    def deviance(sigma: Mapping[str, float], white: Mapping[str, float]) -> float:
-        kalman = kalman_filter(linear, NoiseModel(measurement=sigma, white=white, inputs=inputs))
-        left = kalman.whiten(Y, F).reshape(-1)
-        columns = [kalman.whiten_histories(stations, ones), kalman.whiten(linear.Dp, linear.Bp)]
-        basis = np.concatenate([one.reshape(len(left), -1) for one in columns], axis=1)
-        basis[np.abs(basis) < _TINY] = 0.0  # numbers below the normal ones take a hundred times as long
-        scale = np.sqrt(np.sum(basis**2, axis=0))
-        basis = basis[:, scale > 0.0] / scale[scale > 0.0]
-        values, vectors = np.linalg.eigh(basis.T @ basis)
-        kept = values > 1e-10 * values[-1]
-        taken = (vectors[:, kept].T @ (basis.T @ left)) ** 2 / values[kept]
-        return float(left @ left - taken.sum() + np.sum(kalman.log_determinant))
-
+    At the `start`, the noise of the readings is that of their high band: a reading may have more, for a filter or a
+    slow update hides some of it, and hardly less.
+    """
+    linear = _smoothed(model, records, free, start)
+    sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
+    bounds = {name: (value / by.widest, value * by.widest) for name, value in white.items()}
+    for i, (name, read) in enumerate(start.measurement.items()):
+        varies = float(np.std(Z[..., i][linear.seen[..., i]]))
+        bounds[name] = (by.least * read, max(by.not_noise * varies, read))
     groups = [(white, names) for names in _ALIKE] + [(sigma, (name,)) for name in sigma]
-    bounds = {name: (_LEAST * value, value / _LEAST) for name, value in white.items()}
-    for i, name in enumerate(model.outputs):
-        varies = float(np.nanstd(batch.Z[..., i][batch.live]))
-        bounds[name] = (0.5 * read[name], max(_NOT_NOISE * varies, read[name]))
-    lowest = deviance(sigma, white)
-    for factor in _FACTORS:
-        for _ in range(_SWEEPS):
+    lowest = _deviance(linear, start)
+    for factor in by.factors:
+        for _ in range(by.sweeps):
             before = lowest
             for table, names in groups:
                 here = {name: table[name] for name in names}
-                for by in (factor, 1.0 / factor):
-                    table |= {name: float(np.clip(value * by, *bounds[name])) for name, value in here.items()}
-                    found = deviance(sigma, white)
-                    if found < lowest - 0.5:
+                for times in (factor, 1.0 / factor):
+                    table.update({name: float(np.clip(value * times, *bounds[name])) for name, value in here.items()})
+                    found = _deviance(linear, replace(start, measurement=sigma, white=white))
+                    if found < lowest:
                         lowest = found
                         break
-                    table |= here
-            if before - lowest < 2.0:
+                    table.update(here)
+            if before - lowest < by.gained:
                 break
-    return sigma, white
+    return replace(start, measurement=sigma, white=white)
 
 
-def _usual_disturbances(aircraft: Aircraft) -> dict[str, float]:
+def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], noise: NoiseModel) -> Linear:
+    """The model linearised about the motion that a smoother makes of the measured one."""
+    functions, batch = PointFunctions(model, free), make_batch(model, records)
+    P, many = np.tile(model.nominal_vector(), (len(records), 1)), len(records)
+    X = np.zeros((len(batch.live), many, len(model.states)))
+    for j, record in enumerate(records):
+        guess = model.guess(record)
+        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    measured = linearise(functions, batch, P, X)
+    moved, _ = kalman_filter(measured, noise).smooth(*residual_column(measured))
+    return linearise(functions, batch, P, X + moved[..., : len(model.states)])
+
+
+def _deviance(linear: Linear, noise: NoiseModel) -> float:
+    """Deviance under a noise, with the free parameters and a constant at every equation of motion eliminated."""
+    kalman = kalman_filter(linear, noise)
+    stations = [linear.model.disturbances.index(name) for name in noise.white]
+    ones = np.ones((*linear.X.shape[:2], len(stations)))
+    left = kalman.whiten(*residual_column(linear)).reshape(-1)
+    columns = [kalman.whiten_histories(stations, ones), kalman.whiten(linear.Dp, linear.Bp)]
+    basis = np.concatenate([one.reshape(len(left), -1) for one in columns], axis=1)
+    negligible = np.abs(basis) < np.sqrt(np.finfo(float).tiny)  # products below the normal numbers are slow
+    basis[negligible] = 0.0
+    scale = np.sqrt(np.sum(basis**2, axis=0))
+    basis = basis[:, scale > 0.0] / scale[scale > 0.0]
+    values, vectors = np.linalg.eigh(basis.T @ basis)
+    kept = values > 1e-10 * values[-1]
+    taken = (vectors[:, kept].T @ (basis.T @ left)) ** 2 / values[kept]
+    return float(left @ left - taken.sum() + np.sum(kalman.log_determinant))
+
+
+def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
     """Equation -> 1-sigma of process noise that a part of the weight makes, at the arm of a rotor."""
     assert aircraft.rotors is not None
-    force = _DISTURBED * aircraft.gravity
+    force = part * aircraft.gravity
     arm = max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
     moment = force * aircraft.mass * arm
     inertia = {"p": aircraft.inertia.Ixx, "q": aircraft.inertia.Iyy, "r": aircraft.inertia.Izz}

@@ -1,0 +1,37 @@
+"""Numbers of a diagnosis that hold for aircraft with rotors alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from casid.criterion import number
+
+
+@dataclass(frozen=True, kw_only=True)
+class RotorCriteria:
+    """Records of aircraft with rotors: their rate, their noise and what is usual of a rotor."""
+
+    horizon: float = number(
+        0.5,
+        "time over which a simulation is compared with a record, from the most likely motion on",
+        "derived: a moment of a few per cent of that of a rotor has then turned a small multirotor over",
+        unit="s",
+    )
+    rate: float = number(
+        30.0,
+        "rate to which records are averaged; what is faster in the log of a command is aliased",
+        "derived: rotors answer within 0.03 to 0.1 s",
+        unit="Hz",
+    )
+    effectiveness: float = number(
+        0.05,
+        "1-sigma of the effectiveness of a rotor for which the file states none",
+        "measured: normal flights of one airframe scatter by 2 to 5 % (CrazyPAD)",
+    )
+    disturbed: float = number(0.03, "part of the weight at which the search for the size of disturbances begins")
+    widest: float = number(100.0, "factor within which the sizes of disturbances are sought, from there")
+    not_noise: float = number(0.3, "part of the variation of a reading above which it is motion and no noise")
+    least: float = number(0.5, "part of the noise of a reading by its high band below which it is not sought")
+    factors: tuple[float, ...] = number((4.0, 2.0, 1.4), "steps by which sizes of noise are sought")
+    sweeps: int = number(4, "largest number of rounds of that search with each step")
+    gained: float = number(2.0, "decrease of the deviance below which a round is the last one")
