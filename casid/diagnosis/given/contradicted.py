@@ -481,8 +481,9 @@ def common_factors(
 ) -> tuple[Factor, ...]:
     """The common factors of groups of derivatives, the largest group first. A derivative is in one group at most.
 
-    A group has a common factor if every derivative that flight determines is consistent with it, and if the factor
-    differs from 1 by more than its standard deviations and by more than 10 %. At least two derivatives are required.
+    A group has a common factor if every derivative that flight determines is consistent with it, if the factor differs
+    from 1 by more than its standard deviations and by more than 10 %, and if it is clearly more likely than errors of
+    the stated size that have nothing to do with each other. At least two derivatives are required.
     `slopes` are those of derivatives by tables and own aerodynamics, to which the derivatives of the file are
     increments.
     """
@@ -491,7 +492,7 @@ def common_factors(
     for group in _GROUPS:
         members = [one for one in left if group.holds(one.coefficient, one.variable)]
         scope = {(one.coefficient, one.variable) for one in members}
-        if len(scope) < 2 or (factor := _common(members, by)) is None:
+        if len(scope) < 2 or (factor := _common(members, by, aircraft.relative_uncertainty)) is None:
             continue
         value, std = factor
         names = tuple(one.name for one in members)
@@ -518,8 +519,8 @@ def _ratios(
     return found
 
 
-def _common(members: Sequence[_Ratio], criteria: Criteria) -> tuple[float, float] | None:
-    """The common factor and its 1-sigma; None where there is none."""
+def _common(members: Sequence[_Ratio], criteria: Criteria, stated: float) -> tuple[float, float] | None:
+    """The common factor and its 1-sigma; None where there is none. `stated` is the relative 1-sigma of the file."""
     weights = [one.std**-2 for one in members]
     value = math.fsum(w * one.ratio for w, one in zip(weights, members, strict=True)) / math.fsum(weights)
     std = math.fsum(weights) ** -0.5
@@ -527,7 +528,15 @@ def _common(members: Sequence[_Ratio], criteria: Criteria) -> tuple[float, float
     alike = all(abs(one.ratio - value) <= sigmas * one.std for one in members)
     other = abs(value - 1.0) > max(sigmas * std, by.unstated)
     each = sum(abs(one.ratio - 1.0) > sigmas * one.std for one in members)
-    return (value, std) if alike and other and value > 0.0 and each >= 2 else None
+    together = _deviance(members, value, 0.0) + math.log(len(members))
+    likelier = _deviance(members, 1.0, stated or by.unstated) - together > criteria.significance.chance
+    return (value, std) if alike and other and likelier and value > 0.0 and each >= 2 else None
+
+
+def _deviance(members: Sequence[_Ratio], about: float, scatter: float) -> float:
+    """-2 ln L of the ratios, up to a constant, that scatter about one value with a 1-sigma beside their own."""
+    variances = [one.std**2 + scatter**2 for one in members]
+    return math.fsum((one.ratio - about) ** 2 / v + math.log(v) for one, v in zip(members, variances, strict=True))
 
 
 def borne_out(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from small_flight import records
 
@@ -47,6 +48,23 @@ def test_a_wrong_gearing_is_one_factor_on_a_surface() -> None:
     scale = {name: 0.7 for name in FILE.derivatives if name.endswith("_delta_a")}
     (found,) = common_factors(FILE, flown(scale))
     assert "delta_a" in found.row and found.factor == pytest.approx(0.7, abs=3.0 * found.std)
+
+
+@pytest.mark.parametrize(("variables", "row"), [("pr", "the lateral rates"), ("q", "the pitch rate")])
+def test_a_wrong_rate_length_is_one_factor_on_a_column(variables: str, row: str) -> None:
+    scale = {name: 2.0 for name in FILE.derivatives if name.split("_", 1)[1] in variables}
+    (found,) = common_factors(FILE, flown(scale, 0.03))
+    assert row in found.row and found.factor == pytest.approx(2.0, abs=3.0 * found.std)
+
+
+def test_errors_that_have_nothing_to_do_with_each_other_are_no_factor() -> None:
+    """Each derivative is off by its own error of 20 %, as the file states: a pair is alike by chance now and then."""
+    told = 0
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        scale = {name: float(np.exp(0.2 * rng.standard_normal())) for name in FILE.derivatives}
+        told += len(common_factors(replace(FILE, relative_uncertainty=0.2), flown(scale, 0.02)))
+    assert told <= 10  # of some 2000 groups
 
 
 def test_a_file_that_is_right_has_no_factor() -> None:
