@@ -104,9 +104,8 @@ def diagnose_aircraft(
 
         found = judged(state, given, scope.held, part, stages)
         std = {name: one.std for name, one in found.flight.items() if one.determined}
-        found = replace(
-            found, part=OfAircraft(file=aircraft, extended=with_estimates(found.extended_aircraft, {}, std))
-        )
+        extended = with_estimates(found.extended_aircraft, {}, std)
+        found = replace(found, part=OfAircraft(file=aircraft, extended=aircraft if is_worse(found) else extended))
         return concluded(
             found,
             scope.contradicted(aircraft, found.flight),
@@ -115,6 +114,12 @@ def diagnose_aircraft(
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
+
+
+def is_worse(found: Diagnosis) -> bool:
+    """Whether the extended model is further from the held-out records than the file as given, and is not written."""
+    steps, by = found.budget.together, found.criteria.given
+    return not steps.structure <= by.worse * max(steps.data_mended, steps.noise)
 
 
 def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:
