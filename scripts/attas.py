@@ -142,7 +142,10 @@ def picture(name: str, fit: Fit, independent: Mapping[str, float]) -> Picture:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Lateral and longitudinal derivatives of ATTAS from real flight.")
+    parser = argparse.ArgumentParser(
+        description="Lateral and longitudinal derivatives of ATTAS from real flight.",
+        epilog="Example: python scripts/attas.py data/fvsysid --out out/attas",
+    )
     parser.add_argument("folder", type=Path, metavar="DIR", help="folder with fAttasAilRud1.mat, fAttasElv1.mat ...")
     parser.add_argument("--out", type=out_folder, default=Path("out/attas"), help="folder for the results")
     given = parser.parse_args()

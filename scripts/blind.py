@@ -62,7 +62,10 @@ SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Blind tests of the diagnosis.")
+    parser = argparse.ArgumentParser(
+        description="Blind tests of the diagnosis.",
+        epilog="Example: python scripts/blind.py --sets jsbsim --seeds 1..1 --kinds actuator_lag --jobs 0",
+    )
     parser.add_argument("--sets", nargs="+", choices=SETS, default=["do328", "jsbsim"])
     parser.add_argument("--seeds", default="1..1", help=f"A..B; from {REPORTING_FROM} on for reported results")
     parser.add_argument("--kinds", nargs="+", default=["*"], metavar="GLOB", help="of cases, like 'sensor_*' or clean*")

@@ -33,7 +33,10 @@ _NEVER = "JSBSim ends its process, without control system and engines"
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options = argparse.ArgumentParser(
+        description=(__doc__ or "").splitlines()[0],
+        epilog="Example: python scripts/check_jsbsim.py c172x --states 50",
+    )
     options.add_argument("aircraft", nargs="*", help="names of stock aircraft; default: all")
     options.add_argument("--states", type=int, default=1000)
     options.add_argument("--seed", type=int, default=1)

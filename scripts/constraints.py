@@ -35,7 +35,10 @@ PRICES = ("experiment", "what is known", "largest error", "cost", "constraint", 
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Constraints that rescue an estimate, and their price.")
+    parser = argparse.ArgumentParser(
+        description="Constraints that rescue an estimate, and their price.",
+        epilog="Example: python scripts/constraints.py --experiment tied",
+    )
     parser.add_argument("--experiment", nargs="+", default=list(experiments()), metavar="NAME")
     parser.add_argument("--out", type=out_folder, default=Path("out/constraints"), metavar="DIR")
     parser.error = _one_line

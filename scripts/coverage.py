@@ -42,7 +42,10 @@ SOURCES = (*ENGINE, "problems/studies/coverage.py")
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Coverage of every kind of 95 % interval by Monte Carlo.")
+    parser = argparse.ArgumentParser(
+        description="Coverage of every kind of 95 % interval by Monte Carlo.",
+        epilog="Example: python scripts/coverage.py --runs 20 --draws 19 --kind cramer-rao",
+    )
     parser.add_argument("--runs", type=int, default=500, help="flights per condition")
     parser.add_argument("--draws", type=int, default=99, help="draws of each bootstrap")
     parser.add_argument("--condition", nargs="+", default=list(CONDITIONS), metavar="NAME", help=", ".join(CONDITIONS))

@@ -45,7 +45,10 @@ KINDS = (CLEAN, *CHECKED, *DIAGNOSED)
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Faults of the data, found or not.")
+    parser = argparse.ArgumentParser(
+        description="Faults of the data, found or not.",
+        epilog="Example: python scripts/data_faults.py --seeds 1..1 --kinds data_sign",
+    )
     parser.add_argument("--seeds", default="1..1", help="A..B; from 1000 on for reported results")
     parser.add_argument("--each", type=int, default=1, metavar="N", help="faults of every kind in every flight")
     parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="of faults")

@@ -47,7 +47,10 @@ HEAD = (
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Optimal inputs against the standard 3-2-1-1.")
+    parser = argparse.ArgumentParser(
+        description="Optimal inputs against the standard 3-2-1-1.",
+        epilog="Example: python scripts/design_input.py --experiment longitudinal --shape pulses4 --runs 20",
+    )
     parser.add_argument("--experiment", nargs="+", default=list(EXPERIMENTS), metavar="NAME")
     parser.add_argument("--shape", nargs="+", default=list(SHAPES), metavar="NAME", help=", ".join(SHAPES))
     parser.add_argument("--criterion", choices=("D", "A"), default="D")

@@ -156,7 +156,10 @@ def columns(title: str, rows: dict[str, dict[str, float]]) -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Output error and filter error on the HFB-320 record.")
+    parser = argparse.ArgumentParser(
+        description="Output error and filter error on the HFB-320 record.",
+        epilog="Example: python scripts/hfb320.py data/fvsysid --out out/hfb320",
+    )
     parser.add_argument("path", type=Path, help=f"{FILE}, or the folder that holds it")
     parser.add_argument("--out", type=out_folder, default=Path("out/hfb320"), help="folder for the results")
     given = parser.parse_args()

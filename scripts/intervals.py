@@ -40,7 +40,10 @@ SOURCES = (*ENGINE, "problems/studies/draws.py")
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Every kind of 95 % interval of the derivatives of an aircraft.")
+    parser = argparse.ArgumentParser(
+        description="Every kind of 95 % interval of the derivatives of an aircraft.",
+        epilog="Example: python scripts/intervals.py casid/cli/demo/m1.csv --aircraft casid/cli/demo/aircraft.toml",
+    )
     parser.add_argument("records", nargs="*", metavar="RECORD", help="file, or pattern like 'flight/m*.csv'")
     parser.add_argument("--aircraft", type=Path, metavar="FILE", help="aircraft file (TOML)")
     parser.add_argument("--free", nargs="+", default=[], metavar="GLOB", help="default: all derivatives")

@@ -10,8 +10,6 @@ Expectation  nine of ten causes right; every test in tolerance with the repaired
              DIR/justified.csv (a line per fault), DIR/run.json.
 
     python scripts/justified_tests.py [--faults 10] [--seed 2401] [--out DIR]
-
-Example: `python scripts/justified_tests.py --faults 2 --out out/justified`, some minutes.
 """
 
 from __future__ import annotations
@@ -67,7 +65,8 @@ class Outcome:
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, usage="%(prog)s [options]"
+        description="Tests that a simulator fails, justified and repaired.",
+        epilog="Example: python scripts/justified_tests.py --faults 2",
     )
     parser.add_argument("--faults", type=int, default=len(CASES), help=f"how many, up to {len(CASES)}")
     parser.add_argument("--seed", type=int, default=2401, help="of the flights")

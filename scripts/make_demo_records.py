@@ -37,7 +37,10 @@ def demo_flight(name: str) -> Flight:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Fly the embedded demonstration records.")
+    parser = argparse.ArgumentParser(
+        description="Fly the embedded demonstration records.",
+        epilog="Example: python scripts/make_demo_records.py --out out/demo_records",
+    )
     parser.add_argument("--out", type=out_folder, default=DEMO, help="folder to write to")
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)

@@ -64,7 +64,10 @@ _ROWS = "rows.json"
 
 
 def main() -> None:
-    options = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    options = argparse.ArgumentParser(
+        description=(__doc__ or "").splitlines()[0],
+        epilog="Example: python scripts/own_models.py --of jsbsim --minutes 2",
+    )
     options.add_argument("--of", choices=("jsbsim", "f16"), default="jsbsim")
     options.add_argument("--seed", type=int, default=1)
     options.add_argument("--minutes", type=float, default=15.0, help="after which no set is begun")

@@ -34,7 +34,10 @@ NUMBERS = {"Cl": 3, "Cm": 4, "Cn": 5}
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Figures 1-6 of the paper, ours.")
+    parser = argparse.ArgumentParser(
+        description="Figures 1-6 of the paper, ours.",
+        epilog="Example: python scripts/paper_figures.py --case H --manoeuvre 1",
+    )
     parser.add_argument("--case", default="H", help="letter A to H")
     parser.add_argument("--manoeuvre", type=int, default=1, help="1 to 8")
     parser.add_argument("--variant", type=int, default=2, help="of the nonlinear terms, 1 to 3; 0 in A to D")

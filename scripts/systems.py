@@ -27,7 +27,10 @@ def seeds_of(text: str) -> range:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
+    parser = argparse.ArgumentParser(
+        description=(__doc__ or "").split("\n", maxsplit=1)[0],
+        epilog="Example: python scripts/systems.py --seeds 1..1",
+    )
     parser.add_argument("--seeds", default="1..10")
     parser.add_argument("--systems", nargs="+", default=list(SYSTEMS))
     parser.add_argument("--clean", action="store_true")

@@ -44,7 +44,10 @@ COLUMNS: tuple[str, ...] = ("case", "estimator", "method", "statistic", "value")
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Table 5 of the paper, by our own run.")
+    parser = argparse.ArgumentParser(
+        description="Table 5 of the paper, by our own run.",
+        epilog="Example: python scripts/table5.py --cases A --manoeuvres 1 --method multiple-open",
+    )
     parser.add_argument("--cases", default="A..H", help="letters, like A..H or A,C,F")
     parser.add_argument("--manoeuvres", default="1..8", help="numbers, like 1..8 or 1,3")
     parser.add_argument("--method", default="all", help=f"all, or one of {', '.join(METHODS)}")

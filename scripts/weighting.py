@@ -42,7 +42,10 @@ DOMAINS = {
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Weights of the combined estimator.")
+    parser = argparse.ArgumentParser(
+        description="Weights of the combined estimator.",
+        epilog="Example: python scripts/weighting.py --starts 2 --manoeuvres 1",
+    )
     parser.add_argument("--starts", type=int, default=50, help="random starts per strategy and aircraft")
     parser.add_argument("--manoeuvres", default="1..8", help="numbers, like 1..8 or 1,3")
     where = parser.add_mutually_exclusive_group()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 from pathlib import Path
 from types import ModuleType
@@ -59,3 +60,60 @@ def test_every_equation_becomes_mathml_whole() -> None:
             text = "".join(ElementTree.fromstring(convert(latex)).itertext())
             assert "\\" not in text, (kind, text)
     assert "δ" in "".join(ElementTree.fromstring(convert(r"\delta")).itertext())
+
+
+ROOT = DOCS.parent
+# number of the demonstration or of the rates -> what it stands beside, on every page that has it
+SAME = {
+    "lag of the demonstration [s]": r"lag of\s+(0\.1\d*) s",
+    "error as given": r"as\s+given\s+is\s+off\s+by\s+(\d+)\s+times\s+the\s+noise",
+    "error that is left": r"(\d\.\d) times the[\s>]+noise is left",
+    "statistic of the lag": r"lag has (\d{5})\b",
+    "statistic of the delay": r"delay (\d{5})\b",
+    "JSBSim, first": r"(\d+ of 48)\b",
+    "flights of others, first": r"(?:named first in|in\s+)(9) of 20|named first in (9)",
+}
+
+
+def test_the_front_page_is_short_and_has_what_a_newcomer_needs() -> None:
+    """600 words at most; problem, picture, two commands, own data in five lines, rates, what it cannot see."""
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.split()) <= 600
+    for asked in ("![", "casid demo", "casid diagnose", "docs/how-often.md", "cannot see"):
+        assert asked in text
+    own = re.search(r"five lines\n\n```\n(.*?)```", text, re.DOTALL)
+    assert own is not None and len(own[1].splitlines()) == 5
+    for page in re.findall(r"\]\((docs/[^)#]+)\)", text):
+        assert (ROOT / page).is_file(), page
+
+
+@pytest.mark.parametrize("what", SAME)
+def test_a_number_is_the_same_on_every_page(what: str) -> None:
+    pages = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
+    found = {
+        page.name: {next(filter(None, groups)) for groups in map(re.Match.groups, re.finditer(SAME[what], text))}
+        for page in pages
+        if re.search(SAME[what], text := page.read_text(encoding="utf-8"))
+    }
+    assert found, f"no page has the {what}: take it out of SAME"
+    assert len(set().union(*found.values())) == 1, found
+
+
+@pytest.mark.slow
+def test_numbers_of_the_demonstration_are_those_that_it_gives(tmp_path: Path) -> None:
+    """Of the command that the pages follow, to the digits that they print."""
+    from casid.cli.diagnose import demo
+
+    demo(out=tmp_path / "demo")
+    told = json.loads((tmp_path / "demo" / "diagnosis.json").read_text(encoding="utf-8"))
+    page = (DOCS / "diagnosis.md").read_text(encoding="utf-8")
+    (lag,) = [one for one in told["causes"] if one["name"] == "actuator_lag(delta_e)"]
+    said = re.search(r"The estimate of the lag is (\S+) s with a standard deviation of (\S+) s", page)
+    assert said is not None
+    assert (f"{lag['value']:.4f}", f"{lag['std']:.4f}") == said.groups()
+    by_step = {one["step"]: one for one in told["account"]}
+    for step, words in (("values", "re-estimated values"), ("structure", "added structure")):
+        row = re.search(rf"\| {words}.*?\| (\S+) \| (\S+) \| (\S+) % \|", page)
+        assert row is not None
+        one = by_step[step]
+        assert (f"{one['from']:.1f}", f"{one['to']:.1f}", f"{100 * one['share']:.0f}") == row.groups()

@@ -109,7 +109,7 @@ class DataFindings:
             for name in one.target.split("+"):
                 suspected.setdefault(name, []).append(one.kind.removeprefix("data_"))
         text = as_text(self.table, {name: ", ".join(kinds) for name, kinds in suspected.items()})
-        said = [f"- {one}" for one in self.sentences] or ["Nothing is wrong with these data, as far as they tell."]
+        said = [f"- {one}" for one in self.sentences] or ["No fault of these data was found."]
         return "\n".join([*said, "", text])
 
 

@@ -70,7 +70,7 @@ class Fit:
     population
         Per-record parameter -> the distribution over records, where `Problem.spread` asked for one.
     way
-        What else than the usual way led here, "" if nothing did; `remarks` begin with it.
+        Further solver or transcription that was needed to reach this result, "" if none was; `remarks` begin with it.
 
     Examples
     --------

@@ -1,7 +1,7 @@
 """Noise of a reading that is white in part and slow in part: first-order Gauss-Markov processes beside the white noise.
 
 A reading whose noise is slow tells less than as many independent ones, of what is slow itself; of what is quick it
-tells as much as ever. So white and slow noise are apart: in a Kalman filter the slow one is a state that only this
+tells as much as before. So white and slow noise are apart: in a Kalman filter the slow one is a state that only this
 reading sees. An offset is the slowest: its correlation time is infinite.
 """
 

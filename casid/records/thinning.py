@@ -20,8 +20,8 @@ def thinned(record: Record, rate_hz: float) -> Record:
 def averaged(record: Record, every: int) -> Record:
     """The means of `every` samples after each other, at the mean of their times.
 
-    White noise stays white, and motion of frequency f loses the share (pi f every dt)^2 / 6 of its amplitude. A mean of
-    which a sample is missing is missing. Samples at the end that fill no mean are left out.
+    Averages of white noise are white noise. Motion of frequency f loses the share (pi f every dt)^2 / 6 of its
+    amplitude. A mean of which a sample is missing is missing. Samples at the end that fill no mean are left out.
     """
     if every == 1:
         return record

@@ -244,7 +244,11 @@ def histories(diagnosis: Diagnosis) -> Picture:
     axes[-1].set_xlabel("time t [s]")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     names = ", ".join(label_of(c) for c in channels)
-    part = "" if window.stop - window.start == len(record) else f"The {_WINDOW:.0f} s that tell most. "
+    part = (
+        ""
+        if window.stop - window.start == len(record)
+        else f"{_WINDOW:.0f} s in which the two simulations differ most. "
+    )
     return Picture(
         name="histories",
         figure=figure,

@@ -89,8 +89,8 @@ def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = bla
         title=f"{one.test.id} {one.test.title}",
         histories=True,
         caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
-        "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: begin of the "
-        "manoeuvre.",
+        "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: where the "
+        "manoeuvre begins.",
         alt=f"Time histories of {', '.join(map(told, channels))}: flight, tolerance band and simulation.",
         wide=True,
     )

@@ -47,7 +47,7 @@ _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
 _RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
 _RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
 _LIGHT = 0.03  # damping ratio of a structure
-# what the better instruments of flight test keep to anyway; nor does what drowns in the noise of a reading
+# what the better instruments of flight test keep to anyway; nor does what is smaller than the noise of a reading
 _BIAS_MATTERS = {
     "m/s": 1.0,
     "rad": math.radians(0.25),

@@ -6,7 +6,7 @@ Set-up       one noisy record each of the stable and the destabilised Do 328, op
 Expectation  single shooting fails from most random starts, and always on the unstable aircraft; multiple shooting up to
              25 samples finds the optimum nearly always. DIR/compare_shooting.html and .csv. The same command resumes.
 
-    python benchmarks/compare_shooting.py [--starts 100] [--method NAME ...] [--no-basin]
+    python scripts/compare_shooting.py [--starts 100] [--method NAME ...] [--no-basin]
         [--jobs N | --scheduler ADDRESS] [--resume] [--out DIR]
 """
 
@@ -31,7 +31,10 @@ SOURCES = (*ENGINE, "problems/do328.py", "problems/manoeuvres.py", "problems/pap
 
 
 def arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description="Compare shooting methods by whether they find the right optimum.")
+    parser = argparse.ArgumentParser(
+        description="Compare shooting methods by whether they find the right optimum.",
+        epilog="Example: python scripts/compare_shooting.py --starts 2 --no-basin --method single 'multiple 25'",
+    )
     parser.add_argument("--starts", type=int, default=100, help="random starts per method and aircraft")
     parser.add_argument("--method", nargs="+", default=list(METHODS), metavar="NAME", help=", ".join(METHODS))
     parser.add_argument("--no-basin", action="store_true", help="leave the grid of the basin pictures out")
