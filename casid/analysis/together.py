@@ -102,7 +102,7 @@ class _Runs:
         for _ in range(_ITERATIONS):
             parameters = np.concatenate([common.problem.model_parameters(one) for one in theta])
             trajectory = self.shooting.trajectory(nodes.reshape(B * R, -1), parameters)
-            off = np.where(self.layout.present, trajectory.y - self.layout.z, 0.0)
+            off = self.layout.residuals(trajectory.y)
             squares = (off**2).reshape(B, -1, off.shape[2]).sum(axis=1)
             before, sigma = sigma, self._levels(sigma, squares)
             # one noise for each run, whose patterns follow those of the run before

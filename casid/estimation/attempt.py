@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -11,16 +12,19 @@ from casid.arguments import given
 from casid.errors import EstimationError, InputError
 from casid.estimation.integration import Stepping, integrated, is_implicit
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.effort import Effort
 from casid.estimation.solvers.newton import is_found, to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome
 from casid.estimation.solvers.timed import Timed
+from casid.estimation.stretches import Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
 
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
 _WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
+_REFINING = 60  # evaluations, at least, for steps as fine as the data are worth
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
@@ -45,6 +49,24 @@ class Attempt:
         value = self.outcome.value
         return self.objective.misfit(value) if value.worst() < MET else math.inf
 
+    @cached_property
+    def stretches(self) -> Stretches:
+        """Of short stretches of the records; nothing where it ended without a motion."""
+        value = self.outcome.value
+        if value.trajectory is None or not np.isfinite(value.parameters).all():
+            return Stretches()
+        return by_stretches(self.objective, value, is_implicit(self.method))
+
+    @cached_property
+    def is_slow(self) -> bool:
+        """Whether its residuals are slow."""
+        return is_slow(self.objective, self.outcome.value)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another minimum may be better: residuals are slow, and short stretches do not agree."""
+        return self.is_slow and not self.stretches.agree
+
     @property
     def values(self) -> dict[str, float]:
         """Name -> estimate, of the problem as it is solved."""
@@ -54,9 +76,10 @@ class Attempt:
 
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
-    objective = build_objective(problem, method)
+    objective = build_objective(problem, method, solver.effort)
     outcome, fine = solver.minimise(objective), False
     if isinstance(method, Stepping):
+        solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
         end = integrated(objective, outcome, method, solver)
         objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
     objective, outcome = _freed(objective, outcome, solver)
@@ -72,7 +95,9 @@ def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objec
         pulled = outcome.converged and _pull(objective, outcome, loose) > _PULL
         if not pulled or solver.left <= 0.0:
             break
-        objective = Objective(_with_wider(objective.problem, loose), objective.dynamics, outcome.point)
+        objective = Objective(
+            _with_wider(objective.problem, loose), objective.dynamics, outcome.point, objective.effort
+        )
         outcome = solver.minimise(objective)
     return objective, outcome
 
@@ -93,14 +118,14 @@ def _with_wider(problem: Problem, loose: np.ndarray) -> Problem:
     return replace(problem, initial_state=known)
 
 
-def build_objective(problem: Problem, method: Transcription) -> Objective:
-    """The residuals of a problem in a transcription. Raises as `solve` does."""
+def build_objective(problem: Problem, method: Transcription, effort: Effort | None = None) -> Objective:
+    """The residuals of a problem in a transcription, with a count of evaluations. Raises as `solve` does."""
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     if problem.simulated:
-        return Objective(problem, method.dynamics(problem))
+        return Objective(problem, method.dynamics(problem), effort=effort)
     if isinstance(method, MultipleShooting) and method.process_noise:
         raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
-    return Objective(problem, None)
+    return Objective(problem, None, effort=effort)
 
 
 def check_part(value: object, verb: str, what: str, example: str) -> None:

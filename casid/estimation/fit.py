@@ -425,7 +425,7 @@ class Fit:
         )
         head += f"\n{self.integrator}" if self.integrator else ""
         head += f"\n{self.starts!r}" if self.starts is not None else ""
-        width = max(len(name) for name in self.values)
+        width = max(map(len, self.values), default=len("parameter"))
         lines = [head, *(f"! {remark}" for remark in self.remarks), ""]
         lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'Cramer-Rao':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():

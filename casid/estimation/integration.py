@@ -77,7 +77,9 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
     the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
     steps = _steps_at_start(objective)
-    objective = Objective(objective.problem, replace(implicit, substeps=steps).dynamics(objective.problem))
+    objective = Objective(
+        objective.problem, replace(implicit, substeps=steps).dynamics(objective.problem), effort=objective.effort
+    )
     return _finely(objective, solver.minimise(objective), implicit, solver)
 
 
@@ -113,9 +115,9 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
         method = replace(method, substeps=steps)
         dynamics = method.dynamics(problem)
         begin = _begin(end.outcome.point, coarse, dynamics) if near else None
-        end = _solved(Objective(problem, dynamics, begin), method, solver)
+        end = _solved(Objective(problem, dynamics, begin, objective.effort), method, solver)
         if near and not end.outcome.converged and solver.left > 0.0:
-            anew = _solved(Objective(problem, dynamics), method, solver)
+            anew = _solved(Objective(problem, dynamics, effort=objective.effort), method, solver)
             end = anew if _is_lower(anew, end) else end
     return end
 
@@ -346,8 +348,8 @@ def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarra
     low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
     high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
     sigma = np.maximum(value.noise.levels.sigma[: len(low)], EXACT * np.maximum(high - low, 0.0))
-    off = difference * layout.present / sigma
-    return float((off**2).sum()), float((off * (value.trajectory.y - layout.z) / sigma).sum())
+    off = np.where(layout.present, difference, 0.0) / sigma
+    return float((off**2).sum()), float((off * layout.residuals(value.trajectory.y) / sigma).sum())
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:

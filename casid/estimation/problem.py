@@ -143,7 +143,7 @@ class Problem:
         numbers_by_name(self.fixed, "Problem: fixed")
         check_of_records("fixed", self.fixed, "parameter", self.model.parameters, own)
         object.__setattr__(self, "log", check_names("log", self.log))
-        if not self.parameters:
+        if not self.parameters and not self.simulated:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         check_start(self.start, (*self.parameters, *self.model.parameters))
         require(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
@@ -403,7 +403,7 @@ class Problem:
                 rows.append(row)
                 lower.append(constraint.lower)
                 upper.append(constraint.upper)
-        return np.reshape(rows, (-1, len(self.parameters))), np.array(lower), np.array(upper)
+        return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
 
     def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
         """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters.

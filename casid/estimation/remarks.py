@@ -36,18 +36,35 @@ _REACHED = 1e-6  # of the largest value: as near a path is at its limit
 
 
 def remarks(fit: Any) -> tuple[str, ...]:
-    """Of a Fit, a sentence each, none if all is well: starts beyond a limit, channels that their mean explains better,
-    readings that dominate, residuals with colour, parameters that a limit holds, that are three a-priori deviations
-    from the file or of the opposite sign, standard errors that no sample is left for."""
+    """List what a fit should be read with, a sentence each: records that are there twice, starts beyond a limit,
+    channels that their mean explains better, readings that dominate, residuals with colour, parameters that a limit
+    holds, that are three a-priori deviations from the file or of the opposite sign, standard errors that no sample is
+    left for."""
     with np.errstate(over="ignore", invalid="ignore"):  # residuals of a simulation that diverged
         readings = tuple(_readings(fit))
-    found = [*_start(fit.problem), *_channels(fit.channels), *readings, *_parameters(fit.problem, fit.parameters)]
+    found = [
+        *_repeated(fit.problem.records),
+        *_start(fit.problem),
+        *_channels(fit.channels),
+        *readings,
+        *_parameters(fit.problem, fit.parameters),
+    ]
     if not fit.converged:
         return tuple(found)
     found += _initial(fit)
     held = [*_held(fit), *_held_paths(fit)]
     errors = [*_colour(fit.uncertainty.coloured_channels, fit.parameters), *held, *_errors(fit.parameters)]
     return (*_noise(fit), *found, *errors)
+
+
+def _repeated(records: Sequence[Record]) -> Iterator[str]:
+    """Records with the same numbers: they count twice, and errors come out too small."""
+    first: dict[tuple, str] = {}
+    for record in records:
+        content = tuple((name, np.asarray(record[name]).tobytes()) for name in sorted(record.channels))
+        same = first.setdefault((record.t.tobytes(), content), record.name)
+        if same != record.name:
+            yield f"records: '{record.name}' has the same numbers as '{same}', so that these count twice; leave one out"
 
 
 def _start(problem: Problem) -> Iterator[str]:

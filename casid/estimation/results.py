@@ -61,7 +61,7 @@ def final_status(problem: Problem, status: Status, point: Point, errors: Uncerta
 
 def _undetermined(problem: Problem, errors: Uncertainty) -> Status:
     """For a step that does not exist: which parameters it is that the data do not determine."""
-    idle, remedy = _idle(problem), "start elsewhere, fix one or give a prior"
+    idle, remedy = idle_parameters(problem), "start elsewhere, fix one or give a prior"
     if idle:
         return _idle_status(idle)
     if errors.linear is not None and errors.confused:
@@ -89,7 +89,7 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> St
     if gone:
         reason = f"the iteration ran off to {', '.join(gone)}"
         return Status(result=Results.DEPARTED, reason=reason, remedy="start nearer, or give a prior or bounds")
-    idle = [name for name in _idle(problem) if name in confused]
+    idle = [name for name in idle_parameters(problem) if name in confused]
     if idle:
         return _idle_status(idle)
     if len(confused) == 1:
@@ -117,8 +117,8 @@ def _ran_off(problem: Problem, point: Point) -> list[str]:
     return [f"{n} = {v:.3g}" for n, v, f in zip(problem.parameters, point.theta, far, strict=True) if f]
 
 
-def _idle(problem: Problem) -> list[str]:
-    """Free parameters that stand in no equation."""
+def idle_parameters(problem: Problem) -> list[str]:
+    """List free parameters that stand in no equation."""
     model = problem.model
     parts = [model.f, model.h, *model.events.values()]
     if model.equation is not None:

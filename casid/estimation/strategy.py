@@ -8,11 +8,13 @@
 
 With any other solver than Automatic() the second step only judges: a better solution is said in the status.
 
-A local minimum of a simulation over a long time is often not the lowest: the simulated motion is out of step with the
-measured one, and a small change of the parameters does not bring it back. Its residuals are then slow, and the same
-model explains short stretches of the record far better when each has an initial state of its own. A model that is
-wrong shows the same, to a lesser degree. Multiple shooting with a state at every sample decides between the two: from
-the measured states and the parameters that suit the stretches it either returns to the solution or finds a better one.
+Where short stretches contradict a solution, it is a local minimum or the model is wrong (`stretches.py`). Multiple
+shooting with a state at every sample decides between the two: from the measured states and the parameters that suit the
+stretches it either returns to the solution or finds a better one.
+
+Each attempt may take a number of evaluations, a simulation or a linearisation each, so that what is tried does not
+depend on the load of the machine. A start that leads anywhere needs few: of some sixty that the tests of this module
+try, those that were found took 10 to 50. Newton's method differences the gradient along every parameter.
 """
 
 from __future__ import annotations
@@ -24,21 +26,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
-from casid.estimation.integration import EXACT, Stepping, doubt_of_steps, is_implicit
+from casid.estimation.integration import Stepping, doubt_of_steps, is_implicit
 from casid.estimation.problem import Problem
+from casid.estimation.results import idle_parameters
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
-from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import ObjectiveValue
-from casid.estimation.solvers.quadratic import jacobi_scale
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.status import Results, Stage, Status
 from casid.estimation.solvers.timed import Timed, timed
-from casid.estimation.transcriptions.dynamics import Blocks
-from casid.estimation.transcriptions.kernel import whitened
-from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
+# evaluations for each iteration that Automatic() may take: of damped steps, and of Newton's by parameter, of which as
+# many as steps of Gauss-Newton are never needed
+_DAMPED, _NEWTON = 10, 10
+_TRIED = 60  # evaluations of an attempt from another start
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
 _NEAR = 0.1  # standard deviations between two ends of one minimum
 _NODES = 20_000  # of a record: with more samples, several share a state
@@ -68,20 +69,23 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
         return Ending(attempt=attempted(problem, method, clock))
     if isinstance(method, MultipleShooting) and method.process_noise:
         return Ending(attempt=attempted(problem, method, clock))
-    quick = clock.with_solver(_quick(solver))
-    automatic = isinstance(solver, Automatic)
-    first = attempted(problem, method, quick if automatic else clock)
-    if first.found and not doubtful(first) and not _held(first):
+    quick, automatic, most = clock.with_solver(_quick(solver)), isinstance(solver, Automatic), math.inf
+    if isinstance(solver, Automatic):
+        most = solver.iterations * (_DAMPED + _NEWTON * len(problem.parameters))
+    first = attempted(problem, method, quick.allowed(most) if automatic else clock)
+    if first.found and not first.doubtful and not _held(first):
+        return Ending(attempt=first)
+    if first.outcome.converged and idle_parameters(problem):  # no other start changes that
         return Ending(attempt=first)
     best, agreed = _searched(problem, method, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
         # where the motion of the start has no end, it is collocation that goes on
         stays = np.isfinite(first.outcome.value.cost) or problem.model.period is not None
-        last = attempted(problem, method if stays else Collocation(), clock)
+        last = attempted(problem, method if stays else Collocation(), clock.allowed(most))
         best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
     if not automatic and best is not first:
         return Ending(attempt=_with_status(first, _another(_found_elsewhere(best, first))))
-    if best.found and not agreed and doubtful(best):
+    if best.found and not agreed and best.is_slow and best.stretches.contradict:
         best = _with_status(best, _another(_CONTRADICTED))
     remark = "" if best is first or not best.found else f"found on a second way: {_found_elsewhere(best, first)}"
     return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark))
@@ -112,7 +116,7 @@ def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Ti
             best, agreed = other, False
         elif not best.found and other.misfit < best.misfit:
             best = other
-        if best.found and (agreed or not doubtful(best)) and not (_held(best) and best is first):
+        if best.found and (agreed or not best.doubtful) and not (_held(best) and best is first):
             break
     return best, agreed
 
@@ -123,34 +127,23 @@ def _others(problem: Problem, method: Transcription, first: Attempt, quick: Time
     fine = _fine(problem, method, is_implicit(first.method))
     if problem.constraints and quick.left > 0.0:
         free = replace(problem, constraints=())
-        unbound = replace(quick, solver=GaussNewton(patient=False))
+        unbound = quick.with_solver(GaussNewton(patient=False)).allowed(_TRIED)
         found = attempted(free, method, unbound)
         if not found.found and quick.left > 0.0:
-            found = attempted(free, fine, unbound)
+            found = attempted(free, fine, unbound.allowed(_TRIED))
         if found.found and quick.left > 0.0:
-            yield attempted(replace(problem, start=found.values), method, quick), False
-    if first.found and not doubtful(first):
+            yield attempted(replace(problem, start=found.values), method, quick.allowed(_TRIED)), False
+    if first.found and not first.doubtful:
         return
-    ended = first.outcome.point.theta
-    stretched = _suiting_stretches(first)
+    stretched, ended = first.stretches.theta, None if first.found else first.outcome.point.theta
     for theta in (stretched, ended, problem.start_vector):
         if theta is not None and np.isfinite(theta).all() and quick.left > 0.0:
             start = dict(zip(problem.parameters, theta.tolist(), strict=True))
-            yield attempted(replace(problem, start=start), fine, quick), theta is stretched or stretched is None
+            own = quick.allowed(_TRIED)
+            yield attempted(replace(problem, start=start), fine, own), theta is stretched or stretched is None
     between_samples = problem.feedback is None and problem.model.period is None
     if not isinstance(method, Collocation) and between_samples and quick.left > 0.0:
-        yield attempted(problem, Collocation(), quick), True
-
-
-def _suiting_stretches(first: Attempt) -> np.ndarray | None:
-    """Parameters (parameters,) that suit short stretches, from where an attempt ended."""
-    value = first.outcome.value
-    if value.trajectory is None or not np.isfinite(value.parameters).all():
-        return None
-    try:
-        return by_stretches(first.objective, value, is_implicit(first.method)).theta
-    except np.linalg.LinAlgError:
-        return None
+        yield attempted(problem, Collocation(), quick.allowed(_TRIED)), True
 
 
 def _fine(problem: Problem, method: Transcription, implicit: bool) -> Transcription:
@@ -221,124 +214,3 @@ def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -
     if status.converged:
         status = _another("the start is more likely than the minimum that was found")
     return Ending(attempt=_with_status(start, status), remark="no solver improved on the start, which is returned")
-
-
-_LAGS = 12  # samples
-_SLOW = 0.5  # autocorrelation of residuals of which half is no noise
-_LEFT = 0.5  # of the sum of squares: what short stretches leave of it where they contradict the whole
-_STRETCH = 10  # samples
-_STEPS, _SETTLED = 15, 1e-3  # of Gauss and Newton, and relative change of the sum of squares that ends them
-_RANK = 1e-8  # of the scaled information: less moves no parameter
-_PER_STATE = 5  # readings of a stretch per state, so that its initial state takes a fifth of them at most
-
-
-def doubtful(attempt: Attempt) -> bool:
-    """Whether short stretches of the records contradict a simulated solution."""
-    objective, value = attempt.objective, attempt.outcome.value
-    dynamics = objective.dynamics
-    if dynamics is None or dynamics.soft or value.trajectory is None:
-        return False
-    if _exact(objective, value) or largest_autocorrelation(objective, value) < _SLOW:
-        return False
-    return by_stretches(objective, value, is_implicit(attempt.method)).left < _LEFT
-
-
-def _exact(objective: Objective, value: ObjectiveValue) -> bool:
-    """Whether the outputs are met so well that what is left may be rounding and integration."""
-    layout, o = objective.layout, objective.layout.z.shape[2]
-    low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
-    high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
-    levels = value.noise.levels
-    rms = levels.rms(value.squares)[:o]
-    return bool((rms <= EXACT * np.maximum(high - low, 0.0))[layout.present.sum(axis=(0, 1)) > 0].all())
-
-
-def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> float:
-    """Of the residuals of any output over some lags, in magnitude; those that are missing count as zero."""
-    trajectory, layout = value.trajectory, objective.layout
-    assert trajectory is not None
-    o = layout.z.shape[2]
-    off = ((trajectory.y - layout.z) * layout.present).reshape(-1, o)
-    sums = np.zeros((_LAGS + 1, o))
-    for sample in layout.sample:
-        own = off[sample]
-        for k in range(min(_LAGS + 1, len(own))):
-            sums[k] += np.einsum("ij,ij->j", own[k:], own[: len(own) - k])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return float(np.nan_to_num(np.abs(sums[1:] / sums[0])).max(initial=0.0))
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Stretches:
-    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, and
-    the parameters (parameters,) with which they do; 1 is expected of a solution with white noise. Zero and None where
-    the records are too short to tell, or the model does not move from the measured states."""
-
-    left: float
-    theta: np.ndarray | None
-
-
-def by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -> Stretches:
-    """Parameters and initial states of all stretches by some steps of Gauss and Newton from those of a value, by
-    `implicit` or explicit steps of integration."""
-    problem, whole, n = objective.problem, objective.layout, len(objective.scale)
-    weights, trajectory = objective.whitening(value.noise.levels), value.trajectory
-    assert trajectory is not None
-    before = _squares(trajectory.y, whole.z, weights, whole.pattern)
-    channels = max(int((whole.present.sum(axis=(0, 1)) > 0).sum()), 1)
-    length = max(_STRETCH, math.ceil(_PER_STATE * n / channels))
-    if max(len(record) for record in problem.records) < 2 * length:
-        return Stretches(left=0.0, theta=None)
-    dynamics = MultipleShooting(interval=length, substeps=whole.substeps, implicit=implicit).dynamics(problem)
-    layout, weak = dynamics.layout, np.diag(1.0 / objective.scale**2)
-    nodes, parameters = layout.start.copy(), value.parameters
-    theta = np.zeros(len(problem.parameters))
-    for r in range(len(problem.records)):
-        theta[problem.columns(r)] = parameters[r, problem.free_index]
-    best, found, step = math.inf, (nodes, theta), (np.zeros_like(nodes), np.zeros_like(theta))
-    for iteration in range(_STEPS):
-        motion = dynamics.trajectory(nodes, problem.model_parameters(theta)[layout.record])
-        squares = _squares(motion.y, layout.z, weights, layout.pattern)
-        if not squares < best:
-            if best == math.inf:
-                return Stretches(left=0.0, theta=None)
-            step = 0.5 * step[0], 0.5 * step[1]
-        else:
-            settled = squares > (1.0 - _SETTLED) * best
-            best, found = squares, (nodes, theta)
-            if settled:
-                break
-            blocks = dynamics.blocks(motion, problem.model_parameters(theta)[layout.record], weights)
-            step = _stretched_step(problem, layout, blocks, weak, moving=iteration > 0)
-        nodes, theta = found[0] + step[0], found[1] + step[1]
-    states = layout.segments * n / max(float(layout.present.sum()), 1.0)
-    return Stretches(left=float(best / (before * max(1.0 - states, 0.5))), theta=found[1])
-
-
-def _stretched_step(
-    problem: Problem, layout: Layout, blocks: Blocks, weak: np.ndarray, moving: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Steps of the states (K, n) and, where they are `moving`, of the parameters (parameters,)."""
-    n = len(weak)
-    by_state, gradient = blocks.hessian[:, :n, n:], blocks.gradient[:, :n, None]
-    solved = np.linalg.solve(blocks.hessian[:, :n, :n] + weak, np.concatenate([by_state, gradient], axis=2))
-    theta = np.zeros(len(problem.parameters))
-    if moving:
-        information, slope = np.zeros((len(theta),) * 2), np.zeros(len(theta))
-        for r in range(len(problem.records)):
-            own, columns = layout.segments_of(r), problem.columns(r)
-            turned = by_state[own].transpose(0, 2, 1)
-            direct = blocks.hessian[own, n:, n:] - turned @ solved[own, :, :-1]
-            information[np.ix_(columns, columns)] += direct.sum(axis=0)
-            slope[columns] += (blocks.gradient[own, n:] - (turned @ solved[own, :, -1:])[..., 0]).sum(axis=0)
-        scale = jacobi_scale(information)
-        scaled = information * np.outer(scale, scale)
-        theta = -scale * np.linalg.lstsq(scaled, scale * slope, rcond=_RANK)[0]
-    own = np.array([problem.columns(r) for r in range(len(problem.records))])[layout.record]
-    follow = (solved[..., :-1] @ theta[own][..., None])[..., 0]
-    return -solved[..., -1] - follow, theta
-
-
-def _squares(y: np.ndarray, z: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> float:
-    with np.errstate(over="ignore"):
-        return float(np.square(whitened(y - z, weights, pattern)).sum())

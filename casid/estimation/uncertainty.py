@@ -533,7 +533,12 @@ def _parts(
             rows[..., : slab.rows.shape[3] - n] += slab.rows[..., n:]
             residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
             present, width = layout.present[at] > 0, rows.shape[3]
-            yield 0, rows.reshape(-1, outputs, width), residuals.reshape(-1, outputs), present.reshape(-1, outputs)
+            yield (
+                0,
+                rows.reshape(residuals.size // outputs, outputs, width),
+                residuals.reshape(-1, outputs),
+                present.reshape(-1, outputs),
+            )
     if value.equations is not None:
         residuals = value.equations.residuals[r]
         weighted = np.nan_to_num(residuals) * objective.equation_weights(value.noise.levels)

@@ -7,29 +7,33 @@ times of measurement, and as inputs what changes at known times.
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from casid.arguments import a_path
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import limit_parameter
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
-from casid.formats.sbml import SbmlModel, Scope, Switch, parsed, read_sbml, translated
+from casid.formats.petab_tables import Row, Tables
+from casid.formats.sbml import Scope, Switch, parsed, translated
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
 from casid.records.record import Record
 
-Row = Mapping[str, str]
 _TIME = "t"
 _KINDS = ("observable", "noise")
+_BEGIN = "simulation begins"  # the event at t = 0 where another condition came before it
+_REST = 1e-8  # relative accuracy of a motion that comes to rest
+_DOUBLINGS = 40  # of a time, from a unit of it on, in which it has to
 
 
 def read_petab(path: str | Path) -> Problem:
@@ -45,71 +49,23 @@ def read_petab(path: str | Path) -> Problem:
     Problem
         A record for every condition and, where a time was read more than once, for every replicate. It starts at the
         nominal values of the parameter table; bounds are constraints, scales are logarithms. Noise formulas, log-normal
-        noise, conditions on time and events at known times are taken as they are.
+        noise, conditions on time and events at known times are taken as they are. Pre-equilibration is the part of a
+        record before t = 0, and a reading at infinity the end of its record. Observables that nobody read are left out.
 
     Raises
     ------
     InputError
         For a file that cannot be read, and for a name, a formula or an event that is not taken.
     EstimationError
-        For pre-equilibration, steady states as measurements, Laplace noise and priors other than normal ones.
+        For Laplace noise, priors other than normal ones, and a steady state that the nominal motion does not reach.
 
     Examples
     --------
     >>> fit = cs.solve(cs.read_petab("Boehm_JProteomeRes2014.yaml"))  # doctest: +SKIP
     """
     file = a_path(path, "read_petab")
-    tables = _Tables.read(file)
+    tables = Tables.read(file)
     return _Reading(tables).problem()
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Tables:
-    """The files of a problem: rows by table, and the model."""
-
-    file: Path
-    sbml: SbmlModel
-    conditions: list[Row]
-    observables: list[Row]
-    measurements: list[Row]
-    parameters: list[Row]
-
-    @classmethod
-    def read(cls, file: Path) -> _Tables:
-        """All files that the YAML file names."""
-        try:
-            import yaml
-        except ImportError:
-            raise InputError(f"{file}: PEtab needs PyYAML; install it with: pip install 'casid[petab]'") from None
-        try:
-            content = yaml.safe_load(file.read_text(encoding="utf-8"))
-            problems, named = content["problems"], content["parameter_file"]
-        except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as error:
-            fault = str(error).splitlines()[0]
-            raise InputError(f"{file}: not a PEtab problem of version 1: {fault}") from None
-        if len(problems) != 1 or len(problems[0].get("sbml_files", ())) != 1:
-            raise InputError(f"{file}: expected one problem with one SBML file")
-        (one,), folder = problems, file.parent
-
-        def rows(key: str) -> list[Row]:
-            return [row for name in one.get(key, ()) for row in _rows(folder / name)]
-
-        return cls(
-            file=file,
-            sbml=read_sbml(folder / one["sbml_files"][0]),
-            conditions=rows("condition_files"),
-            observables=rows("observable_files"),
-            measurements=rows("measurement_files"),
-            parameters=[r for name in ([named] if isinstance(named, str) else named) for r in _rows(folder / name)],
-        )
-
-
-def _rows(path: Path) -> list[Row]:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return [{k: (v or "").strip() for k, v in r.items() if k} for r in csv.DictReader(file, delimiter="\t")]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 def _number(text: str) -> float | None:
@@ -122,13 +78,22 @@ def _number(text: str) -> float | None:
 class _Reading:
     """A problem while it is put together."""
 
-    def __init__(self, tables: _Tables) -> None:
+    def __init__(self, tables: Tables) -> None:
         self.tables, self.where = tables, str(tables.file)
         self.table = {row["parameterId"]: row for row in tables.parameters}
         self.free = [n for n, row in self.table.items() if row.get("estimate", "1") in ("1", "1.0", "true")]
         self.nominal = {n: _value(row, "nominalValue", self.where) for n, row in self.table.items()}
-        self.conditions = {row["conditionId"]: row for row in tables.conditions}
-        self.observables = {row["observableId"]: row for row in tables.observables}
+        self.conditions = {row["conditionId"]: _without_nan(row) for row in tables.conditions}
+        every = {row["observableId"]: row for row in tables.observables}
+        self.pairs: dict[tuple[str, str], list[Row]] = {}  # conditions before and after t = 0 -> measurements
+        for row in tables.measurements:
+            self._check_measurement(row, every)
+            pair = row.get("preequilibrationConditionId", ""), row["simulationConditionId"]
+            self.pairs.setdefault(pair, []).append(row)
+        if not self.pairs:
+            raise InputError(f"{self.where}: no measurement")
+        measured = {row["observableId"] for row in tables.measurements}
+        self.observables = {name: row for name, row in every.items() if name in measured}
         self.literal: dict[str, str] = {}  # placeholder -> the one thing that it stands for
         self.sampled: dict[str, list[str]] = {}  # placeholder -> parameters for which it stands in some samples
         for kind in _KINDS:
@@ -136,9 +101,28 @@ class _Reading:
                 self._placeholders(kind, name)
         self._overrides()
         self.values = {**tables.sbml.constants, **self.added, **self.nominal}
+        self._check_references()
+        self.conditions_of: dict[str, tuple[str, str]] = {}  # record -> conditions before and after t = 0
         self.switches: dict[str, Switch] = {}
         self.timed = False
         self._discover()
+
+    def _check_measurement(self, row: Row, observables: Iterable[str]) -> None:
+        where = f"{self.where}: measurements"
+        if row["observableId"] not in observables:
+            raise unknown("observable", row["observableId"], observables, where)
+        before, after = row.get("preequilibrationConditionId", ""), row["simulationConditionId"]
+        for condition in (after, before) if before else (after,):
+            if condition not in self.conditions:
+                raise unknown("condition", condition, self.conditions, where)
+        _value(row, "time", where)
+        _value(row, "measurement", where)
+
+    def _check_references(self) -> None:
+        """Names for which columns and placeholders stand are parameters."""
+        named = {n for names in (*self.named.values(), *self.sampled.values()) for n in names}
+        for name in sorted(named - set(self.values)):
+            raise unknown("parameter", name, self.values, f"{self.where}: conditions and measurements")
 
     # ---- what stands for what
 
@@ -156,18 +140,28 @@ class _Reading:
                 self.sampled[name] = sorted(entry for entry in own if _number(entry) is None)
 
     def _overrides(self) -> None:
-        """Columns of the condition table: numbers are values of a record, names weigh parameters."""
+        """Columns of the condition table: numbers are values of a record, names weigh parameters. What another
+        condition holds before t = 0 than after it is an input as well, and a state that it sets jumps there."""
         sbml, self.added, self.named = self.tables.sbml, {}, {}
         columns = [n for n in (self.tables.conditions or [{}])[0] if n not in ("conditionId", "conditionName")]
+        self.changing: dict[str, list[str]] = {}  # column -> channels: its value, and a weight of each name
+        self.reset = [
+            c for c in columns if c in sbml.states and any(p and self.conditions[s][c] for p, s in self.pairs)
+        ]
         for column in columns:
             if column not in (*sbml.constants, *sbml.states, *self.table):
                 raise unknown("name", column, (*sbml.constants, *sbml.states), f"{self.where}: condition table")
-            entries = {row[column] for row in self.tables.conditions if row[column]}
+            entries = {row[column] for row in self.conditions.values() if row[column]}
             names = sorted(entry for entry in entries if _number(entry) is None)
             self.named[column] = names
             if column in sbml.states:
                 self.added[f"initial {column}"] = 0.0
             self.added |= {f"{column} is {name}": 0.0 for name in names}
+            if column in self.reset:
+                self.added |= {f"{column} jumps": 0.0, f"later {column}": 0.0}
+                self.added |= {f"later {column} is {name}": 0.0 for name in names}
+            elif any(p and self.conditions[p][column] != self.conditions[s][column] for p, s in self.pairs):
+                self.changing[column] = [f"{column} now", *(f"{column} is {name} now" for name in names)]
 
     def _fixed(self, condition: str) -> dict[str, float]:
         """Values of a condition by name."""
@@ -177,6 +171,15 @@ class _Reading:
             number = _number(entry) if entry else self._default(column)
             found[target] = 0.0 if number is None else number
             found |= {f"{column} is {name}": float(name == entry) for name in names}
+        return found
+
+    def _jumps(self, before: str, after: str) -> dict[str, float]:
+        """Values with which states are set at t = 0, after another condition."""
+        found = {}
+        for column in self.reset:
+            entry = self.conditions[after][column] if before else ""
+            found |= {f"{column} jumps": float(bool(entry)), f"later {column}": _number(entry) or 0.0}
+            found |= {f"later {column} is {name}": float(name == entry) for name in self.named[column]}
         return found
 
     def _default(self, column: str) -> float:
@@ -192,8 +195,12 @@ class _Reading:
         symbols = {n: v for n, v in known.items() if isinstance(v, ca.SX)}
         plain = dict(symbols)
         for column, names in self.named.items():
-            if column not in self.tables.sbml.states and names:
-                symbols[column] = plain[column] + sum(plain[f"{column} is {n}"] * plain[n] for n in names)
+            if column in self.tables.sbml.states or column not in plain:
+                continue
+            own = [column, *(f"{column} is {n}" for n in names)]
+            changing = self.changing.get(column, own)
+            value, *weights = (plain[n] for n in (changing if changing[0] in plain else own))
+            symbols[column] = value + sum((w * plain[n] for w, n in zip(weights, names, strict=True)), ca.SX(0))
         for name, parts in self.sampled.items():
             if name in plain:
                 symbols[name] = plain[name] + sum((plain[f"{name} is {n}"] * plain[n] for n in parts), ca.SX(0))
@@ -205,8 +212,16 @@ class _Reading:
         return dict(self.tables.sbml.rates(self.scope(vars(s))))
 
     def _events(self, s: Any) -> dict[str, dict[str, ca.SX]]:
-        scope, doses = self.scope(vars(s)), self.tables.sbml.doses
-        return {n: {state: translated(f, scope) for state, f in sets.items()} for n, (_, sets) in doses.items()}
+        known, doses = vars(s), self.tables.sbml.doses
+        scope = self.scope(known)
+        found = {n: {state: translated(f, scope) for state, f in sets.items()} for n, (_, sets) in doses.items()}
+        if self.reset:
+            found[_BEGIN] = {}
+        for state in self.reset:
+            parts = (known[f"later {state} is {n}"] * known[n] for n in self.named[state])
+            later = known[f"later {state}"] + sum(parts, ca.SX(0))
+            found[_BEGIN][state] = known[state] + known[f"{state} jumps"] * (later - known[state])
+        return found
 
     def _outputs(self, s: Any) -> dict[str, ca.SX]:
         scope = self.scope(vars(s))
@@ -227,13 +242,10 @@ class _Reading:
     def _discover(self) -> None:
         """The conditions on time of the model, and whether time stands anywhere else."""
         sbml = self.tables.sbml
-        names = (*self.values, *sbml.states, *self._sample_channels(), _TIME)
+        now = [channel for channels in self.changing.values() for channel in channels]
+        names = (*self.values, *sbml.states, *self._sample_channels(), *now, _TIME)
         symbols = {name: ca.SX.sym(name) for name in names}
         free = ca.vertcat(*(symbols[n] for n in (*self.free, *sbml.states)))
-
-        class Space:
-            def __init__(self) -> None:
-                self.__dict__.update(symbols)
 
         scope = self.scope(symbols)
         for trigger, sets in sbml.doses.values():
@@ -242,12 +254,21 @@ class _Reading:
         sbml.rates(scope)
         self.switches = {n: s for n, s in scope.switches.items() if not ca.depends_on(s.margin, free)}
         symbols |= {name: ca.SX.sym(name) for name in self.switches}
-        everything = [*self._rates(Space()).values(), *self._outputs(Space()).values()]
+        rates, outputs = self._rates(SimpleNamespace(**symbols)), self._outputs(SimpleNamespace(**symbols))
+        everything = [*rates.values(), *outputs.values()]
         self.timed = bool(everything) and ca.depends_on(ca.vertcat(*everything), symbols[_TIME])
+        self.given = [*self.values, *now]  # of what a condition gives
+        given = ca.vertcat(*(symbols[n] for n in self.given))
         self._margins = {
-            name: ca.Function("margin", [symbols[_TIME], *(symbols[n] for n in self.values)], [switch.margin])
+            name: ca.Function("margin", [symbols[_TIME], given], [switch.margin])
             for name, switch in self.switches.items()
         }
+        states, driven = ca.vertcat(*(symbols[n] for n in sbml.states)), [symbols[n] for n in self.switches]
+        slope = ca.vertcat(*(rates[n] for n in sbml.states))
+        everywhere = [states, given, ca.vertcat(*driven), symbols[_TIME]]
+        self._slope = ca.Function("slope", everywhere, [slope, ca.densify(ca.jacobian(slope, states))])
+        begin = self._initial(SimpleNamespace(**{n: symbols[n] for n in self.values}))
+        self._begin = ca.Function("begin", [given], [ca.vertcat(*(begin[n] for n in sbml.states))])
 
     def _sample_channels(self) -> list[str]:
         return [c for n, parts in self.sampled.items() for c in (n, *(f"{n} is {p}" for p in parts))]
@@ -274,39 +295,90 @@ class _Reading:
     # ---- numbers
 
     def _records(self) -> list[Record]:
-        if any(row.get("preequilibrationConditionId") for row in self.tables.measurements):
-            raise EstimationError(f"{self.where}: conditions with pre-equilibration are not taken")
         found = []
-        for condition in dict.fromkeys(row["simulationConditionId"] for row in self.tables.measurements):
-            if condition not in self.conditions:
-                raise unknown("condition", condition, self.conditions, f"{self.where}: measurements")
-            rows = [row for row in self.tables.measurements if row["simulationConditionId"] == condition]
+        for (before, after), rows in self.pairs.items():
+            name = f"{after} after {before}" if before else after
             for i, replicate in enumerate(_replicates(rows)):
-                found.append(self._record(condition if i == 0 else f"{condition}, {i + 1}", condition, replicate))
+                record = self._record(name if i == 0 else f"{name}, {i + 1}", (before, after), replicate)
+                self.conditions_of[record.name] = before, after
+                found.append(record)
         return found
 
-    def _record(self, name: str, condition: str, rows: Sequence[Row]) -> Record:
+    def _record(self, name: str, pair: tuple[str, str], rows: Sequence[Row]) -> Record:
+        """Time is zero where the second condition begins; the first lasts until it is at rest, before that. A reading
+        at infinity is one at rest after the last finite time."""
+        before, after = pair
         times = np.array([_value(row, "time", self.where) for row in rows])
-        if not np.isfinite(times).all():
-            raise EstimationError(f"{self.where}: steady states as measurements are not taken")
-        values = [{**self.values, **self._fixed(condition)}[n] for n in self.values]
+        finite = times[np.isfinite(times)]
+        if (finite < 0.0).any() or not (times > -math.inf).all():
+            raise InputError(f"{self.where}: measurements: time {times.min()}; expected zero, later, or inf")
+        own = {**self.values, **self._fixed(before or after), **self._jumps(before, after)}
+        values = [{**own, **self._now(after)}[n] for n in self.given]
         changes = {n: self._time_of(n, values) for n in self._margins}
         doses = {n: self._time_of(self._trigger(n), values) for n in self.tables.sbml.doses}
-        last = float(times.max())
+        last = float(finite.max(initial=0.0))
         within = [t for t in changes.values() if 0.0 < t < last]
-        grid = np.unique(np.concatenate([[0.0], times, within]))
+        lead = self._until_rest([{**own, **self._now(before)}[n] for n in self.given], 0.0) if before else np.zeros(0)
+        rest = np.zeros(0)
+        if len(finite) < len(times):
+            rest = last + self._until_rest(values, max([last, *(t for t in doses.values() if t < math.inf)]))
+        grid = np.unique(np.concatenate([-lead, [0.0], finite, within, rest]))
         if len(grid) < 2:
             grid = np.array([0.0, 1.0])
         channels: dict[str, np.ndarray] = {n: np.full(len(grid), np.nan) for n in self.observables}
-        for row, k in zip(rows, np.searchsorted(grid, times), strict=True):
+        for row, k in zip(rows, np.searchsorted(grid, np.minimum(times, grid[-1])), strict=True):
             channels[row["observableId"]][k] = _value(row, "measurement", self.where)
         middle = 0.5 * (grid + np.append(grid[1:], 2.0 * grid[-1] - grid[-2]))
         for switch, margin in self._margins.items():
-            channels[switch] = np.array([float(margin(t, *values)) >= 0.0 for t in middle], dtype=float)
+            channels[switch] = np.array([float(margin(t, values)) >= 0.0 for t in middle], dtype=float)
+        for channel, value in self._now(after).items():
+            first = self._now(before)[channel] if before else value
+            channels[channel] = np.where(grid < 0.0, first, value)
         channels |= self._samples(grid, rows)
         held = {n: "held" for n in channels if n not in self.observables}
-        events = {dose: [t] for dose, t in doses.items() if 0.0 < t <= last}
+        events = {dose: [t] for dose, t in doses.items() if 0.0 < t <= grid[-1]}
+        if before and self.reset:
+            events[_BEGIN] = [0.0]
         return Record(name=name, t=grid, channels=channels, hold=held or "linear", source=self.where, events=events)
+
+    def _now(self, condition: str) -> dict[str, float]:
+        """Channels of what differs before and after t = 0, in a condition."""
+        fixed = self._fixed(condition) if self.changing else {}
+        return {
+            channel: fixed[channel.removesuffix(" now")] for channels in self.changing.values() for channel in channels
+        }
+
+    def _until_rest(self, values: Sequence[float], begin: float) -> np.ndarray:
+        """Times in twos from the beginning of a motion at the nominal values until it has come to rest, and as long
+        again, for other values."""
+        if self.timed:
+            raise EstimationError(f"{self.where}: a steady state of a model with time in its equations is not taken")
+        switches = [float(margin(begin + 1e-9, values)) >= 0.0 for margin in self._margins.values()]
+
+        def slope(part: int, x: np.ndarray) -> np.ndarray:
+            return self._slope(x, values, switches, begin)[part].full()
+
+        until, x = 1.0, self._begin(values).full()[:, 0]
+        for _ in range(_DOUBLINGS):
+            found = solve_ivp(
+                lambda _, x: slope(0, x)[:, 0],
+                (0.0, until),
+                x,
+                "BDF",
+                jac=lambda _, x: slope(1, x),
+                rtol=_REST,
+                atol=_REST * _REST,
+            )
+            if not found.success or not np.isfinite(found.y).all():
+                break
+            former, x = x, found.y[:, -1]
+            if (np.abs(x - former) <= 10.0 * _REST * np.maximum(np.abs(x), _REST * np.abs(x).max(initial=0.0))).all():
+                return until * 2.0 ** np.arange(-_DOUBLINGS // 2, 2.0)
+            until *= 2.0
+        raise EstimationError(
+            f"{self.where}: the motion does not come to rest at the nominal values, as a steady state or a condition "
+            "before the beginning needs"
+        )
 
     def _trigger(self, event: str) -> str:
         """The switch that is the trigger of an event."""
@@ -320,7 +392,7 @@ class _Reading:
     def _time_of(self, switch: str, values: Sequence[float]) -> float:
         """When a condition on time changes, in a record; infinite where it never does."""
         margin = self._margins[switch]
-        at = [float(margin(t, *values)) for t in (0.0, 1.0, 2.0)]
+        at = [float(margin(t, values)) for t in (0.0, 1.0, 2.0)]
         if not math.isclose(at[2] - at[1], at[1] - at[0], rel_tol=1e-9, abs_tol=1e-12):
             raise InputError(f"{self.where}: '{switch}' is not linear in time; only such conditions are taken")
         return -at[0] / (at[1] - at[0]) if at[1] != at[0] else math.inf
@@ -348,7 +420,7 @@ class _Reading:
     def problem(self) -> Problem:
         """All of it."""
         records, sbml = self._records(), self.tables.sbml
-        inputs = [*self._sample_channels(), *self.switches]
+        inputs = [*self._sample_channels(), *self.switches, *(c for names in self.changing.values() for c in names)]
         model = define_model(
             sbml.name,
             states=sbml.states,
@@ -361,11 +433,10 @@ class _Reading:
             prior_std=self._priors(),
             events=self._events,
         )
-        conditions = [record.name.partition(", ")[0] for record in records]
         fixed = {
-            f"{n}[{record.name}]": value
-            for record, condition in zip(records, conditions, strict=True)
-            for n, value in self._fixed(condition).items()
+            f"{n}[{record}]": value
+            for record, (before, after) in self.conditions_of.items()
+            for n, value in (self._fixed(before or after) | self._jumps(before, after)).items()
         }
         log = [n for n in self.free if self.table[n].get("parameterScale", "lin") in ("log", "log10")]
         found = Problem(
@@ -406,6 +477,11 @@ class _Reading:
             self.values[name] = value
             found[name] = std * base * value if base else std
         return found
+
+
+def _without_nan(row: Row) -> Row:
+    """A condition in which "not a number" is nothing, as the format means it."""
+    return {n: "" if entry.lower() == "nan" else entry for n, entry in row.items()}
 
 
 def _entries(row: Row, kind: str) -> list[str]:

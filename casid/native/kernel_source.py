@@ -109,9 +109,9 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
             "#define COLLOCATION_ARRAYS V "
             + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
             _along_outputs_and_offset(C, D, s),
+            c_source("lanes"),
             _pull(C, s),
             _subtract_slopes(F, Q, s),
-            c_source("lanes"),
             c_source("reduce"),
             c_source("collocate"),
         ]
@@ -146,7 +146,8 @@ def _pull(c: ca.Sparsity, s: Sizes) -> str:
     lines.append("for (int i = 0; dense && i < O; i++)")
     lines.append("for (int j = 0; j < i; j++) w[j] += L[i * (i + 1) / 2 + j] * q[i][NF];")
     for column in range(s.n):
-        lines.append(f"to[{column}] = {_sum([f'C[{k}] * w[{i}]' for i, j, k in _entries(c) if j == column])};")
+        parts = [f"where(C[{k}], L[{i * (i + 3) // 2}]) * w[{i}]" for i, j, k in _entries(c) if j == column]
+        lines.append(f"to[{column}] = {_sum(parts)};")
     return "\n".join([*lines, "}"])
 
 

@@ -220,3 +220,36 @@ def test_what_makes_no_sense_is_refused(tmp_path) -> None:
         cs.write_record(record, tmp_path / "a.csv")
     with pytest.raises(InputError, match="discrete"):
         replace(drug(), period=1.0)
+
+
+def test_counts_over_an_interval():
+    """Weekly cases of an epidemic, added up by scipy over each week."""
+    truth, weeks = {"beta": 1.5, "gamma": 0.8, "I0": 0.01}, np.arange(15.0)
+
+    def spread(_: float, x: np.ndarray) -> list[float]:
+        new = truth["beta"] * x[0] * x[1]
+        return [-new, new - truth["gamma"] * x[1], new]
+
+    whole = solve_ivp(spread, (0.0, 14.0), [0.99, 0.01, 0.0], t_eval=weeks, rtol=1e-10, atol=1e-12).y[2]
+    cases = np.concatenate([[np.nan], 1000.0 * np.diff(whole)])
+    model = cs.define_model(
+        "epidemic",
+        states=("S", "I", "new", "counted"),
+        inputs=(),
+        parameters={"beta": 1.2, "gamma": 0.6, "I0": 0.02},
+        outputs=("cases",),
+        dynamics=lambda s: {
+            "S": -s.beta * s.S * s.I,
+            "I": s.beta * s.S * s.I - s.gamma * s.I,
+            "new": s.beta * s.S * s.I,
+            "counted": 0.0,
+        },
+        output=lambda s: {"cases": 1000.0 * s.counted},
+        initial=lambda s: {"S": 1.0 - s.I0, "I": s.I0, "new": 0.0, "counted": 0.0},
+        events=lambda s: {"week": {"counted": s.new, "new": 0.0}},
+    )
+    record = cs.Record(name="a", t=weeks, channels={"cases": cases}, events={"week": weeks[1:].tolist()})
+    fit = cs.solve(cs.Problem(model, record, free=["*"], noise={"cases": 1.0}))
+    assert fit.converged
+    for name, value in truth.items():
+        assert fit[name].value == pytest.approx(value, abs=0.1 * fit[name].std)

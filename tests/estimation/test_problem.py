@@ -13,6 +13,7 @@ from estimation_cases import NOISE, START, TRUTH, flight, short_period
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Collocation,
+    EquationError,
     GaussNewton,
     InitialState,
     Ipopt,
@@ -33,7 +34,7 @@ def problem(**options) -> Problem:
         ({"free": ["Zz"]}, InputError, "unknown parameter 'Zz'"),
         ({"free": ["Q*"]}, InputError, "unknown parameter"),
         ({"free": "Z*"}, InputError, "expected a list"),
-        ({"free": []}, EstimationError, "no parameter is free"),
+        ({"free": [], "cost": EquationError()}, EstimationError, "no parameter is free"),
         ({"fixed": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
         ({"start": {"mq": 1.0}}, InputError, "did you mean 'Mq'"),
         ({"initial_state": InitialState(std={"alpha": -1.0})}, InputError, "expected 0"),

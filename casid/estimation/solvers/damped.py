@@ -30,7 +30,7 @@ class DampedIteration:
 
     def __init__(self, objective: Objective, tolerance: float, iterations: int, deadline: float) -> None:
         self.objective, self.tolerance, self.iterations = objective, tolerance, iterations
-        self.clock = Clock(deadline - time.perf_counter())
+        self.clock = Clock(deadline - time.perf_counter(), objective)
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping, self.raise_by, self.price = _FIRST, 2.0, 0.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,6 @@ from casid.estimation.solvers.status import (
     NO_DESCENT,
     Status,
     out_of_steps,
-    out_of_time,
     status_of,
 )
 from casid.estimation.solvers.timed import Clock
@@ -93,8 +91,7 @@ class _Iteration:
 
     def __init__(self, objective: Objective, solver: GaussNewton) -> None:
         self.objective, self.solver = objective, solver
-        self.clock = Clock(solver.seconds)
-        self._late = out_of_time(solver.seconds)
+        self.clock = Clock(solver.seconds, objective)
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.damping = 0.0
@@ -120,7 +117,7 @@ class _Iteration:
             if not self.solver.patient and self._creeps():
                 return self._outcome(CREEPS, iteration)
             if self.clock.is_up():
-                return self._outcome(self._late, iteration)
+                return self._outcome(self.clock.status, iteration)
         return self._outcome(out_of_steps(self.solver.iterations), iteration)
 
     def _iterate(self) -> Status | None:
@@ -156,8 +153,8 @@ class _Iteration:
                 if not step.feasible:
                     return INFEASIBLE
                 return NO_DESCENT
-            if time.perf_counter() > self.clock.deadline:
-                return self._late
+            if self.clock.is_late():
+                return self.clock.status
         whole = found[2] == 1.0 and self.damping < _WHOLE
         self.before, self.attracted = self.stationarity if whole else 0.0, self.attracted and whole
         self.point, self.value = found[:2]

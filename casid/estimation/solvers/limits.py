@@ -41,7 +41,7 @@ class ParameterLimits:
             for row in own:
                 which = np.flatnonzero(row)
                 self.single.append(int(which[0]) if len(which) == 1 else None)
-        self.linear = np.reshape(rows, (-1, count))
+        self.linear = np.reshape(rows, (len(rows), count))
         self.lower, self.upper = np.array(lower, dtype=float), np.array(upper, dtype=float)
         self._curved: tuple[ca.Function, ca.Function, ca.Function] | None = None
         if any(isinstance(c, NonlinearConstraint) for c in problem.constraints):

@@ -32,9 +32,9 @@ from casid.estimation.solvers.status import (
     Stage,
     Status,
     out_of_steps,
-    out_of_time,
     status_of,
 )
+from casid.estimation.solvers.timed import Clock
 
 _APART = 1e-3  # standard deviations between points whose gradients are compared
 # standard deviations, relative change of the noise, scaled defect: the other unknowns are at their optimum
@@ -117,6 +117,8 @@ class Automatic:
             return other if other.converged else outcome
         if objective.soft or (found and outcome.attracted) or time.perf_counter() - begin > self.seconds:
             return outcome
+        if not objective.problem.parameters:  # states alone: what Newton adds is curvature of parameters
+            return outcome
         if found:  # a start that is stationary already, or a search that ended in rounding
             judged = _Newton(objective, self, outcome, begin + self.seconds).run()
             return judged if judged.status.result in (Results.CONVERGED, Results.NO_MINIMUM) else outcome
@@ -141,7 +143,7 @@ def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600
     Not judged, and left as they are: points under path constraints and soft defects, where the cost is no function of
     the parameters alone.
     """
-    known = outcome.attracted or outcome.solver == "Newton"
+    known = outcome.attracted or outcome.solver == "Newton" or not objective.problem.parameters
     if not outcome.converged or known or objective.soft or objective.problem.path_constraints:
         return outcome
     if outcome.linear is None and objective.dynamics is not None and not np.isfinite(outcome.stationarity):
@@ -180,10 +182,10 @@ class _Newton:
     """State of one minimisation; `cost` of a settled point is the one with the noise at its optimum."""
 
     def __init__(self, objective: Objective, solver: Automatic, begun: Outcome, deadline: float) -> None:
-        self.objective, self.solver, self.begun, self.deadline = objective, solver, begun, deadline
+        self.objective, self.solver, self.begun = objective, solver, begun
+        self.clock = Clock(deadline - time.perf_counter(), objective)
         self.damping = 0.0
         self.multipliers = begun.limit_multipliers
-        self._late = out_of_time(solver.seconds)
 
     def run(self) -> Outcome:
         # where the states are far from a motion of the model they start from the measured ones
@@ -207,7 +209,7 @@ class _Newton:
         root = self._root(at)
         exact = self._curvature(at, root)
         if exact is None:
-            return at, self._late if self._is_late else NO_MOTION
+            return at, self.clock.status if self.clock.is_late() else NO_MOTION
         exact += root.T @ self.objective.limits.curvature(at.point.theta, self.multipliers) @ root
         first = self._step(at, root, exact, 0.0)
         if self.objective.negligible(first, at.value, self.solver.tolerance):
@@ -228,11 +230,7 @@ class _Newton:
             step = self._step(at, root, exact, self.damping)
         if self.objective.negligible(first, at.value, _ROUNDED):
             return at, self._judged(at, root, exact, first)
-        return at, self._late if self._is_late else NO_DESCENT
-
-    @property
-    def _is_late(self) -> bool:
-        return time.perf_counter() > self.deadline
+        return at, self.clock.status if self.clock.is_late() else NO_DESCENT
 
     def _root(self, at: _Settled) -> np.ndarray:
         """Directions of unit curvature of Gauss-Newton, each no longer than moves a parameter by its own size."""
@@ -293,7 +291,7 @@ class _Newton:
         the points has no motion or when time is up."""
         columns = []
         for direction in root.T:
-            if self._is_late:
+            if self.clock.is_late():
                 return None
             ends = [self._gradient(at, sign * _APART * direction) for sign in (1.0, -1.0)]
             if ends[0] is None or ends[1] is None:
@@ -313,7 +311,7 @@ class _Newton:
         fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.limits))
         value = objective.value(point, noise)
         for _ in range(_INNER):
-            if not np.isfinite(value.cost) or self._is_late:
+            if not np.isfinite(value.cost) or self.clock.is_late():
                 return None
             try:
                 value, change = objective.relaxed(point, value)

@@ -16,6 +16,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.noise import Huber, Noise, StudentT
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.effort import Effort
 from casid.estimation.solvers.full_noise import full_noise, moments_of
 from casid.estimation.solvers.kkt import BandedKKT, Reduced
 from casid.estimation.solvers.levels import noise_levels
@@ -34,10 +35,17 @@ _DEFINITE = 1e-6  # of the largest pivot: with smaller ones rounding of 1e-16 is
 
 class Objective:
     """Residuals of `problem`; `dynamics` is None where nothing is simulated. `noise` is what to begin with, and `begin`
-    the point, that of the problem's start and guess if None."""
+    the point, that of the problem's start and guess if None. `effort` counts what is evaluated."""
 
-    def __init__(self, problem: Problem, dynamics: Dynamics | None, begin: Point | None = None) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        dynamics: Dynamics | None,
+        begin: Point | None = None,
+        effort: Effort | None = None,
+    ) -> None:
         self.problem, self.dynamics, self._begin = problem, dynamics, begin
+        self.effort = effort or Effort()
         self.part, self.equation_share = problem.weights
         self.equations = equations_of(problem) if self.equation_share else None
         n = len(problem.model.states)
@@ -121,12 +129,12 @@ class Objective:
     def _squares(self, trajectory: Trajectory | None, equations: EquationValue | None) -> np.ndarray:
         """(channels,) sums of squared residuals; with a full covariance their moments."""
         if self.noise.levels.full and trajectory is not None:
-            return moments_of(trajectory.y - self.layout.z, self.layout.pattern, self.layout.seen)
+            return moments_of(self.layout.residuals(trajectory.y), self.layout.pattern, self.layout.seen)
         found = []
         if trajectory is not None and trajectory.squares is not None:
             found.append(trajectory.squares.sum(axis=0))
         elif trajectory is not None:
-            found.append(((trajectory.y - self.layout.z) ** 2 * self.layout.present).sum(axis=(0, 1)))
+            found.append((self.layout.residuals(trajectory.y) ** 2).sum(axis=(0, 1)))
         if equations is not None:
             found.append(np.nansum(np.concatenate(equations.residuals) ** 2, axis=0))
         return np.concatenate(found)
@@ -161,6 +169,7 @@ class Objective:
 
     def value(self, point: Point, noise: NoiseState | None = None) -> ObjectiveValue:
         """Simulate and weigh with `noise`, that of the start if None; not finite where the simulation departs."""
+        self.effort.add()
         trajectory, parameters = None, self.problem.model_parameters(point.theta)
         if self.dynamics is not None:
             trajectory = self.dynamics.trajectory(point.nodes, parameters[self.layout.record], point.points)
@@ -230,6 +239,7 @@ class Objective:
 
         Raises numpy.linalg.LinAlgError when a record's states are not determined.
         """
+        self.effort.add()
         precision = 1.0 / self.problem.prior_std**2
         hessian, equation_hessian = np.diag(precision), np.zeros((len(precision), len(precision)))
         gradient = precision * (point.theta - self.problem.nominal)

@@ -226,11 +226,14 @@ def is_dense(weights: np.ndarray) -> bool:
 
 
 def whitened(values: np.ndarray, weights: np.ndarray, pattern: np.ndarray) -> np.ndarray:
-    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample."""
+    """values (..., o) or (..., o, columns), weighed by the triangle (o, o) of the pattern (...) of their sample;
+    what is not measured may be no number."""
     vector = values.ndim == pattern.ndim + 1
+    factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
+    factor = factor if vector else factor[..., None]
+    values = np.where(factor != 0.0, values, 0.0)
     if not is_dense(weights):
-        factor = np.diagonal(weights, axis1=1, axis2=2)[pattern]
-        return values * (factor if vector else factor[..., None])
+        return values * factor
     matrix = weights[pattern]
     return (matrix @ values[..., None])[..., 0] if vector else matrix @ values
 

@@ -64,6 +64,10 @@ class Layout:
         """Number of segments K."""
         return len(self.record)
 
+    def residuals(self, y: np.ndarray) -> np.ndarray:
+        """Subtract the measurements from outputs (K, L, o); zero where nothing is measured, whatever the output."""
+        return np.where(self.present, y - self.z, 0.0)
+
     def segments_of(self, record: int) -> slice:
         """The segments of one record."""
         stop = self.first[record + 1] if record + 1 < len(self.first) else len(self.record)

@@ -61,7 +61,7 @@ void gaps(long count, long length, const V *data, const double *nodes, const dou
             scatter(y, out, O, k, length, first, count);
             choose(present, &held, data + PATTERN, seen, O);
             for (int i = 0; i < O; i++) {
-                V r = (out[i] - data[2 * M + 1 + i]) * present[i];
+                V r = where(out[i] - data[2 * M + 1 + i], present[i]);
                 sum[i] += r * r;
             }
             memcpy(x, X + (DEGREE - 1) * N, sizeof x);
@@ -126,6 +126,8 @@ static inline __attribute__((always_inline)) void solve_step(V (*A)[POINTS], V (
 /* columns of q (O, NF + 2): derivatives, residual, what the offset of the state makes of it; q <- L q */
 static inline void whiten_all(V (*restrict q)[NF + 2], const V *restrict L, long dense)
 {
+    for (int i = 0; i < O; i++)
+        for (int c = 0; c < NF + 2; c++) q[i][c] = where(q[i][c], L[i * (i + 3) / 2]);
     for (int i = O - 1; i >= 0; i--) {
         const V *row = L + i * (i + 1) / 2;
         for (int c = 0; c < NF + 2; c++) q[i][c] *= row[i];

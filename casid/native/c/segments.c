@@ -17,7 +17,7 @@ void simulate(long count, long length, const long *live, const V *data, const do
             scatter(y, out, O, k, length, first, count);
             choose(present, &held, d + PATTERN, seen, O);
             for (int i = 0; i < O; i++) {
-                V r = (out[i] - d[2 * M + 1 + i]) * present[i];
+                V r = where(out[i] - d[2 * M + 1 + i], present[i]);
                 sum[i] += r * r;
             }
             for (int i = 0; i < N; i++) x[i] = after[i];
@@ -68,6 +68,24 @@ static inline void accumulate(V *restrict H, V (*restrict g)[NF], V (*restrict q
 #endif
 }
 
+/* whether a lane has a row of zeros in the triangle L: what is not measured */
+static inline int lacking(const V *L)
+{
+    int any = 0;
+    for (int i = 0; i < O; i++)
+        for (int l = 0; l < W; l++) any |= L[i * (i + 3) / 2][l] == 0.0;
+    return any;
+}
+
+static inline void drop_unmeasured(V (*restrict q)[NF], V *restrict r, const V *restrict L)
+{
+    for (int i = 0; i < O; i++) {
+        const V on = L[i * (i + 3) / 2];
+        r[i] = where(r[i], on);
+        for (int c = 0; c < NF; c++) q[i][c] = where(q[i][c], on);
+    }
+}
+
 /* q <- L q, r <- L r with the lower triangle L by rows */
 static inline void whiten(V (*restrict q)[NF], V *restrict r, const V *restrict L, long dense)
 {
@@ -96,6 +114,7 @@ void linearise(long count, long length, const long *live, const V *data, const d
         V x[N], p[Q], after[N], out[O], r[O], S[NF][N], q[O][NF], g[O][NF], H[NF * (NF + 1) / 2];
         V drive[F + NV + 1][STAGE_COUNT][DRIVEN];
         V L[TRIANGLE], held = (V){0} - 1.0;
+        int lacks = 0;
         STAGE_ARRAYS;
         gather(x, nodes, N, first, count);
         gather(p, parameters, Q, first, count);
@@ -112,8 +131,9 @@ void linearise(long count, long length, const long *live, const V *data, const d
             derive(x, d, d + M, d + 2 * M, p, after, out, STAGES);
             drives(drive, DRIVES);
             outputs(q, C, D, S);
-            choose(L, &held, d + PATTERN, weights, TRIANGLE);
+            if (choose(L, &held, d + PATTERN, weights, TRIANGLE)) lacks = lacking(L);
             for (int i = 0; i < O; i++) r[i] = out[i] - d[2 * M + 1 + i];
+            if (lacks) drop_unmeasured(q, r, L);
             whiten(q, r, L, dense);
             if (rows) scatter(rows, q[0], O * NF, k, length, first, count);
             accumulate(H, g, q, r);
