@@ -1,4 +1,4 @@
-# make demo | test | check | docs | first-hour | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
+# make demo | test | check | docs | first-hour | lowest | lock | clean. A fresh machine needs git, make and Python 3.11 or later, nothing else.
 VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
@@ -9,7 +9,7 @@ ARGS   ?=
 export OPENBLAS_NUM_THREADS := 1
 export OMP_NUM_THREADS := 1
 
-.PHONY: demo test check docs first-hour lock clean
+.PHONY: demo test check docs first-hour lowest lock clean
 
 demo: $(STAMP)
 	env -u OMP_NUM_THREADS -u OPENBLAS_NUM_THREADS $(BIN)/casid demo --out out/demo $(ARGS)
@@ -50,6 +50,22 @@ docs: $(STAMP)
 # What a new user does first, from the wheel in an environment of its own.
 first-hour: $(STAMP)
 	$(BIN)/python scripts/first_hour.py $(ARGS)
+
+# The lowest versions that pyproject.toml allows, in an environment of their own: readers, exports, and the demonstration.
+# Warnings of such old packages are no errors here. The lock has the newest ones.
+LOWEST  := build/lowest
+EXTRAS  := jsbsim,parquet,hdf5,excel,mdf,ulog,ardupilot,pandas
+lowest: $(STAMP)
+	@set -e; \
+	uv=$$(command -v uv || true); \
+	[ -n "$$uv" ] || { $(BIN)/python -m pip install --quiet --disable-pip-version-check uv; uv=$(BIN)/uv; }; \
+	$$uv venv --quiet --clear --python $(BIN)/python $(LOWEST); \
+	$$uv pip install --quiet --python $(LOWEST)/bin/python --resolution lowest-direct --only-binary :all: \
+	  --no-binary casid -e '.[$(EXTRAS)]' pytest==8.2.0 hypothesis==6.100.0; \
+	export MPLCONFIGDIR=$(LOWEST)/matplotlib; \
+	$(LOWEST)/bin/python -m casid demo --quick --out $(LOWEST)/demo; \
+	$(LOWEST)/bin/python -m pytest -q -p no:cacheprovider -W default \
+	  tests/records/test_readers.py tests/records/test_foreign.py tests/formats/test_export.py tests/test_keeping.py $(ARGS)
 
 # Needs uv. One lock for every platform and every Python that casid runs on.
 lock:
