@@ -50,6 +50,11 @@ class FileAerodynamics(Protocol):
         ...
 
     @property
+    def text(self) -> str:
+        """Text of the file, with what it includes."""
+        ...
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What of the file is left out, and what is held."""
         ...

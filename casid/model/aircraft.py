@@ -361,7 +361,8 @@ class Aircraft:
             raise InputError(f"{path}: {error}") from None
 
     def write(self, path: str | Path, *, like: str | Path | None = None) -> None:
-        """Write a TOML file from which `read` makes an equal Aircraft.
+        """Write a TOML file from which `read` makes an equal Aircraft. The aerodynamics of another simulation's file
+        are copied beside it, unless they lie there or below.
 
         Under a name that ends in .xml an aircraft of a JSBSim file is written as that file again: derivatives and
         terms as further functions, effects as parts. Wrong stretches of its tables are mended where they stand.
@@ -381,7 +382,9 @@ class Aircraft:
             When `path` cannot be written or `like` cannot be read.
         """
         suffix = a_path(path, "Aircraft.write").suffix.lower()
-        content = self._as_own_file(path) if suffix in _FILES else toml_text(sections_of(self))
+        content = (
+            self._as_own_file(path) if suffix in _FILES else toml_text(sections_of(self, self._beside(Path(path))))
+        )
         if like is not None:
             read_toml(like)  # its faults in words
             content = with_comments_of(Path(like).read_text(encoding="utf-8"), content)
@@ -390,6 +393,21 @@ class Aircraft:
                 temporary.write_text(content, encoding="utf-8", newline="\n")
         except UnicodeEncodeError as error:
             raise InputError(f"{path}: cannot be written: {error}") from None
+
+    def _beside(self, path: Path) -> str:
+        """Name the file of its aerodynamics as the one at `path` names it, and copy it there from elsewhere."""
+        own, folder = self.aerodynamics, path.parent.resolve()
+        if not isinstance(own, FileAerodynamics):
+            return ""
+        source = Path(own.path)
+        if source.is_relative_to(folder):
+            return source.relative_to(folder).as_posix()
+        copy = folder / source.name
+        if copy.exists() and not (copy.is_file() and copy.read_text(encoding="utf-8") == own.text):
+            copy = folder / f"{path.stem}-{source.name}"
+        with whole_file(copy) as temporary:
+            temporary.write_text(own.text, encoding="utf-8", newline="\n")
+        return copy.name
 
     def _as_own_file(self, path: str | Path) -> str:
         own = self.aerodynamics

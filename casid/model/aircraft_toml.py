@@ -19,6 +19,7 @@ from casid.model.effect_value import EffectValue
 from casid.model.rotors import read_rotors, written_rotors
 from casid.model.tables import read_tables, written_table
 from casid.model.terms import parse_term
+from casid.records.limits import beside
 from casid.signals import FOOT, POUND, SLUG, TONNE
 from casid.views import view
 
@@ -198,7 +199,7 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
         if named or "held" in table or "cm" in table:
             raise InputError(f'{where}: name one file beside held and cm: jsbsim = "plane.xml" or daveml = "plane.dml"')
         return None
-    path = folder / text(table[named[0]], f"{where} {named[0]}")
+    path = beside(folder, text(table[named[0]], f"{where} {named[0]}"), f"{where} {named[0]}")
     held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
         return view("daveml.aerodynamics")(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
@@ -242,8 +243,8 @@ def _effects(tables: Any) -> tuple[EffectValue, ...]:
     return tuple(effects)
 
 
-def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
-    """(header, table) of the sections of its file, in their order."""
+def sections_of(aircraft: Any, named: str = "") -> Iterable[tuple[str, Mapping[str, Any]]]:
+    """(header, table) of the sections of its file, in their order; `named` is the file of its aerodynamics there."""
     a = aircraft
     products = () if a.inertia.symmetric else PRODUCTS
     inertia = {name: getattr(a.inertia, name) for name in (*INERTIAS, *products)}
@@ -260,7 +261,7 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
         yield from written_rotors(a.rotors)
     if a.winged:
         general = {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
-        yield "[aerodynamics]", general | _written_own(a.aerodynamics)
+        yield "[aerodynamics]", general | _written_own(a.aerodynamics, named)
     if a.derivatives or (a.winged and not a.tables):
         yield "[aerodynamics.derivatives]", a.derivatives
     if a.terms:
@@ -273,9 +274,9 @@ def sections_of(aircraft: Any) -> Iterable[tuple[str, Mapping[str, Any]]]:
         yield "[[effects]]", {k: v for k, v in table.items() if k in ("value", "std") or v not in (None, "", (), {})}
 
 
-def _written_own(aerodynamics: Aerodynamics | None) -> dict[str, Any]:
+def _written_own(aerodynamics: Aerodynamics | None, named: str) -> dict[str, Any]:
     if aerodynamics is None:
         return {}
     if isinstance(aerodynamics, FileAerodynamics):
-        return aerodynamics.section()
+        return aerodynamics.section() | {aerodynamics.format: named}
     raise InputError("its aerodynamics are a Python function, which a file cannot hold; keep the Aircraft in Python")

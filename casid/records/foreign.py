@@ -11,6 +11,7 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.records.clock import seconds_of
+from casid.records.limits import MOST_CELLS
 from casid.records.log import of_log
 from casid.records.table import RawTable
 
@@ -21,7 +22,7 @@ def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: no such file")
     try:
         return load()
-    except NotImplementedError:
+    except (NotImplementedError, MemoryError):
         raise
     except Exception as error:  # a damaged file makes these libraries raise some twenty unrelated types
         fault = (str(error) or type(error).__name__).splitlines()[0]
@@ -82,6 +83,8 @@ def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
 
         def visit(name: str, item: Any) -> None:
             if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+                if item.external or item.is_virtual:
+                    raise ValueError(f"'{name}' is in another file; copy it into this one")
                 found[name.rsplit("/", 1)[-1]] = np.asarray(item)
 
         with h5py.File(path, "r") as file:
@@ -100,15 +103,17 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     def load() -> dict[str, Any]:
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
-            return {sheet.title: list(sheet.iter_rows(values_only=True)) for sheet in book.worksheets}
+            sheets = {sheet.title: sheet for sheet in book.worksheets}
+            name = variable if variable is not None else next(iter(sheets), "")
+            rows = _rows(sheets[name]) if name in sheets else []
+            return {"names": list(sheets), "name": name, "rows": rows}
         finally:
             book.close()
 
-    sheets = loaded(path, load)
-    if variable is not None and variable not in sheets:
-        raise unknown("sheet", variable, sheets, str(path))
-    name, rows = (variable, sheets[variable]) if variable is not None else next(iter(sheets.items()))
-    rows = [row for row in rows if any(cell is not None for cell in row)]
+    book = loaded(path, load)
+    name, rows, sheets = book["name"], book["rows"], book["names"]
+    if name not in sheets:
+        raise unknown("sheet", name, sheets, str(path))
     if len(rows) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
     head, *body = rows
@@ -123,6 +128,18 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
                 values[i, j] = number
     names = tuple("" if cell is None else str(cell).strip() for cell in head)
     return RawTable(source=str(path), names=names, values=values, text=text)
+
+
+def _rows(sheet: Any) -> list[tuple[Any, ...]]:
+    """Rows of a sheet that are not empty. Raises ValueError where one lies so far off that it has too many cells."""
+    found, cells = [], 0
+    for row in sheet.iter_rows(values_only=True):
+        cells += len(row)
+        if cells > MOST_CELLS:
+            raise ValueError(f"its sheet has more than {MOST_CELLS / 1e6:.0f} million cells; delete what lies far off")
+        if any(cell is not None for cell in row):
+            found.append(row)
+    return found
 
 
 def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
@@ -162,7 +179,7 @@ def library(module: str, path: Path, extra: str) -> Any:
 def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct.
 
-    scipy reads it; with some forged flags in the header scipy itself crashes, so that no error can be raised.
+    scipy reads it, and crashes itself with some forged flags in the header; see `limits.apart`.
     """
     from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
 

@@ -24,6 +24,7 @@ from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
+from casid.records.limits import apart
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
 from casid.records.ros import read_mcap
@@ -274,11 +275,14 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     if not found:
         raise unknown("file type", ending, [e for one in FORMATS for e in one.endings], str(path))
     terms = column_map.columns.get("t", ())
-    return found[0].read(path, column_map.variable, str(terms[0].column) if terms else "t")
+    arguments = column_map.variable, str(terms[0].column) if terms else "t"
+    return found[0].read(path, *arguments) if found[0] is FORMATS[0] else apart(found[0].read, path, *arguments)
 
 
 def _head(path: Path) -> bytes:
     """The first bytes of a file, by which formats know themselves; none of one that cannot be read."""
+    if not path.is_file():
+        return b""
     try:
         with path.open("rb") as file:
             return file.read(32)

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import re
 import warnings
-import zlib
 from array import array
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,6 +16,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.records.clock import clock_of
 from casid.records.layout import MISSING, NUMBER, Layout, layout_of
+from casid.records.limits import read_bytes
 
 _MARKS = {"utf-8": b"\xef\xbb\xbf", "utf-32": b"\xff\xfe\0\0", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}
 _BLOCK = 1 << 23  # bytes
@@ -116,7 +115,7 @@ def read_text(path: Path) -> RawTable:
 
     A last row that is cut short is left out, and said.
     """
-    raw = _raw(path)
+    raw = read_bytes(path)
     quick = _plain_table(path, raw)
     if quick is not None:
         return quick
@@ -145,16 +144,6 @@ def _plain_table(path: Path, raw: bytes) -> RawTable | None:
     if values is None:
         return None
     return RawTable(source=str(path), names=names, values=values, lines=np.arange(2, len(values) + 2))
-
-
-def _raw(path: Path) -> bytes:
-    try:
-        raw = path.read_bytes()
-        return gzip.decompress(raw) if path.suffix.lower() == ".gz" else raw
-    except (EOFError, zlib.error, gzip.BadGzipFile):
-        raise InputError(f"{path}: not a whole .gz file; pack it again") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:

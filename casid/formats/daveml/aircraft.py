@@ -24,6 +24,7 @@ from casid.formats.jsbsim.aircraft import INCREMENTS
 from casid.model.airframe import Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
+from casid.records.limits import read_text_of
 from casid.signals import DEGREE, FOOT, POUND, SLUG
 
 # unit of a file -> its size in SI and radians
@@ -205,7 +206,7 @@ def dave_aerodynamics(
         raise InputError(f"{path}: {error}") from None
     return DaveAerodynamics(
         path=str(Path(path).resolve()),
-        text=_text(path),
+        text=read_text_of(Path(path)),
         cm=(cm[0], cm[1], cm[2]),
         lateral=span / 2.0,
         pitch=chord / 2.0,
@@ -218,16 +219,9 @@ def _reference(own: DaveAerodynamics, name: str) -> float:
     return _si(file, file.values({}), name)
 
 
-def _text(path: str | Path) -> str:
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
-
-
 def _read(path: str | Path) -> DaveFile:
     try:
-        return dave_file(_text(path))
+        return dave_file(read_text_of(Path(path)))
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 

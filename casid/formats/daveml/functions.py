@@ -16,6 +16,7 @@ import casadi as ca
 from casid.errors import InputError, unknown
 from casid.formats.file_tables import Entry
 from casid.model.tables import Grid
+from casid.records.limits import xml_root
 
 Look = Callable[[str], Any]  # varID -> its expression
 
@@ -125,10 +126,7 @@ class DaveFile:
     """
 
     def __init__(self, text: str) -> None:
-        try:
-            self._root = ET.fromstring(text)
-        except ET.ParseError as error:
-            raise InputError(f"is no XML: {error}") from None
+        self._root = xml_root(text)
         if bare(self._root) != "DAVEfunc":
             raise InputError(f"the root is <{bare(self._root)}>; a DAVE-ML file begins with <DAVEfunc>")
         variables = self._all("variableDef")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from casid.errors import InputError
+from casid.records.limits import MOST_BYTES_OF_A_MODEL, beside, read_bytes, xml_root
 from casid.signals import DEGREE, FOOT
 
 LBS_PER_SLUG = 32.174049
@@ -38,12 +39,14 @@ def load(path: str | Path) -> ET.Element:
         name = section.get("file")
         if section.tag not in _INCLUDED or not name:
             continue
-        places = (file.parent / name, file.parent / f"{name}.xml", file.parent / "Systems" / f"{name}.xml")
+        spelled = (name, f"{name}.xml", f"Systems/{name}.xml")
+        places = [beside(file.parent, one, f"{file}: <{section.tag}>") for one in spelled]
         found = next((place for place in places if place.is_file()), None)
         if found is None and section.tag in ("aerodynamics", "mass_balance", "metrics"):
             raise InputError(f"{file}: <{section.tag}> is in the file '{name}', which is not beside it")
         if found is not None:
             section.extend(list(_parsed(found)))
+            del section.attrib["file"]
     for tag in ("metrics", "mass_balance", "aerodynamics"):
         if root.find(tag) is None:
             raise InputError(f"{file}: <{tag}> is missing; it is needed for an aircraft")
@@ -51,12 +54,11 @@ def load(path: str | Path) -> ET.Element:
 
 
 def _parsed(file: Path) -> ET.Element:
+    raw = read_bytes(file, MOST_BYTES_OF_A_MODEL)
     try:
-        return ET.parse(file).getroot()
-    except OSError as error:
-        raise InputError(f"{file}: cannot be read: {error.strerror}") from None
-    except ET.ParseError as error:
-        raise InputError(f"{file}: is no XML: {error}") from None
+        return xml_root(raw)
+    except InputError as error:
+        raise InputError(f"{file}: {error}") from None
 
 
 def part(node: ET.Element, tag: str) -> ET.Element:
