@@ -128,7 +128,10 @@ class Aircraft:
             require(self.rotors, Rotors, "'rotors'", "cs.Rotors(each=[cs.Rotor(...), ...])")
         values: dict[str, Any] = {"name": one_line(self.name, "'name'")}
         require(self.inertia, Inertia, "'inertia'", "cs.Inertia(Ixx=..., Iyy=..., Izz=..., Ixz=...)")
-        unused = [name for name in ("area", *lengths) if not self.winged and math.isnan(getattr(self, name))]
+        table_of(self.derivatives, "derivatives", "{'Cm_alpha': -1.2}")
+        table_of(self.terms, "terms", "{'Cm': {'alpha^2': 0.4}}")
+        sequence(self.tables, "tables", "[cs.table(...)]")
+        unused = [name for name in ("area", *lengths) if not self.winged and getattr(self, name) is math.nan]
         values |= {
             name: 1.0 if name in unused else number(getattr(self, name), f"'{name}'", positive=True)
             for name in ("mass", "gravity", "area", *lengths)
