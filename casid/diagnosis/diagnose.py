@@ -9,7 +9,8 @@ from typing import Any, overload
 
 from casid.arguments import require
 from casid.data_check.check import channels_of, check
-from casid.diagnosis.cause import Cause
+from casid.data_check.reading import Finding
+from casid.diagnosis.cause import NAMED, Cause, Decision, Trace, at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import baseline_of
 from casid.diagnosis.engine.held_out import Kept, split
@@ -106,6 +107,7 @@ def diagnose_aircraft(
         std = {name: one.std for name, one in found.flight.items() if one.determined}
         extended = with_estimates(found.extended_aircraft, {}, std)
         found = replace(found, part=OfAircraft(file=aircraft, extended=aircraft if is_worse(found) else extended))
+        found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
         return concluded(
             found,
             scope.contradicted(aircraft, found.flight),
@@ -114,6 +116,20 @@ def diagnose_aircraft(
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
+
+
+def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
+    """The decisions on the faults of the data that were found; they were made before the first round."""
+    return tuple(
+        Decision(
+            cause=f"{one.kind}({one.target})",
+            round=0,
+            outcome=NAMED,
+            gates=() if one.odds is None else (at_least("odds against records that are well", one.odds, 1.0),),
+            against=tuple(f"{rival['kind']}({rival['target']})" for rival in one.indistinguishable_from),
+        )
+        for one in findings
+    )
 
 
 def is_worse(found: Diagnosis) -> bool:

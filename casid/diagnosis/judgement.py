@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import Cause, at_least
+from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace, at_least, at_most
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
 from casid.diagnosis.engine.acceptance import required_gain, tempered
 from casid.diagnosis.engine.baseline import Baseline
@@ -79,6 +79,27 @@ def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
     by = fitted.criteria
     drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.verdict.missing]
     return {m.place.name for m in drifts if missing_share(fitted, m) > by.size.share}
+
+
+def traced(
+    kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[MissingInput], required: float
+) -> tuple[Decision, ...]:
+    """The decisions on the ports where the final model lacks something: told as unexplained, or why not."""
+    by, told = kept.evidence.criteria, {m.station for m in unexplained}
+    enough = max(by.verdict.missing, required)
+    found = []
+    for m in left:
+        share = missing_share(kept.fit, m)
+        gates = [
+            at_least("gain of an input of any shape", m.gain, enough, "verdict.missing"),
+            at_least("share of the variation at its port", share, by.size.share, "size.share"),
+            at_least("left beside causes, slow noise and turbulence", float(m.station in told), 1.0),
+        ]
+        known = m.place.name in kept.fit.flight.unknown
+        gates += [at_most("never recorded, and so not judged", 1.0, 0.0)] if known else []
+        outcome = NAMED if m.station in told else REFUSED
+        found.append(Decision(cause=m.station, round=0, outcome=outcome, gates=tuple(gates)))
+    return tuple(found)
 
 
 def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
@@ -262,7 +283,12 @@ def judged(
         believed=belief.there,
         entered=belief.entered,
         nothing=belief.nothing,
-        trace=trace_of_search(state, causes, minor, refused),
+        trace=Trace(
+            decisions=(
+                *trace_of_search(state, causes, minor, refused).decisions,
+                *traced(kept, left, unexplained, begun.required),
+            )
+        ),
     )
 
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.data_check.reading import Finding
+from casid.diagnosis.cause import NAMED, REFUSED, Trace
+from casid.diagnosis.diagnose import of_data
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.missing_input import drifts
+from casid.diagnosis.evidence.missing_input import MissingInput, drifts
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.noise import as_slow_as_left
-from casid.diagnosis.judgement import drifting
+from casid.diagnosis.judgement import drifting, traced
 from casid.model.causes import sensor_bias
 from problems.do328 import do328
 
@@ -35,3 +40,23 @@ def test_a_drift_matters_from_the_size_of_a_bias_that_matters(channel: str) -> N
         left[part] = max((m.gain for m in drifts(weigh(slow)) if m.place.name == channel), default=0.0)
         assert all(np.isinf(tau) or tau < 6.0 for _, tau in slow.noise.slow.get(channel, ()) if channel in told)
     assert left[3.0] > fitted.criteria.verdict.missing > left[0.1]
+
+
+def test_ports_and_data_have_their_trace() -> None:
+    """A drift that is told, one that is too small, and a reading that was corrected; `why` answers for each."""
+    told = MissingInput(station="reading_q", gain=9e3, size=0.1, history=ramp(0.3))
+    small = MissingInput(station="reading_alpha", gain=9e3, size=1e-6, history=ramp(1e-6))
+    flight = prepare(do328(), flights(seed=5, count=2, duration_s=8.0))
+    evidence = weigh(fit(flight, (), flight.noise(), iterations=2))
+    kept = SimpleNamespace(evidence=evidence, fit=evidence.fit)
+    turned = Finding(kind="data_sign", target="ay", records=("m1",), handled="corrected", sentence="", odds=1e6)
+    decisions = (*of_data([turned]), *traced(kept, [told, small], [told], 0.0))  # pyright: ignore
+    trace = Trace(decisions=decisions)
+    assert trace.of("reading_q").outcome["reading_q"] == NAMED
+    (refused,) = trace.of("reading_alpha").decisions
+    assert refused.outcome == REFUSED and refused.failed[0].criterion == "size.share"
+    assert trace.of("data_sign(ay)").decisions[0].gates[0].value == 1e6
+
+
+def ramp(size: float) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    return {"m1": (np.arange(9.0), size * np.linspace(-1.0, 1.0, 9), np.ones(9))}
