@@ -81,17 +81,14 @@ def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
     return {m.place.name for m in drifts if missing_share(fitted, m) > by.size.share}
 
 
-def traced(
-    kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[MissingInput], required: float
-) -> tuple[Decision, ...]:
-    """The decisions on the ports where the final model lacks something: told as unexplained, or why not."""
+def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[MissingInput], of_causes: Trace) -> Trace:
+    """The decisions on causes, and on the ports where the final model lacks something: unexplained, or why not."""
     by, told = kept.evidence.criteria, {m.station for m in unexplained}
-    enough = max(by.verdict.missing, required)
-    found = []
+    found = list(of_causes.decisions)
     for m in left:
         share = missing_share(kept.fit, m)
         gates = [
-            at_least("gain of an input of any shape", m.gain, enough, "verdict.missing"),
+            at_least("gain of an input of any shape", m.gain, by.verdict.missing, "verdict.missing"),
             at_least("share of the variation at its port", share, by.size.share, "size.share"),
             at_least("left beside causes, slow noise and turbulence", float(m.station in told), 1.0),
         ]
@@ -99,7 +96,7 @@ def traced(
         gates += [at_most("never recorded, and so not judged", 1.0, 0.0)] if known else []
         outcome = NAMED if m.station in told else REFUSED
         found.append(Decision(cause=m.station, round=0, outcome=outcome, gates=tuple(gates)))
-    return tuple(found)
+    return Trace(decisions=tuple(found))
 
 
 def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
@@ -283,12 +280,7 @@ def judged(
         believed=belief.there,
         entered=belief.entered,
         nothing=belief.nothing,
-        trace=Trace(
-            decisions=(
-                *trace_of_search(state, causes, minor, refused).decisions,
-                *traced(kept, left, unexplained, begun.required),
-            )
-        ),
+        trace=traced(kept, left, unexplained, trace_of_search(state, causes, minor, refused)),
     )
 
 

@@ -50,8 +50,7 @@ def test_ports_and_data_have_their_trace() -> None:
     evidence = weigh(fit(flight, (), flight.noise(), iterations=2))
     kept = SimpleNamespace(evidence=evidence, fit=evidence.fit)
     turned = Finding(kind="data_sign", target="ay", records=("m1",), handled="corrected", sentence="", odds=1e6)
-    decisions = (*of_data([turned]), *traced(kept, [told, small], [told], 0.0))  # pyright: ignore
-    trace = Trace(decisions=decisions)
+    trace = traced(kept, [told, small], [told], Trace(decisions=of_data([turned])))  # pyright: ignore
     assert trace.of("reading_q").outcome["reading_q"] == NAMED
     (refused,) = trace.of("reading_alpha").decisions
     assert refused.outcome == REFUSED and refused.failed[0].criterion == "size.share"

@@ -103,9 +103,9 @@ def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
     either of them.
     """
     fit, found = evidence.fit, np.zeros(len(evidence.fit.slots))
+    if not any(term == "alphadot" for _, term in evidence.terms):
+        return found  # as of any system that is no aircraft
     number, aircraft = {slot.name: i for i, slot in enumerate(fit.slots)}, fit.flight.aircraft
-    if fit.flight.sizes is not None:
-        return found
     lift = next((abs(fit.derivatives[name]) for name in ("CL_alpha", "CZ_alpha") if name in fit.derivatives), 0.0)
     slope = min(2.0 * lift * aircraft.moment_length_pitch**2 / (math.pi * aircraft.area), 1.0)
     for j, (coefficient, term) in enumerate(evidence.terms, len(fit.slots)):
