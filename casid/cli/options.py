@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -58,9 +59,16 @@ def records_of(
 
     `own`: channels of no aircraft; `span`: values of ``--from`` and ``--to``.
     """
+    maps = [*maps, *(one for one in patterns if _is_map(one))]  # `--map a=.. b=..` hands the second to the records
+    patterns = [one for one in patterns if not _is_map(one)]
     records = read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own, between=between(*span))
     say_notes(records)
     return records
+
+
+def _is_map(word: str) -> bool:
+    """Say whether a word is a column map, CHANNEL=COLUMN, and no file."""
+    return re.match(r"[A-Za-z_]\w*=", word) is not None and not Path(word).exists()
 
 
 def say_notes(records: Sequence[Record]) -> None:

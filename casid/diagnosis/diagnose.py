@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,7 +25,7 @@ from casid.diagnosis.result import Diagnosis, OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.verdict import concluded, named_in_errors
-from casid.errors import InputError
+from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
@@ -228,7 +229,20 @@ def diagnose(
 ) -> Diagnosis: ...
 
 
-def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis:
+def diagnose(
+    simulation: Any,
+    records: Any,
+    hold_out: Any = (),
+    report: Say = lambda stage: None,
+    criteria: Criteria | None = None,
+    *,
+    as_recorded: bool | Sequence[str] = False,
+    axes: str | None = None,
+    ports: Sequence[Port] | None = None,
+    exact: Sequence[str] = (),
+    library: Library | None = None,
+    **others: Any,
+) -> Diagnosis:
     """Diagnose what a simulation gets wrong, with measured records.
 
     Parameters
@@ -276,10 +290,17 @@ def diagnose(simulation: Any, *arguments: Any, **options: Any) -> Diagnosis:
     >>> print(found)  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
+    for name in others:
+        raise unknown("argument", name, _ARGUMENTS, "diagnose")
     if isinstance(simulation, Model):
-        if {"axes", "as_recorded"} & set(options):
+        if axes is not None or as_recorded is not False:
             raise InputError("axes and as_recorded are for an aircraft; a Model takes ports, exact and library")
-        return diagnose_system(simulation, *arguments, **options)
-    if {"ports", "exact", "library"} & set(options):
+        return diagnose_system(
+            simulation, records, hold_out, report, criteria, ports=ports, exact=exact, library=library
+        )
+    if ports is not None or exact or library is not None:
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")
-    return diagnose_aircraft(simulation, *arguments, **options)
+    return diagnose_aircraft(simulation, records, hold_out, report, criteria, as_recorded=as_recorded, axes=axes)
+
+
+_ARGUMENTS = tuple(name for name in inspect.signature(diagnose).parameters if name != "others")

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import names, number, require
+from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
@@ -212,6 +212,7 @@ def frequency_response(
     *,
     other_inputs: Sequence[str] = (),
     omega: np.ndarray | Sequence[float] | None = None,
+    band: tuple[float, float] | None = None,
     windows: Sequence[float] | None = None,
     overlap: float = 0.8,
 ) -> FrequencyResponse:
@@ -232,6 +233,8 @@ def frequency_response(
     omega
         (frequencies,) [rad/s]; default: 100 from two periods in the longest window to ten samples in a period, evenly
         by ratio.
+    band
+        Lowest and highest frequency [rad/s], in place of `omega`: 100 between them, evenly by ratio.
     windows
         Lengths [s]; default: five, from half of the longest record to an eighth.
     overlap
@@ -271,6 +274,10 @@ def frequency_response(
     if not 0.0 <= overlap <= 0.95:
         raise InputError(f"frequency_response: overlap is {overlap:g}; expected 0 to 0.95")
     flown = given_records(records, "frequency_response", own=channels)
+    if band is not None:
+        if omega is not None:
+            raise InputError("frequency_response: omega and band are given; give one of them")
+        omega = _between(band)
     wanted = None if omega is None else _wanted(omega)
     highest = _highest(flown, channels) if wanted is None else float(wanted.max())
     parts = [part for record in flown for part in stretches(record, channels, highest)]
@@ -368,6 +375,17 @@ def _multiple(matrix: np.ndarray) -> np.ndarray:
     across, power = matrix[:, inputs, 1:2], np.real(matrix[:, 1, 1])
     explained = across.conj().transpose(0, 2, 1) @ np.linalg.solve(matrix[:, inputs][:, :, inputs], across)
     return np.clip(np.real(explained[:, 0, 0]) / np.where(power > 0.0, power, np.inf), 0.0, 1.0)
+
+
+def _between(band: tuple[float, float]) -> np.ndarray:
+    if isinstance(band, str) or not isinstance(band, Sequence) or len(band) != 2:
+        raise InputError(
+            f"frequency_response: band is {given(band)}; expected two frequencies in rad/s, like (1.0, 10.0)"
+        )
+    low, high = (number(one, "frequency_response: band", positive=True) for one in band)
+    if not low < high:
+        raise InputError(f"frequency_response: band is {low:g} to {high:g} rad/s; expected the lower one first")
+    return np.geomspace(low, high, _COUNT)
 
 
 def _wanted(omega: np.ndarray | Sequence[float]) -> np.ndarray:

@@ -120,7 +120,7 @@ class Simulation:
 def simulate(
     model: Model,
     record: Record | str | Path,
-    start: np.ndarray | Sequence[float],
+    start: np.ndarray | Sequence[float] | Mapping[str, float],
     values: Mapping[str, float] | None = None,
     disturbances: Mapping[str, np.ndarray] | None = None,
     substeps: int = 1,
@@ -140,7 +140,7 @@ def simulate(
     record
         With the model's inputs, or the file of one.
     start
-        (states,) state at the first sample, in the order of `model.states`.
+        (states,) state at the first sample, in the order of `model.states`; or a table, state -> value.
     values
         Parameters by name, put over the model's nominal values.
     disturbances
@@ -216,6 +216,14 @@ def simulate(
 
 def _start(model: Model, start: object) -> np.ndarray:
     order = ", ".join(model.states)
+    if isinstance(start, Mapping):
+        for name in start:
+            if name not in model.states:
+                raise unknown("state", str(name), model.states, "simulate: start")
+        missing = [name for name in model.states if name not in start]
+        if missing:
+            raise InputError(f"simulate: start has no {', '.join(missing)}; give a value of each state: {order}")
+        start = [start[name] for name in model.states]
     try:
         state = np.asarray(start, dtype=float)
     except (TypeError, ValueError):

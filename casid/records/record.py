@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import KW_ONLY, dataclass, field, fields
 from numbers import Real
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ _ALSO = {"zoh": "held", "foh": "linear"}  # as control engineers call them
 _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 
 
-@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Record:
     """One manoeuvre.
 
@@ -72,6 +72,7 @@ class Record:
     name: str
     t: np.ndarray
     channels: Mapping[str, np.ndarray]
+    _: KW_ONLY
     hold: str | Mapping[str, str] = "linear"
     source: str = ""
     notes: tuple[str, ...] = field(default=())

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import gzip
+import inspect
 from pathlib import Path
 
 import numpy as np
 import pytest
 from cyclopts import App
 
+import casid as cs
 from casid.cli.app import COMMANDS
-from casid.cli.options import DEMO
+from casid.cli.options import DEMO, records_of
 from casid.cli.run import status_of
 from casid.records import read_record
 
@@ -235,3 +237,54 @@ def test_a_map_is_written_that_reads_a_file_of_foreign_names(tmp_path, capsys):
 
 def test_there_are_enough():
     assert len(MISUSES) >= 60 and np.unique([words for words, _ in MISUSES]).size == len(MISUSES)
+
+
+def test_names_that_people_guess_are_taken() -> None:
+    """Truth: the same call by the names of the documentation."""
+    t = 0.02 * np.arange(400)
+    u = np.random.default_rng(0).standard_normal(len(t))
+    record, plain = cs.Record("m", t, {"u": u, "y": 2.0 * u}), cs.Record(name="m", t=t, channels={"u": u, "y": 2.0 * u})
+    assert (record.name, record.channels.keys()) == (plain.name, plain.channels.keys())
+    lag = cs.define_model(
+        "lag",
+        states=["x", "z"],
+        inputs=["u"],
+        parameters={"T": 0.5},
+        outputs=["y"],
+        dynamics=lambda s: {"x": (s.u - s.x) / s.T, "z": -s.z},
+        output=lambda s: {"y": s.x + s.z},
+    )
+    named, listed = (cs.simulate(lag, record, start).outputs for start in ({"z": 2.0, "x": 1.0}, [1.0, 2.0]))
+    np.testing.assert_array_equal(named, listed)
+    band = cs.frequency_response(record, "u", "y", band=(4.0, 20.0))
+    np.testing.assert_allclose(band.omega, np.geomspace(4.0, 20.0, 100))
+    for call, said in (
+        (lambda: cs.simulate(lag, record, {"x": 1.0}), "no z"),
+        (lambda: cs.simulate(lag, record, {"x": 1.0, "zz": 0.0}), "'zz'"),
+        (lambda: cs.frequency_response(record, "u", "y", band=(20.0, 4.0)), "lower"),
+        (lambda: cs.diagnose(lag, [record], holdout=[record]), "hold_out"),
+    ):
+        with pytest.raises(cs.InputError, match=said):
+            call()
+
+
+def test_help_shows_the_arguments_of_a_diagnosis() -> None:
+    shown = inspect.signature(cs.diagnose).parameters
+    assert {"records", "hold_out", "report", "criteria", "as_recorded", "axes"} <= shown.keys()
+
+
+def test_maps_may_follow_each_other(tmp_path: Path) -> None:
+    """`--map a=.. b=..` as people type it is `--map a=.. --map b=..`."""
+    t = 0.02 * np.arange(600)
+    columns = {"t": t, "AL": np.degrees(0.05 + 0.01 * np.sin(t)), "Q": 0.01 * np.cos(t), "delta_e": 0.02 * np.sin(t)}
+    file = tmp_path / "m.csv"
+    np.savetxt(file, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    (one,), (two,) = (
+        records_of(patterns, maps)
+        for patterns, maps in (
+            ([str(file), "q=Q"], ["alpha=AL:deg"]),
+            ([str(file)], ["alpha=AL:deg", "q=Q"]),
+        )
+    )
+    np.testing.assert_array_equal(one["q"], two["q"])
+    np.testing.assert_allclose(one["alpha"], np.radians(columns["AL"]))
