@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from casid.cli.model_file import diagnose_model, model_of
+from casid.cli.model_file import model_of
 from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, records_of
 from casid.data_check.check import channels_of
 from casid.diagnosis import diagnose as diagnosis_of
@@ -24,7 +25,7 @@ from casid.records.readers import files_of
 from casid.records.record import Record
 from casid.records.thinning import thinned
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.page import write_report
+from casid.report.page import unfinished, write_report
 from casid.report.progress import Course, progress
 
 QUICK_RATE_HZ = 25.0
@@ -117,13 +118,16 @@ def diagnose(
     fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [], own, (begin, end))
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
+    made_with = provenance() | {"criteria": by.changes}
     if system is not None:
-        diagnose_model(system, fitted, held_out, by, out, as_json)
+        diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by)
+        _write(diagnosed, _of_system, made_with, out, as_json)
         return
     file = aircraft or DEMO / "aircraft.toml"
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
-    _write(diagnosed, file, by, out, shapes, as_json)
+    results = partial(_of_aircraft, file=file, shapes=shapes)
+    _write(diagnosed, results, made_with, out, as_json, Course(stages=_COURSE))
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -162,25 +166,27 @@ def _flight(
 
 def _write(
     diagnosed: Callable[..., Diagnosis],
-    file: Path,
-    criteria: Criteria,
+    results: Callable[[Diagnosis, Path], None],
+    made_with: Mapping[str, Any],
     out: Path,
-    shapes: bool,
     as_json: bool,
+    course: Course | None = None,
 ) -> None:
-    """Run a diagnosis of an aircraft file into its folder."""
-    made_with = provenance() | {"criteria": criteria.changes}
-    with whole_folder(out) as folder, progress(quiet=as_json, course=Course(stages=_COURSE)) as stage:
-        diagnosis = diagnosed(report=stage)
+    """Run a diagnosis into its folder: the results are there before anything is drawn."""
+    with progress(quiet=as_json, course=course) as stage:
+        with whole_folder(out) as folder:
+            diagnosis = diagnosed(report=stage)
+            diagnosis.write(folder / "diagnosis.json")
+            results(diagnosis, folder)
+            (folder / "report.html").write_text(unfinished(diagnosis), encoding="utf-8")
+            write_provenance(made_with, folder / "run.json")
         stage("report")
-        diagnosis.write(folder / "diagnosis.json")
-        like = file if file.suffix.lower() == ".toml" else None
-        extended = with_shapes(diagnosis.extended_aircraft, diagnosis.shapes if shapes else ())
-        extended.write(folder / "extended.toml", like=like)
-        write_provenance(made_with, folder / "run.json")
         started = time.perf_counter()
-        write_report(diagnosis, folder, made_with)
+        with whole_folder(out) as folder:
+            failed = write_report(diagnosis, folder, made_with)
         reported = time.perf_counter() - started
+    for one in failed:
+        print(f"note: a picture could not be drawn: {one}", file=sys.stderr)
     if as_json:
         print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
         return
@@ -188,3 +194,15 @@ def _write(
         print(f"{seconds:7.1f} s  {name}")
     print(diagnosis)
     print(f"report: {out / 'report.html'}")
+
+
+def _of_aircraft(diagnosis: Diagnosis, folder: Path, *, file: Path, shapes: bool) -> None:
+    """Write the extended aircraft file, in the layout of the given one."""
+    like = file if file.suffix.lower() == ".toml" else None
+    extended = with_shapes(diagnosis.extended_aircraft, diagnosis.shapes if shapes else ())
+    extended.write(folder / "extended.toml", like=like)
+
+
+def _of_system(diagnosis: Diagnosis, folder: Path) -> None:
+    """Write the account of a system, which has no file of its own."""
+    (folder / "diagnosis.txt").write_text(f"{diagnosis}\n", encoding="utf-8")

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import runpy
-from collections.abc import Sequence
 from pathlib import Path
 from traceback import extract_tb
 
-from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.diagnose import diagnose
 from casid.errors import CasidError, InputError, unknown
 from casid.model.system import Model
-from casid.records.record import Record
-from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.page import write_report
-from casid.report.progress import progress
 
 
 def model_of(where: str) -> Model:
@@ -46,27 +38,3 @@ def model_of(where: str) -> Model:
     if not isinstance(made, Model):
         raise InputError(f"--model {where}: '{name}' is {type(made).__name__}; expected a casid Model, of define_model")
     return made
-
-
-def diagnose_model(
-    model: Model,
-    records: Sequence[Record],
-    hold_out: Sequence[Record],
-    criteria: Criteria,
-    out: Path,
-    as_json: bool,
-) -> None:
-    """Diagnose a model into a folder: report.html, diagnosis.json, diagnosis.txt and run.json."""
-    made_with = provenance() | {"criteria": criteria.changes}
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        found = diagnose(model, records, hold_out, stage, criteria)
-        found.write(folder / "diagnosis.json")
-        (folder / "diagnosis.txt").write_text(f"{found}\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
-        stage("report")
-        write_report(found, folder, made_with)
-    if as_json:
-        print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
-        return
-    print(found)
-    print(f"report: {out / 'report.html'}")

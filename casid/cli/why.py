@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -26,8 +27,9 @@ def why(
     out
         Folder of a diagnosis, or its diagnosis.json.
     cause
-        As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone stands for all its targets. Without it every
-        cause that was named, and those that came nearest to it, get one line with the gate that decided.
+        As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone stands for all its targets. Without it: the
+        statements that the verdict rests on, and one line with the gate that decided for every cause that was named or
+        came nearest to it.
     target
         Target of the cause, where it is given as a word of its own.
     as_json
@@ -46,6 +48,13 @@ def why(
     if as_json:
         print(json.dumps([one.to_dict() for one in trace.decisions], indent=1))
     else:
+        for one in document.get("claims", ()) if cause is None else ():
+            print(f"{'said' if one['said'] else 'not said':<10} {one['statement']}{_because(one)}")
         print(trace.summary() if cause is None else trace)
         if any(gate.gate.startswith("gain") for one in trace.decisions for gate in one.gates):
             print('"gain" is the likelihood-ratio statistic, 2 ln L, as the round of the search had it')
+
+
+def _because(claim: Mapping[str, str]) -> str:
+    """The reason why a claim is not made; empty if it is."""
+    return f": {claim['because']}" if claim["because"] else ""

@@ -395,6 +395,9 @@ class Cause:
         The other causes of its ambiguity set: kind, target, term, title, value, unit, gain and probability of each.
     share
         Its size, in units of the smallest size that matters.
+    on_readings
+        Sum over all fitted readings of the squared change by the cause, in units of their noise; infinite where it was
+        not computed.
     gates
         Its acceptance gates beside all other causes and on the held-out records.
     probability
@@ -419,6 +422,7 @@ class Cause:
     sentence: str
     meaningful: bool
     share: float
+    on_readings: float = math.inf
     onset_s: Mapping[str, tuple[float, float]] | None = None
     dof: int = 1
     held_out_gain: float | None = None

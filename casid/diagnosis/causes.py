@@ -242,6 +242,7 @@ def cause_of(
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
+        on_readings=trial.gain.raw / max(trial.candidate.surviving, 1e-3) ** 2,
         gates=gates,
     )
 
@@ -361,6 +362,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 statistic=(mean / std) ** 2,
                 meaningful=False,
                 share=share / matter,
+                on_readings=mean**2 * float(evidence.sums.gram[k + i, k + i]),
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
             )
         )

@@ -342,9 +342,7 @@ class GivenCriteria:
         "length at the beginning of a record used to fit states that are not measured, for the file as given",
         unit="s",
     )
-    beginning: float = number(
-        1.0, "length at the beginning of a record used for the initial value of a measured state", unit="s"
-    )
+    beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
     from_records: float = number(
         0.5, "part of the information on a number that must come from the records", "derived: more than the file's own"
     )
@@ -361,7 +359,13 @@ class GivenCriteria:
     worse: float = number(1.1, "error over that as given, or over noise, above which it is reported")
     refined: float = number(
         1.5,
-        "ratio of the errors above which re-estimation within the stated uncertainty, or a loss by causes, is reported",
+        "ratio of errors at which a loss is reported, and error of a simulation that stays within the noise",
+    )
+    doubtful: float = number(0.9, "largest probability of a cause beside an error that nothing accounts for")
+    left: float = number(
+        2.0,
+        "error left, over that of the right model, above which nothing is explained and no probability exceeds 0.9",
+        "chosen: as much error by what is missing as 1.7 times the noise",
     )
 
 

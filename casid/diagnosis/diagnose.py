@@ -21,7 +21,8 @@ from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.judgement import Stages, judged
-from casid.diagnosis.result import Diagnosis, OfAircraft
+from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.subject import OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.verdict import concluded, named_in_errors
@@ -107,7 +108,7 @@ def diagnose_aircraft(
         found = judged(state, given, scope.held, part, stages)
         std = {name: one.std for name, one in found.flight.items() if one.determined}
         extended = with_estimates(found.extended_aircraft, {}, std)
-        found = replace(found, part=OfAircraft(file=aircraft, extended=aircraft if is_worse(found) else extended))
+        found = replace(found, part=OfAircraft(file=aircraft, extended=extended))
         found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
         return concluded(
             found,
@@ -131,12 +132,6 @@ def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
         )
         for one in findings
     )
-
-
-def is_worse(found: Diagnosis) -> bool:
-    """Whether the extended model is further from the held-out records than the file as given, and is not written."""
-    steps, by = found.budget.together, found.criteria.given
-    return not steps.structure <= by.worse * max(steps.data_mended, steps.noise)
 
 
 def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:

@@ -14,8 +14,8 @@ from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace, at_lea
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
 from casid.diagnosis.engine.acceptance import required_gain, tempered
 from casid.diagnosis.engine.baseline import Baseline
-from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
-from casid.diagnosis.engine.probability import probabilities
+from casid.diagnosis.engine.held_out import Kept, judge_on, keep, part_of_a_fitted_record, with_events
+from casid.diagnosis.engine.probability import Probabilities, probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.structure import is_usual
@@ -28,8 +28,9 @@ from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, v
 from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics.kinematics import in_other_air
-from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
+from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
+from casid.diagnosis.subject import OfAircraft, OfSystem
 from casid.records.record import Record
 
 
@@ -207,6 +208,16 @@ def _nothing_left_with(
     return not still_missing(evidence, missing_inputs(evidence), causes, required)
 
 
+def _last_tests(
+    kept: Kept, state: State, left: Sequence[MissingInput]
+) -> tuple[Probabilities, tuple[Cause, ...], tuple[Cause, ...], list[MissingInput]]:
+    """Probabilities of the named causes, the minor and the refused ones, and the latent inputs that remain."""
+    causes, minor = beside_slow_noise(kept, state, left, *causes_of(state, kept, left))
+    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
+    minor, refused = too_small_or_refused(kept.fit, minor)
+    return probabilities(causes, unexplained, state, left), minor, refused, unexplained
+
+
 def judged(
     state: State,
     given: AsGiven,
@@ -239,10 +250,7 @@ def judged(
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
-    causes, minor = beside_slow_noise(kept, state, left, *causes_of(state, kept, left))
-    minor, unexplained = what_is_left(kept, state, left, (causes, minor))
-    minor, refused = too_small_or_refused(kept.fit, minor)
-    belief = probabilities(causes, unexplained, state, left)
+    belief, minor, refused, unexplained = _last_tests(kept, state, left)
     causes = belief.causes
     faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare = begun.without_causes({c.key for c in causes})
@@ -266,7 +274,7 @@ def judged(
         held_out_as_given=given.held,
         held_out_refitted=held_refitted,
         held_out_extended=held_extended,
-        budget=budget_of(given, held_refitted, held_extended),
+        budget=budget_of(given, held_refitted, held_extended, extended),
         flight=flight,
         bare=bare,
         missing_before=tuple(first),
@@ -276,6 +284,8 @@ def judged(
         turbulence=begun.turbulence,
         detectable=state.rounds[0].detectable,
         seconds=stages.seconds,
+        seconds_of_processor=stages.of_processor,
+        held_out_is_new=part_of_a_fitted_record(held, begun.flight.records),
         explanations=belief.explanations,
         believed=belief.there,
         entered=belief.entered,
@@ -289,13 +299,18 @@ class Stages:
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
-        self._name, self._since = "", time.perf_counter()
+        self._name, self._since, self._processor = "", time.perf_counter(), time.process_time()
         self.seconds: dict[str, float] = {}
 
     def begin(self, name: str) -> None:
         self.end()
         self._name, self._since = name, time.perf_counter()
         self._report(name)
+
+    @property
+    def of_processor(self) -> float:
+        """Time of the processor [s] since the first stage."""
+        return time.process_time() - self._processor
 
     def end(self) -> None:
         if self._name:

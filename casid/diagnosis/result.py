@@ -8,101 +8,39 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause, Trace
+from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.facts import ChangedValue, Combination
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import View
-from casid.diagnosis.given.budget import AccountStep, Budget
+from casid.diagnosis.given.budget import AccountStep, Budget, RecordError
 from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.systems.extended import Extended
-from casid.errors import InputError
+from casid.diagnosis.subject import OfAircraft, OfSystem
+from casid.errors import InputError, unknown
 from casid.keeping import save, whole_file
 from casid.model.aircraft import Aircraft
-from casid.model.effects import effect_of
-from casid.model.system import Model
+from casid.model.numbers import digits
 from casid.records.record import Record
 from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCHEMA = "casid.diagnosis/3"
+SCHEMA = "casid.diagnosis/4"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OfAircraft:
-    """What the diagnosis of an aircraft has beside that of any system.
-
-    file      the aircraft as given
-    extended  the aircraft with estimated values and the named causes
-    """
-
-    file: Aircraft
-    extended: Aircraft
-    source: ClassVar[str] = "file"
-    witness: ClassVar[str] = "flight"
-
-    @property
-    def name(self) -> str:
-        return self.file.name
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The values of the file, by name."""
-        terms = {f"{c}_{term}": value for c, row in self.file.terms.items() for term, value in row.items()}
-        free = [table for table in self.file.tables if table.free]
-        knots = {name: value for table in free for name, value in table.knots.items()}
-        found = {**self.file.derivatives, **terms, **knots}
-        for value in self.file.effects:
-            name = effect_of(value).name
-            found |= {name: value.value} | {f"{name}.{key}": further for key, further in value.parameters.items()}
-        return found
-
-    @property
-    def told(self) -> dict[str, float]:
-        """The values whose changes the account names: derivatives, without those at zero angles and rates."""
-        return {name: value for name, value in self.file.derivatives.items() if not name.endswith("_0")}
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class OfSystem:
-    """What the diagnosis of a system has beside that of an aircraft.
-
-    model     the system as given
-    extended  with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
-    """
-
-    model: Model
-    extended: Extended
-    source: ClassVar[str] = "model"
-    witness: ClassVar[str] = "the records"
-
-    @property
-    def name(self) -> str:
-        return self.model.name
-
-    @property
-    def values(self) -> dict[str, float]:
-        """The nominal values of the parameters."""
-        return dict(self.model.nominal)
-
-    @property
-    def told(self) -> dict[str, float]:
-        """The values whose changes the account names."""
-        return self.values
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -123,6 +61,15 @@ class Diagnosis:
         Numbers of the file or model that are inconsistent with the records, worst first.
     factors
         Common factors of groups of derivatives; these derivatives are not listed in `contradicted`.
+    moved, combinations
+        Values of the extended model that left their stated uncertainty; and combinations of two that the records
+        determine where they determine neither.
+    claims
+        Statements that the verdict rests on, each with the reason if it is not made.
+    held_out_is_new
+        Empty if the held-out records are flights of their own; otherwise why not.
+    opening, values_told
+        Sentences of the simulation as given with what accounts for its error, and of the values.
     account
         Shares of the error on the held-out records that data, values and structure remove, the largest first.
     as_given, refitted, extended
@@ -143,8 +90,8 @@ class Diagnosis:
         Instrument and air causes, ranked by the kinematics alone; empty if the records do not allow that.
     detectable
         Cause name -> smallest detectable size; infinite for a cause that derivatives reproduce at any size.
-    seconds
-        Wall time per stage.
+    seconds, seconds_of_processor
+        Wall time per stage, and time of the processor in all.
     explanations
         The most probable combinations of causes, with probabilities.
     believed, entered
@@ -166,11 +113,18 @@ class Diagnosis:
     verdict: str = ""
     headline: str = ""
     sentence: str = ""
+    opening: str = ""
+    values_told: str = ""
     remark: str = ""
     not_judged: tuple[NotJudged, ...] = ()
     data: tuple[Finding, ...] = ()
     contradicted: tuple[Contradiction, ...] = ()
     factors: tuple[Factor, ...] = ()
+    moved: tuple[ChangedValue, ...] = ()
+    combinations: tuple[Combination, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    held_out_is_new: str = ""
+    seconds_of_processor: float = 0.0
     account: tuple[AccountStep, ...] = ()
     part: OfAircraft | OfSystem
     causes: tuple[Cause, ...]
@@ -198,6 +152,29 @@ class Diagnosis:
     entered: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
     trace: Trace = Trace()
+
+    def claim(self, statement: str) -> Claim:
+        """The claim with a statement.
+
+        Parameters
+        ----------
+        statement
+            As in `claims`.
+
+        Returns
+        -------
+        Claim
+            Whether it is said, and why not.
+
+        Raises
+        ------
+        InputError
+            For a statement that is none of the claims.
+        """
+        by = {one.statement: one for one in self.claims}
+        if statement not in by:
+            raise unknown("statement", statement, by, "diagnosis.claim")
+        return by[statement]
 
     def why(self, cause: str) -> Trace:
         """The decisions on a cause: every gate with its value, its threshold and the name of the criterion.
@@ -376,8 +353,9 @@ class Diagnosis:
         lines = [f"verdict: {self.verdict}", self.sentence]
         lines += [f"  - data, {one.handled}: {one.sentence}" for one in self.data]
         lines += [f"  - values: {one.sentence}" for one in (*self.factors, *self.contradicted)]
+        lines += [f"  - moved: {one.sentence}" for one in (*self.moved, *self.combinations)]
         lines += [
-            f"  - {cause.sentence} ({_sure(cause)}likelihood-ratio statistic {cause.statistic:.0f})"
+            f"  - {cause.sentence} ({_sure(cause)}likelihood-ratio statistic {digits(cause.statistic)})"
             for cause in self.causes
         ]
         lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
@@ -409,6 +387,11 @@ class Diagnosis:
             "account": [one.to_dict() for one in self.account],
             "factors": [one.to_dict() for one in self.factors],
             "contradicted": [one.to_dict() for one in self.contradicted],
+            "moved": [one.to_dict() for one in self.moved],
+            "combinations": [one.to_dict() for one in self.combinations],
+            "claims": [one.to_dict() for one in self.claims],
+            "records": [self._record(one) for one in self.budget.by_record],
+            "held_out_is_new": self.held_out_is_new or True,
             "causes": [cause.to_dict() for cause in self.causes],
             "minor": [cause.to_dict() for cause in self.minor],
             "ranking": [rank_entry(candidate) for candidate in self.ranking],
@@ -431,12 +414,18 @@ class Diagnosis:
             "smallest_detectable": {n: v if math.isfinite(v) else None for n, v in self.detectable.items()},
             "detectable": self.detectable_by_channel,
             "seconds": dict(self.seconds),
+            "seconds_of_processor": self.seconds_of_processor,
         }
 
     @property
     def _records(self) -> tuple[Record, ...]:
         """The fitted records, then the held-out ones."""
         return (*self.refitted.fit.flight.records, *self.held_out_as_given.fit.flight.records)
+
+    def _record(self, one: RecordError) -> dict[str, Any]:
+        """An entry of `records`: errors, and the causes that act in this record alone or in some only."""
+        own = [c.name for c in self.causes if one.record in c.records and len(c.records) < len(self.extended.records)]
+        return {**one.to_dict(), "causes": own, "turbulent": one.record in self.turbulence.records}
 
     def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
         fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))

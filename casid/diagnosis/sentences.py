@@ -5,22 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 from casid.data_check.reading import Finding
+from casid.diagnosis import claims
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.claims import times
 from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction, Factor
 from casid.diagnosis.given.scope import NotJudged
-from casid.diagnosis.result import OfAircraft, OfSystem
+from casid.diagnosis.result import Diagnosis
+from casid.model.numbers import digits
 from casid.model.plausible import Doubt
 from casid.model.vocabulary import sentence_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
 SLOW_NOISE = "Slow noise and offsets of instruments do as much."
-_ADEQUATE = "The model is adequate: no cause of a size that matters shows in these records."
+_ADEQUATE = "No cause of a size that matters shows in these records."
+_BY_VALUES = "No cause of a size that matters shows; re-estimated values account for the difference."
 _SMALL = " Effects that are expected, or too small to matter, are listed as minor."
 _NOTHING_ELSE = "Other findings are reliable only after this has been corrected."
 
@@ -47,13 +53,9 @@ def expected_of(cause: Cause, whom: str) -> Cause:
     return replace(cause, sentence=f"Expected of {whom}, and added: {cause.sentence}")
 
 
-def explained(causes: Sequence[Cause], missing: MissingInput | None, fitted: Sequence[str]) -> str:
-    """The sentence of the named causes, and of the port where something more is missing.
-
-    `fitted` are the names of the fitted records.
-    """
-    stated = " ".join(c.statement for c in causes)
-    return stated if missing is None else f"{stated} Something more is missing: it enters at {_where(missing, fitted)}."
+def missing_beside(missing: MissingInput, fitted: Sequence[str]) -> str:
+    """The sentence of a latent input beside named causes; `fitted` are the names of the fitted records."""
+    return f"Something more is missing: it enters at {_where(missing, fitted)}."
 
 
 def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> str:
@@ -64,11 +66,6 @@ def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> s
         size = f", {100 * share:.0f} % of it" if share <= 1.0 else f", {share:.2g} times its variation"
     where = _where(missing, fitted, size)
     return f"The simulation misses something that no cause in the catalogue explains; it enters at {where}."
-
-
-def adequate(remark: str, detectable: Mapping[str, Mapping[str, float]], refined: str) -> str:
-    """The sentence of an adequate model, with the smallest instrument faults that would have been found."""
-    return f"{_ADEQUATE}{remark}{_would_have_shown(detectable)}{refined}"
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:
@@ -93,34 +90,145 @@ def file_impossible(numbers: Sequence[Contradiction], most: int) -> str:
     return f"{_first(stated, most)} {_NOTHING_ELSE}"
 
 
-def contradicted(
-    factors: Sequence[Factor], numbers: Sequence[Contradiction], most: int, part: OfAircraft | OfSystem
-) -> str:
-    """The clause of common factors and single numbers that are inconsistent with the records."""
-    counted = ((len(factors), "group{} of derivatives"), (len(numbers), "number{}"))
+def flown(facts: Facts) -> str:
+    """The sentence of the simulation as given on the held-out records."""
+    where, reason = ", ".join(facts.budget.records), claims.not_flown(facts)
+    if reason:
+        return f"The simulation as given does not fly {where}, which no fit has seen: {reason}."
+    error = times(facts.budget.together.as_given)
+    return f"The simulation as given flies {where}, which no fit has seen, with {error} the noise."
+
+
+def accounted(facts: Facts, account: Sequence[AccountStep]) -> str:
+    """The sentence of what accounts for the error, in shares that add up to 100 %, and of what made it worse."""
+    if not claims.not_flown(facts):
+        return ""
+    shares = dict(zip((one.step for one in account), claims.percents(account), strict=True))
+    parts = [
+        f"{_STEPS[one.step]}{_listed(one.what, facts.listed)} {shares[one.step]} %"
+        for one in account
+        if shares[one.step]
+    ]
+    worse = [
+        f" {_STEPS[one.step].capitalize()} makes it worse: {times(one.before)} the noise before, "
+        f"{times(one.grown_to)} after."
+        for one in account
+        if one.grown_to is not None and one.grown_to > facts.criteria.worse * one.before
+    ]
+    left = f"{times(facts.budget.together.structure)} the noise is left"
+    told = f"Of that error: {', '.join(parts)}; {left}." if parts else f"With the best model {left}."
+    return told + "".join(worse)
+
+
+_STEPS = MappingProxyType(
+    {
+        "data": "correction of data",
+        "values": "re-estimation of values",
+        "structure": "added structure",
+        "unexplained": "unexplained",
+        "noise": "noise",
+    }
+)
+
+
+def _listed(what: Sequence[str], most: int) -> str:
+    """Items in brackets, the first few of them."""
+    return f" ({', '.join(what[:most])}{', ...' if len(what) > most else ''})" if what else ""
+
+
+def headline(facts: Facts, found: Diagnosis) -> str:
+    """The sentences of the verdict: faults first, then causes, what is missing, and values."""
+    most, wrong = facts.listed, contradicted(facts)
+    if facts.at_fault:
+        return data_at_fault(facts.at_fault, most)
+    if facts.impossible:
+        return file_impossible(facts.impossible, most)
+    if failed := failure(facts):
+        return failed
+    if facts.causes:
+        said = " ".join([*(one.statement for one in facts.causes), *facts.unexplained[:1]])
+        return f"{said} Besides, {wrong}" if wrong else said
+    if facts.unexplained:
+        return facts.unexplained[0]
+    if claims.adequate(facts) and not wrong:
+        return f"{_ADEQUATE}{found.remark}{_would_have_shown(found.detectable_by_channel)}"
+    left = claims.left_over(facts)
+    opening = f"No cause of the catalogue accounts for all of it: {left}." if left else _BY_VALUES
+    return f"{opening}{f' {wrong[0].upper()}{wrong[1:]}' if wrong else ''}{found.remark}"
+
+
+def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str:
+    """The account of a diagnosis: the simulation as given, what accounts for its error, and what is open."""
+    parts = [
+        flown(facts),
+        accounted(facts, account),
+        several(facts.mended, facts.listed),
+        headline(facts, found),
+        moved(facts),
+        differing(facts),
+        cost(facts) if facts.causes else "",
+        f"The {facts.source} as given is kept: {claims.grown(facts)}." if claims.grown(facts) else "",
+        losses(facts.budget, facts.criteria.worse),
+        left_open(facts.not_judged, facts.listed),
+    ]
+    return " ".join(part for part in parts if part)
+
+
+def contradicted(facts: Facts) -> str:
+    """The clause of common factors and single numbers that are inconsistent with the records; empty if none may be
+    said.
+    """
+    if claims.no_values(facts) or not (facts.factors or facts.contradicted):
+        return ""
+    counted = ((len(facts.factors), "group{} of derivatives"), (len(facts.contradicted), "number{}"))
     said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
-    verb = "is" if len(factors) + len(numbers) == 1 else "are"
-    opening = f"{said} of the {part.source} {verb} inconsistent with {part.witness}."
-    return f"{opening} {several([*factors, *numbers], most)}"
+    verb = "is" if len(facts.factors) + len(facts.contradicted) == 1 else "are"
+    opening = f"{said} of the {facts.source} {verb} inconsistent with {facts.witness}."
+    return f"{opening} {several([*facts.factors, *facts.contradicted], facts.listed)}"
+
+
+def moved(facts: Facts) -> str:
+    """The sentences of values that left their stated uncertainty and are not told as inconsistent with the records."""
+    because = claims.no_values(facts)
+    told = {one.parameter for one in facts.contradicted} | {d for one in facts.factors for d in one.derivatives}
+    others = [one for one in facts.moved if because or one.parameter not in told]
+    pairs = " ".join(one.sentence for one in facts.combinations[: facts.listed])
+    if not others:
+        return pairs
+    opening = (
+        f"Values that the fit needed while {because}: " if because else "Values that left their stated uncertainty: "
+    )
+    listed = [one.change + ("" if one.identifiable else " (not identifiable)") for one in others[: facts.listed]]
+    more = len(others) - len(listed)
+    return f"{opening}{', '.join(listed)}{f', and {more} more' if more > 0 else ''}.{f' {pairs}' if pairs else ''}"
+
+
+def values(facts: Facts, identified: int) -> str:
+    """The sentence on the values of the file or model; `identified` is the number that the records determine."""
+    if because := claims.no_values(facts):
+        return f"No value is what the records say: {because}."
+    against = len(facts.contradicted) + len(facts.factors)
+    numbers = f"{identified} numbers of the {facts.source} that these records identify"
+    if against:
+        return f"{against} of {numbers} {'is' if against == 1 else 'are'} inconsistent with {facts.witness}."
+    if any(one.identifiable for one in facts.moved):
+        return f"None of {numbers} is inconsistent with {facts.witness} beyond three standard deviations."
+    return f"All {numbers} stay within their stated uncertainty."
+
+
+def differing(facts: Facts) -> str:
+    """The sentence of records in which much more is left than in the others."""
+    by = claims.records_that_differ(facts)
+    apart = ", ".join(f"{name} ({times(value)} the error of the right model)" for name, value in by.items())
+    air = [name for name in facts.turbulent if len(facts.turbulent) < len(facts.budget.by_record)]
+    turbulent = f"{', '.join(air)} {'was' if len(air) == 1 else 'were'} flown in turbulence." if air else ""
+    left = f"Most is left in {apart}." if apart else ""
+    return " ".join(part for part in (left, turbulent) if part)
 
 
 def several(all_of_them: Sequence[Finding | Contradiction | Doubt | Factor], most: int) -> str:
     """The sentences of the first `most` items, and the number of the others."""
     return _first([one.sentence for one in all_of_them], most)
-
-
-def refined(budget: Budget, least: float) -> str:
-    """The sentence of the improvement by values within their stated uncertainty.
-
-    It is empty unless the error becomes `least` times smaller.
-    """
-    steps = budget.together
-    if not steps.data_mended > least * steps.structure:
-        return ""
-    return (
-        f" Its values, re-estimated within their stated uncertainty, change the error on "
-        f"{', '.join(budget.records)} from {steps.data_mended:.2g} to {steps.structure:.2g} times the noise."
-    )
 
 
 def losses(budget: Budget, worse: float) -> str:
@@ -138,16 +246,31 @@ def losses(budget: Budget, worse: float) -> str:
     return f"Open-loop simulation of {', '.join(budget.records)}, which no fit has seen, gets worse in {stated}."
 
 
-def cost(budget: Budget, least: float) -> str:
-    """The sentence for causes with which the error on held-out records is more than `least` times that with values
-    re-estimated alone; otherwise empty.
+def cost(facts: Facts) -> str:
+    """The sentence for causes with which the error on held-out records is much larger than with values re-estimated
+    alone; otherwise empty.
     """
-    steps = budget.together
-    if steps.structure <= least * max(steps.values, steps.noise):
+    steps = facts.budget.together
+    if steps.structure <= facts.criteria.refined * max(steps.values, steps.floor):
         return ""
     return (
-        f"Something else is missing: with the causes added, the error of a simulation of {', '.join(budget.records)} "
-        f"grows from {steps.values:.2g} to {steps.structure:.2g} times the noise."
+        f"Something else is missing: with the causes added, the error of a simulation of "
+        f"{', '.join(facts.budget.records)} grows from {times(steps.values)} to {times(steps.structure)} the noise."
+    )
+
+
+def failure(facts: Facts) -> str:
+    """The sentence for a best model that is much worse on held-out records than the simulation as given; otherwise
+    empty.
+    """
+    steps = facts.budget.together
+    if steps.structure <= facts.criteria.fails * max(steps.as_given, steps.floor):
+        return ""
+    ratio = steps.structure / steps.as_given
+    worse = f"{ratio:.2g}" if math.isfinite(ratio) else "infinitely many"
+    return (
+        f"The extended model fails on {', '.join(facts.budget.records)}: its error there is {worse} times that of the "
+        "simulation as given. No cause is named, and no re-estimated value should be used."
     )
 
 
@@ -180,4 +303,4 @@ def _first(stated: Sequence[str], most: int) -> str:
 def _where(missing: MissingInput, fitted: Sequence[str], size: str = "") -> str:
     oscillation = f"an oscillation of {missing.frequency:.2g} Hz, " if missing.frequency else ""
     unseen = "" if missing.concerns(fitted) else f", in {', '.join(missing.history)}, which no fit has seen"
-    return f"{missing.words}{size} ({oscillation}likelihood-ratio statistic {missing.gain:.0f}){unseen}"
+    return f"{missing.words}{size} ({oscillation}likelihood-ratio statistic {digits(missing.gain)}){unseen}"

@@ -1,63 +1,42 @@
-"""The verdict: a table of conditions, and the sentences of a diagnosis.
+"""The verdict: a table of conditions on the facts, and the account of a diagnosis.
 
 The verdict is the first row of the table whose condition holds. No cause is named if the data are at fault, if the file
-has impossible numbers, or if the extended model fails on the held-out records.
+has impossible numbers, or if the extended model fails on the held-out records. Nothing is fitted here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from casid.data_check.reading import Finding
-from casid.diagnosis import sentences
+from casid.diagnosis import claims, sentences
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Trace, at_most
 from casid.diagnosis.engine.size import missing_share
-from casid.diagnosis.given.budget import account_of, account_sentence, failure_sentence
+from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
 from casid.diagnosis.given.contradicted import Contradiction, Factor, impossible
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError
 from casid.model.plausible import Doubt
 
-
-@dataclass(frozen=True, kw_only=True)
-class Facts:
-    """The facts that a verdict depends on.
-
-    data_at_fault    the data have faults that could not be corrected
-    file_impossible  the file has numbers that no aircraft can have
-    fails            the extended model is far worse than the simulation as given on held-out records
-    causes           causes were named
-    costs            the error on held-out records is larger with the causes than without them
-    unexplained      something enters that no cause explains
-    contradicted     values of the file are inconsistent with flight
-    """
-
-    data_at_fault: bool = False
-    file_impossible: bool = False
-    fails: bool = False
-    causes: bool = False
-    costs: bool = False
-    unexplained: bool = False
-    contradicted: bool = False
-
-
-_TABLE: tuple[tuple[str, Callable[[Facts], bool]], ...] = (
-    ("data at fault", lambda facts: facts.data_at_fault),
-    ("values wrong", lambda facts: facts.file_impossible),
-    ("unexplained", lambda facts: facts.fails),
-    ("partly explained", lambda facts: facts.causes and (facts.unexplained or facts.costs)),
+_TABLE: tuple[tuple[str, Callable[[Facts], object]], ...] = (
+    ("data at fault", lambda facts: facts.at_fault),
+    ("values wrong", lambda facts: facts.impossible),
+    ("unexplained", sentences.failure),
+    ("partly explained", lambda facts: facts.causes and (claims.left_over(facts) or sentences.cost(facts))),
     ("explained", lambda facts: facts.causes),
     ("unexplained", lambda facts: facts.unexplained),
-    ("values wrong", lambda facts: facts.contradicted),
+    ("adequate", lambda facts: claims.adequate(facts) and not (facts.contradicted or facts.factors)),
+    ("partly explained", claims.left_over),
+    ("values wrong", lambda facts: True),
 )
 
 
 def verdict_of(facts: Facts) -> str:
-    """The verdict of the first row of the table that holds; "adequate" if none does."""
-    return next((verdict for verdict, holds in _TABLE if holds(facts)), "adequate")
+    """The verdict of the first row of the table that holds."""
+    return next(verdict for verdict, holds in _TABLE if holds(facts))
 
 
 def concluded(
@@ -91,97 +70,90 @@ def concluded(
     Diagnosis
         The complete diagnosis.
     """
-    criteria, most = found.criteria.given, found.criteria.numerics.naming.listed
-    names = {one.parameter for one in against}
-    factors = tuple(one for one in factors if names & set(one.derivatives))
-    single = {name for one in factors for name in one.derivatives}
-    against = tuple(one for one in against if one.parameter not in single)
-    cannot_be = tuple(map(impossible, doubts))
-    at_fault = [one for one in data if one.handled == "reported"]
-    mended = [one for one in data if one.handled != "reported"]
-    failure = failure_sentence(found.budget, criteria)
-    cost = sentences.cost(found.budget, criteria.refined) if found.causes else ""
-    facts = Facts(
-        data_at_fault=bool(at_fault),
-        file_impossible=bool(cannot_be),
-        fails=bool(failure),
-        causes=bool(found.causes),
-        costs=bool(cost),
-        unexplained=bool(found.unexplained),
-        contradicted=bool(against or factors),
-    )
-    wrong = sentences.contradicted(factors, against, most, found.part)
-    if facts.data_at_fault:
-        found, against, factors = _in_doubt(found, "the data are at fault"), cannot_be, ()
-        headline = sentences.data_at_fault(at_fault, most)
-    elif facts.file_impossible:
-        found, against = _in_doubt(found, "the aircraft file cannot be right"), (*cannot_be, *against)
-        headline = sentences.file_impossible(cannot_be, most)
-    elif facts.fails:
-        found, headline = _in_doubt(found, "the extended model fails on held-out records"), failure
+    facts = facts_of(found, against, factors, not_judged, data, doubts)
+    verdict, account = verdict_of(facts), claims.account(facts)
+    if facts.at_fault:
+        found, doubted = _in_doubt(found, "the data are at fault"), True
+    elif facts.impossible:
+        found, doubted = _in_doubt(found, "the aircraft file cannot be right"), True
+    elif sentences.failure(facts):
+        found, doubted = _in_doubt(found, "the extended model fails on held-out records"), True
     else:
-        headline = _headline(found, facts, wrong)
-    account = account_of(found.budget, _contributions(found, mended, factors))
-    parts = [
-        account_sentence(found.budget, account, most),
-        sentences.several(mended, most),
-        headline,
-        cost,
-        sentences.losses(found.budget, criteria.worse),
-        sentences.left_open(not_judged, most),
-    ]
+        doubted = False
+    if claims.grown(facts):
+        found = replace(found, part=found.part.kept)
+    withheld = claims.no_values(facts)
+    told_values = () if withheld else facts.contradicted
     return replace(
         found,
-        verdict=verdict_of(facts),
-        headline=headline,
-        sentence=" ".join(part for part in parts if part),
-        not_judged=tuple(not_judged),
+        verdict=verdict,
+        headline=sentences.headline(facts, found),
+        sentence=sentences.whole(facts, account, found),
+        opening=f"{sentences.flown(facts)} {sentences.accounted(facts, account)}".strip(),
+        values_told=sentences.values(facts, sum(one.determined for one in found.flight.values())),
+        causes=found.causes if doubted else facts.causes,
+        minor=found.minor if doubted else facts.minor,
+        nothing=claims.nothing_missing(found.nothing, facts),
+        explanations=claims.explanations(found.explanations, facts),
+        believed={name: claims.probability(p, facts) for name, p in found.believed.items()},
+        not_judged=facts.not_judged,
         data=tuple(data),
-        contradicted=against,
-        factors=factors,
+        contradicted=(*facts.impossible, *told_values),
+        factors=() if withheld else facts.factors,
+        moved=facts.moved,
+        combinations=facts.combinations,
+        claims=claims.claims_of(facts),
         account=account,
     )
 
 
-def _headline(found: Diagnosis, facts: Facts, wrong: str) -> str:
-    """The sentences of a verdict that nothing puts in doubt; `wrong` is the clause of contradicted numbers."""
-    missing, fitted = next(iter(found.unexplained), None), found.bare.batch.names
-    if facts.causes:
-        said = sentences.explained(found.causes, missing, fitted)
-    elif missing is not None:
-        fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
-        said = sentences.unexplained(missing, missing_share(fit, missing), fitted)
-    elif facts.contradicted:
-        return f"The structure is right, but {wrong}{found.remark}"
-    else:
-        worth = sentences.refined(found.budget, found.criteria.given.refined)
-        return sentences.adequate(found.remark, found.detectable_by_channel, worth)
-    return f"{said} Besides, {wrong}" if facts.contradicted else said
-
-
-def _contributions(found: Diagnosis, mended: Sequence[Finding], factors: Sequence[Factor]) -> dict[str, list[str]]:
-    """Step of the account -> what contributes to it, the largest first."""
-    least, given = found.criteria.significance.sigmas, found.part.told
+def facts_of(
+    found: Diagnosis,
+    against: Sequence[Contradiction],
+    factors: Sequence[Factor],
+    not_judged: Sequence[NotJudged],
+    data: Sequence[Finding],
+    doubts: Sequence[Doubt],
+) -> Facts:
+    """The facts of a diagnosis, of its comparison with the values as given, and of the data check."""
+    names = {one.parameter for one in against}
+    factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}
-    moved = {
-        name: (one.value, one.std)
-        for name, one in found.flight.items()
-        if one.determined and given.get(name) and name not in single
-    }
-    sigmas = {name: abs(value - given[name]) / std for name, (value, std) in moved.items() if std > 0.0}
-    order = sorted(
-        (name for name, size in sigmas.items() if size > least),
-        key=lambda name: -sigmas[name],
+    fit, given, criteria = found.extended.fit, found.part.values, found.criteria
+    changed = changed_values(fit, given, found.flight, criteria.prior.unstated)
+    facts = Facts(
+        source=found.part.source,
+        witness=found.part.witness,
+        budget=found.budget,
+        criteria=criteria.given,
+        listed=criteria.numerics.naming.listed,
+        at_fault=tuple(one for one in data if one.handled == "reported"),
+        mended=tuple(one for one in data if one.handled != "reported"),
+        impossible=tuple(map(impossible, doubts)),
+        causes=found.causes,
+        unexplained=tuple(_unexplained(found)),
+        contradicted=tuple(one for one in against if one.parameter not in single),
+        factors=factors,
+        changed=changed,
+        combinations=determined_pairs(fit, changed, given, criteria.given),
+        not_judged=tuple(not_judged),
+        fewest_readings=fewest_readings(fit),
+        turbulent=found.turbulence.records if found.turbulence.named else (),
     )
-    return {
-        "data": [f"{one.target}: {one.kind.removeprefix('data_')}" for one in mended],
-        "values": [
-            *(f"{one.row} times {one.factor:.2f}" for one in factors),
-            *(f"{name} {100.0 * (moved[name][0] / given[name] - 1.0):+.0f} %" for name in order),
-        ],
-        "structure": [one.title for one in found.causes],
-        "unexplained": [one.words for one in found.unexplained],
-    }
+    attached = {one.effect.key for one in fit.attached}
+    minor = tuple(one for one in found.minor if one.key in attached or claims.visible(one, facts))
+    return replace(facts, causes=tuple(claims.stated(one, facts) for one in found.causes), minor=minor)
+
+
+def _unexplained(found: Diagnosis) -> Iterator[str]:
+    """Sentences of what no cause explains, strongest first."""
+    fitted = found.bare.batch.names
+    for missing in found.unexplained:
+        if found.causes:
+            yield sentences.missing_beside(missing, fitted)
+        else:
+            fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
+            yield sentences.unexplained(missing, missing_share(fit, missing), fitted)
 
 
 @contextmanager

@@ -53,26 +53,27 @@ def histories(
     figure of a height. `inputs`, by channel (N,), stand in panels below. Where `t` is no time, `axis` names it."""
     inputs = inputs or {}
     with settings():
-        above, below = -(-len(channels) // 2), -(-len(inputs) // 2)
+        beside = 2 if max(len(channels), len(inputs)) > 1 else 1
+        above, below = -(-len(channels) // beside), -(-len(inputs) // beside)
         figure = empty(1.35 * above + 1.0 * below + 0.7)
         heights = [1.35] * above + [1.0] * below
-        axes = figure.subplots(above + below, 2, sharex=True, squeeze=False, height_ratios=heights)
+        axes = figure.subplots(above + below, beside, sharex=True, squeeze=False, height_ratios=heights)
         for i, channel in enumerate(channels):
             ax, (factor, _) = axes.flat[i], channel_scale(channel)
             ax.plot(t, factor * measured[:, i], color=MEASURED, lw=2.6, alpha=0.35, label="measured")
             for (label, values), (colour, dash) in zip(curves.items(), _CURVES, strict=False):
                 ax.plot(t, factor * values[:, i], dash, color=colour, lw=1.1, label=label)
             ax.set_ylabel(channel_axis(channel))
-        for ax, (channel, values) in zip(axes.flat[2 * above :], inputs.items(), strict=False):
+        for ax, (channel, values) in zip(axes.flat[beside * above :], inputs.items(), strict=False):
             ax.plot(t, channel_scale(channel)[0] * values, color="black", lw=1.1, label="recorded input")
             ax.set_ylabel(channel_axis(channel))
-        for ax in (*axes.flat[len(channels) : 2 * above], *axes.flat[2 * above + len(inputs) :]):
+        for ax in (*axes.flat[len(channels) : beside * above], *axes.flat[beside * above + len(inputs) :]):
             ax.set_visible(False)
         for column in axes.T:
             lowest = [ax for ax in column if ax.get_visible()][-1]
             lowest.set_xlabel(axis)
             lowest.tick_params(labelbottom=True)
-        first = [axes.flat[0], *axes.flat[2 * above : 2 * above + 1]]
+        first = [axes.flat[0], *axes.flat[beside * above : beside * above + 1]]
         known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
         handles, labels = zip(*known, strict=True)
         figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 3))

@@ -235,7 +235,7 @@ _MOST = 1e4
 _BAR = 0.04  # height of the scale of colours over that of the panels
 
 
-def heatmap(diagnosis: Diagnosis) -> Picture:
+def heatmap(diagnosis: Diagnosis) -> Picture | None:
     """Channel by frequency, before and after."""
     fit = diagnosis.refitted.fit
     fastest = 0.5 / max(record.dt for record in fit.flight.records)
@@ -255,10 +255,11 @@ def heatmap(diagnosis: Diagnosis) -> Picture:
         ax.set_xticks(np.arange(len(edges)) - 0.5, [f"{e:g}" for e in edges], rotation=0, fontsize=8.5)
         ax.set_xlabel("frequency [Hz]")
         ax.grid(visible=False)
-    if image is not None:
-        bar = figure.colorbar(image, cax=figure.add_subplot(grid[1, :]), orientation="horizontal", extend="both")
-        powers_of_ten(bar.ax.xaxis)
-        bar.set_label("energy of the residual / energy of the noise")
+    if image is None or not np.isfinite(energies[0]).any():
+        return None  # no record is long or fast enough for a band
+    bar = figure.colorbar(image, cax=figure.add_subplot(grid[1, :]), orientation="horizontal", extend="both")
+    powers_of_ten(bar.ax.xaxis)
+    bar.set_label("energy of the residual / energy of the noise")
     i, b = np.unravel_index(np.nanargmax(energies[0]), energies[0].shape)
     worst = f"{outputs[i]} at {edges[b]:g} to {edges[b + 1]:g} Hz"
     return Picture(

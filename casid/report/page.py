@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from html import escape
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from casid.arguments import require
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.given.budget import account_sentence
 from casid.diagnosis.result import Diagnosis
 from casid.native.threads import single_threaded
 from casid.records.readers import write_record
@@ -36,7 +37,7 @@ from casid.report.history_figures import PLANES, flown_again, gain, histories, r
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
-from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
+from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, noting, render
 from casid.report.words import digits
 
 _SAME = 0.005  # a change that is no per cent
@@ -80,35 +81,43 @@ def _times(ratio: float) -> str:
 _MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
 
 
-def pictures(diagnosis: Diagnosis) -> dict[str, Picture]:
-    """Name -> picture; the one most convincing for this verdict comes first and is not repeated."""
+def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str, Picture]:
+    """Name -> picture, the one most convincing for this verdict first.
+
+    Pictures that cannot be drawn are added to `failed` with the error; without such a list the error is raised.
+    """
     seen = reconstruct(diagnosis)
+    ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
+    budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)
     if not diagnosis.of_aircraft:
-        with settings():
-            further = [budget(diagnosis.budget), *flown_again(diagnosis), ladder(diagnosis), ambiguity(diagnosis)]
-            further.append(derivatives(diagnosis))
-        return {picture.name: picture for picture in further if picture is not None}
-    with settings():
-        further = [
-            *_of_causes(diagnosis, seen),
-            *_of_the_unexplained(diagnosis),
-            budget(diagnosis.budget),
-            gain(diagnosis),
-            *tracks(diagnosis),
-            histories(diagnosis),
-            residuals(diagnosis),
-            heatmap(diagnosis),
-            ladder(diagnosis),
-            ambiguity(diagnosis),
-            missing(diagnosis, seen),
-            kinematic(diagnosis),
-            check_figure(diagnosis.data, *_before_and_after(diagnosis)),
-            derivatives(diagnosis),
-            envelope(diagnosis),
+        makers = [budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
+    else:
+        makers = [
+            *(partial(_of_cause_numbered, diagnosis, n, seen) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
+            partial(_of_the_unexplained, diagnosis),
+            budget_,
+            partial(gain, diagnosis),
+            partial(tracks, diagnosis),
+            partial(histories, diagnosis),
+            partial(residuals, diagnosis),
+            partial(heatmap, diagnosis),
+            ladder_,
+            ambiguity_,
+            partial(missing, diagnosis, seen),
+            partial(kinematic, diagnosis),
+            partial(check_figure, diagnosis.data, *_before_and_after(diagnosis)),
+            derivatives_,
+            partial(envelope, diagnosis),
         ]
-    table = {picture.name: picture for picture in further if picture is not None}
-    lead = _lead(diagnosis, table)
-    return {lead: table.pop(lead)} | table
+    table = dict[str, Picture]()
+    with settings():
+        for make in makers:
+            with noting(failed, make.func.__name__.strip("_")):
+                found = make()
+                several = [found] if isinstance(found, Picture) or found is None else list(found)
+                table |= {picture.name: picture for picture in several if picture is not None}
+    lead = _lead(diagnosis, table) if diagnosis.of_aircraft else next(iter(table), "")
+    return {name: table[name] for name in dict.fromkeys([lead, *table]) if name in table}
 
 
 def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
@@ -122,12 +131,11 @@ def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
     return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
 
 
-def _of_causes(diagnosis: Diagnosis, seen: Reconstruction) -> Iterator[Picture]:
-    """Pictures of the strongest causes, each named with the number of its cause."""
-    for number, cause in enumerate(diagnosis.causes[:_MOST], 1):
-        for picture in _of_cause(diagnosis, cause, seen):
-            if picture is not None:
-                yield replace(picture, name=numbered(picture.name, number))
+def _of_cause_numbered(diagnosis: Diagnosis, number: int, seen: Reconstruction) -> Iterator[Picture]:
+    """Pictures of one of the strongest causes, named with its number."""
+    for picture in _of_cause(diagnosis, diagnosis.causes[number - 1], seen):
+        if picture is not None:
+            yield replace(picture, name=numbered(picture.name, number))
 
 
 def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Iterable[Picture | None]:
@@ -201,7 +209,7 @@ class Section:
 
 
 @single_threaded()
-def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> None:
+def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> list[str]:
     """Write the page of a diagnosis into a folder.
 
     These are `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv`.
@@ -214,6 +222,11 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
         Where the files go; it is made when it does not exist.
     made_with
         What `run.json` has: command, seed, commit and versions. Default: those of this process.
+
+    Returns
+    -------
+    list of str
+        What could not be drawn, with the error; the page lists it too.
 
     Raises
     ------
@@ -228,20 +241,32 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     """
     require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
     made_with = provenance() if made_with is None else made_with
-    following = next_flights(diagnosis) if diagnosis.of_aircraft else NextFlights(proposals=(), beyond=())
-    shown = pictures(diagnosis) | {one.picture.name: one.picture for one in following.proposals}
-    drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown))
+    following, failed = NextFlights(proposals=(), beyond=()), list[str]()
+    with noting(failed, "next flight"):
+        following = next_flights(diagnosis) if diagnosis.of_aircraft else following
+    shown = pictures(diagnosis, failed) | {one.picture.name: one.picture for one in following.proposals}
+    drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
     for one in following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    page = render("report.html", _context(diagnosis, drawn, made_with) | {"following": following})
+    page = render("report.html", _context(diagnosis, drawn, made_with) | {"following": following, "failed": failed})
     (Path(folder) / "report.html").write_text(page, encoding="utf-8")
+    return failed
+
+
+def unfinished(diagnosis: Diagnosis) -> str:
+    """The page while its figures are drawn, so that no page of an earlier diagnosis stands beside new results."""
+    verdict = f"<p>{escape(diagnosis.sentence)}</p>"
+    return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
 def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
     """As they stand on the page: the leading one, then section by section."""
-    lead = next(iter(shown))
+    lead = next(iter(shown), "")
     places = [name for _, _, names in _SECTIONS.values() for name in names]
-    return {name: shown[name] for name in (lead, *sorted(set(shown) - {lead}, key=lambda name: _place(name, places)))}
+    return {
+        name: shown[name]
+        for name in [lead][: len(shown)] + sorted(set(shown) - {lead}, key=lambda n: _place(n, places))
+    }
 
 
 def _place(name: str, places: Sequence[str]) -> tuple[int, str]:
@@ -259,21 +284,23 @@ def _context(
         "name": diagnosis.part.name,
         "of_aircraft": diagnosis.of_aircraft,
         "colour": COLOURS[diagnosis.verdict],
-        "account": account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.numerics.naming.listed),
+        "account": diagnosis.opening,
         "headline": _headline(diagnosis),
         "shares": shares(diagnosis),
         "claims": claimed,
         "claim_of": {one.anchor: one for some in claimed.values() for one in some},
-        "values_told": _values_told(diagnosis),
+        "values_told": diagnosis.values_told,
+        "moved": [one.sentence for one in (*diagnosis.moved, *diagnosis.combinations)],
         "gained": gained(diagnosis),
         "not_judged": diagnosis.not_judged,
         "facts": _facts(diagnosis),
         "figures": figures,
-        "lead": next(iter(figures.values())),
+        "lead": next(iter(figures.values()), None),
         "sections": _sections(diagnosis, figures),
         "tables": _tables(diagnosis, made_with),
         "trace": diagnosis.trace,
         "minor": [one.sentence for one in diagnosis.minor],
+        "left": diagnosis.claim("nothing that matters is left").because,
         "remarks": tables.remarks(diagnosis),
     }
 
@@ -330,17 +357,6 @@ def _headline(diagnosis: Diagnosis) -> Headline:
     if len(told) < 2:
         return Headline(badge=badge, causes=(), sentence=diagnosis.headline)
     return Headline(badge=badge, causes=tuple(told), sentence=rest.strip())
-
-
-def _values_told(diagnosis: Diagnosis) -> str:
-    told, against = sum(one.flight.determined for one in diagnosis.parameters), len(diagnosis.contradicted)
-    moved = next((one.what for one in diagnosis.account if one.step == "values"), ())
-    largest = f" The largest significant changes: {', '.join(moved[:5])}." if moved else ""
-    source, witness = diagnosis.part.source, diagnosis.part.witness
-    identified = f"{told} numbers of the {source} that these records identify are"
-    if not against:
-        return f"All {identified} consistent with {witness} within the uncertainty that the {source} states.{largest}"
-    return f"{against} of {identified} inconsistent with {witness}.{largest}"
 
 
 def _facts(diagnosis: Diagnosis) -> str:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -72,12 +73,31 @@ class Figure:
         return f"figure-{self.picture.name}"
 
 
-def drawn_into(place: Path, shown: Mapping[str, Picture]) -> dict[str, tuple[Picture, bytes]]:
+@contextmanager
+def noting(failed: list[str] | None, what: str) -> Iterator[None]:
+    """A block that draws: its error is noted in `failed`, since a picture must not cost the results that it shows.
+
+    Without a list the error is raised.
+    """
+    try:
+        yield
+    except Exception as error:  # whatever matplotlib, or the data of a stranger, may raise
+        if failed is None:
+            raise
+        failed.append(f"{what}: {type(error).__name__}: {' '.join(str(error).split())}")
+
+
+def drawn_into(
+    place: Path, shown: Mapping[str, Picture], failed: list[str] | None = None
+) -> dict[str, tuple[Picture, bytes]]:
     """Name -> picture and its SVG; `place`, which is made, has these and no other SVG afterwards."""
     place.mkdir(parents=True, exist_ok=True)
     for old in place.glob("*.svg"):
         old.unlink()
-    drawn = {name: (picture, picture.svg()) for name, picture in shown.items()}
+    drawn: dict[str, tuple[Picture, bytes]] = {}
+    for name, picture in shown.items():
+        with noting(failed, name):
+            drawn[name] = (picture, picture.svg())
     for name, (_, svg) in drawn.items():
         (place / f"{name}.svg").write_bytes(svg)
     return drawn

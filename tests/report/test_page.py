@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 from small_flight import HIDDEN, NAMES
 
-from casid.diagnosis.given.budget import account_sentence
 from casid.diagnosis.given.scope import NotJudged
-from casid.diagnosis.result import Diagnosis, OfAircraft
+from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.subject import OfAircraft
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.folder import provenance, whole_folder
@@ -55,8 +55,12 @@ def has(table: dict, types: dict) -> bool:
 
 def test_json_has_the_published_keys(folder: Path) -> None:
     document = json.loads((folder / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "casid.diagnosis/3"
+    assert document["schema"] == "casid.diagnosis/4"
     assert document["verdict"] == "explained"
+    assert {"moved", "combinations", "claims", "held_out_is_new"} <= set(document)
+    by_record = dict.fromkeys(("as_given", "left", "expected"), NUMBER) | {"record": str, "worst": str, "causes": list}
+    assert [one["record"] for one in document["records"]] == list(NAMES)
+    assert all(has(one, by_record) for one in document["records"])
     assert {"not_judged", "data", "contradicted", "unexplained"} <= set(document)
     assert document["causes"] and all(has(cause, CAUSE) for cause in document["causes"])
     assert all({"term", "onset_s", "held_out_gain"} <= set(cause) for cause in document["causes"])
@@ -154,8 +158,7 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
 
 def test_page_opens_with_account_verdict_and_channels_in_engineering_units(folder: Path, diagnosis: Diagnosis) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    opening = account_sentence(diagnosis.budget, diagnosis.account, diagnosis.criteria.numerics.naming.listed)
-    at = [pretty(opening), pretty(diagnosis.headline), "<nav", 'id="figure-tracks_', "What it gains</h2>"]
+    at = [pretty(diagnosis.opening), pretty(diagnosis.headline), "<nav", 'id="figure-tracks_', "What it gains</h2>"]
     assert sorted(page.index(one) for one in at) == [page.index(one) for one in at]
 
 
@@ -186,6 +189,19 @@ def test_every_claim_has_a_figure_that_links_back_to_it(wrong_in_all: Diagnosis,
         assert all(f'href="#{anchor}"' in figures[name] for name in shown), anchor
 
 
+def test_a_picture_that_fails_is_noted_and_costs_nothing_else(
+    diagnosis: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> Picture:
+        raise ValueError("no such axes")
+
+    monkeypatch.setattr("casid.report.page.heatmap", broken)
+    failed = write_report(diagnosis, tmp_path, provenance(seed=0))
+    assert len(failed) == 1 and "ValueError: no such axes" in failed[0]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "no such axes" in page and 'id="figure-budget"' in page and 'id="figure-heatmap"' not in page
+
+
 def test_a_name_with_markup_is_only_text(
     diagnosis: Diagnosis,
     wrong_in_all: Diagnosis,
@@ -195,7 +211,7 @@ def test_a_name_with_markup_is_only_text(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     assert set(drawn) == set(shown)
-    monkeypatch.setattr("casid.report.page.pictures", lambda named: shown)
+    monkeypatch.setattr("casid.report.page.pictures", lambda named, failed: shown)
     nothing = NextFlights(proposals=(), beyond=())
     monkeypatch.setattr("casid.report.page.next_flights", lambda named: nothing)
     evil = "<script>alert(1)</script> & $gain {{ 7 * 7 }}"

@@ -60,6 +60,12 @@ def split(
     twice = sorted({n for n in names if names.count(n) > 1})
     if twice:
         raise InputError(f"two records are named '{twice[0]}'; names must differ")
+    for held in hold_out:
+        if twin := repeated(held, records):
+            raise InputError(
+                f"held-out record '{held.name}' has the samples of '{twin}', which is fitted; hold out another flight, "
+                "or none"
+            )
     if hold_out:
         return list(records), list(hold_out)
     if len(records) > 1:
@@ -68,6 +74,33 @@ def split(
     cut = only.t[0] + criteria.fitted_part * only.duration
     part = "last third" if criteria == HeldOutCriteria() else "last part"
     return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
+
+
+def repeated(held: Record, fitted: Sequence[Record]) -> str:
+    """The name of a fitted record whose samples a held-out record repeats; empty if it is new.
+
+    Records are compared by the channels that both have, and half of the samples decide: two flights do not have so many
+    samples in common to the last digit. Samples that repeat their predecessor do not count.
+    """
+    for record in fitted:
+        shared = sorted(set(held.channels) & set(record.channels))
+        mine, theirs = ({row.tobytes() for row in _moving(one, shared)} for one in (held, record))
+        if len(mine & theirs) > 0.5 * len(mine):
+            return record.name
+    return ""
+
+
+def part_of_a_fitted_record(held: Sequence[Record], fitted: Sequence[Record]) -> str:
+    """Why held-out records are no flights of their own: they are parts of a fitted one; empty if they are."""
+    names = {record.name for record in fitted}
+    parts = [record.name for record in held if record.name.rpartition(", ")[0] in names]
+    return f"{parts[0]} is a part of the one record that there is" if parts else ""
+
+
+def _moving(record: Record, names: Sequence[str]) -> np.ndarray:
+    """(samples, channels) The samples that differ from their predecessors."""
+    rows = np.column_stack([record[name] for name in names]) if names else np.zeros((1, 0))
+    return rows[1:][(rows[1:] != rows[:-1]).any(axis=1)]
 
 
 def predicted_on(records: Sequence[Record], known: Evidence) -> Predicted:

@@ -21,6 +21,7 @@ from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
+from casid.filtering.free_flight import free_flight_sigma
 from casid.filtering.kalman import residual_about
 from casid.filtering.slow import usual_offset, white_and_slow
 from casid.model.causes import sensor_bias
@@ -104,6 +105,11 @@ def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:
     output = np.where(np.isfinite(output), output, np.inf)
     seen = np.isfinite(batch.Z) & batch.live[..., None]
     return SimulatedRecords(output=output, residual=np.where(seen, batch.Z - output, np.nan))
+
+
+def expected_error(fit: FlightFit) -> np.ndarray:
+    """Return (N, R, ny) 1-sigma of the residual of a free simulation if the model is right, its initial state known."""
+    return free_flight_sigma(fit.linear, fit.acting)
 
 
 def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, ChannelStatistics]:

@@ -7,19 +7,17 @@ channel worse is a loss in the budget.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import View, view_of
+from casid.diagnosis.flight.noise import View, expected_error, view_of
 from casid.errors import InputError
 from casid.filtering.initial_state import measured_start
 from casid.model.applied import values_of
@@ -32,8 +30,10 @@ from casid.views import view
 
 @dataclass(frozen=True, kw_only=True)
 class BudgetSteps:
-    """R.m.s. of measured minus simulated after each step, in units of the channel's noise, which itself is 1. The
-    difference between `structure` and `noise` is unexplained. Infinite if a simulation diverges.
+    """R.m.s. of measured minus simulated after each step, in units of the channel's noise, which itself is 1.
+
+    `expected` is the error that the right model would have: a free simulation cannot follow noise of the inputs and
+    moving air. What `structure` has above it is unexplained. Infinite if a simulation diverges.
     """
 
     as_given: float
@@ -41,17 +41,59 @@ class BudgetSteps:
     values: float
     structure: float
     noise: float = 1.0
+    expected: float = 1.0
+
+    @property
+    def floor(self) -> float:
+        """The error that needs no explanation."""
+        return max(self.noise, self.expected)
+
+    def over(self, step: str) -> float:
+        """Error after a step, in units of the error that the right model would have."""
+        return getattr(self, step) / self.floor
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordError:
+    """The error of one record, root mean square over its channels in units of their noise.
+
+    Attributes
+    ----------
+    record
+        Its name.
+    held_out
+        Whether no fit has seen it.
+    as_given, left
+        Error of the simulation as given, and of the best model.
+    expected
+        Error that the right model would have.
+    worst
+        The channel with the largest error as given.
+    """
+
+    record: str
+    held_out: bool
+    as_given: float
+    left: float
+    expected: float
+    worst: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `records` in diagnosis.json, without its causes."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
     """Channel -> its steps in open-loop simulation of `records`, which no fit has seen; and those of all channels
-    together, root mean square over the channels. `labels` are words for channels, where these are an aircraft's."""
+    together, root mean square over the channels. `labels` are words for channels, where these are an aircraft's.
+    `by_record` has fitted records too."""
 
     records: tuple[str, ...]
     channels: Mapping[str, BudgetSteps]
     together: BudgetSteps
     labels: Mapping[str, str] = field(default_factory=dict)
+    by_record: tuple[RecordError, ...] = ()
 
     def plot(self) -> Any:
         """The steps of every channel as a waterfall, worst as given first.
@@ -59,6 +101,10 @@ class Budget:
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`.
         """
         return view("budget.plot")(self)
+
+    def worst(self, step: str = "as_given") -> list[str]:
+        """The channels by their error after a step, in units of the error of the right model, worst first."""
+        return sorted(self.channels, key=lambda name: -self.channels[name].over(step))
 
     def to_dict(self) -> dict[str, Any]:
         """`budget` of diagnosis.json."""
@@ -69,21 +115,36 @@ class Budget:
         }
 
 
-def budget_of(given: AsGiven, values: View, structure: View) -> Budget:
+def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Budget:
     """The budget on held-out records of the file as given, and of the simulations with re-estimated `values` and with
-    extended `structure`.
+    extended `structure`; `fitted` is the latter on the fitted records.
     """
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
+    sigma = {view: expected_error(view.fit) for view in (structure, fitted)}
     channels = {
-        name: BudgetSteps(**{step: _in_noise(view, name, structure) for step, view in views.items()}) for name in shared
+        name: BudgetSteps(
+            **{step: _in_noise(view, name, structure) for step, view in views.items()},
+            expected=_of_recorded(sigma[structure], name, structure),
+        )
+        for name in shared
     }
-    together = {
-        one.name: math.sqrt(math.fsum(getattr(steps, one.name) ** 2 for steps in channels.values()) / len(channels))
-        for one in fields(BudgetSteps)
-    }
+    together = BudgetSteps(
+        **{one.name: _mean([getattr(c, one.name) for c in channels.values()]) for one in fields(BudgetSteps)}
+    )
     labels = {} if given.held.fit.flight.sizes else {name: label_of(name) for name in shared}
-    return Budget(records=given.held.records, channels=channels, together=BudgetSteps(**together), labels=labels)
+    by_record = [
+        *_by_record(given.fitted, fitted, sigma[fitted], held_out=False),
+        *_by_record(given.held, structure, sigma[structure], held_out=True),
+    ]
+    return Budget(
+        records=given.held.records, channels=channels, together=together, labels=labels, by_record=tuple(by_record)
+    )
+
+
+def _mean(errors: Sequence[float]) -> float:
+    """Root mean square over channels."""
+    return math.sqrt(math.fsum(one**2 for one in errors) / len(errors)) if errors else 0.0
 
 
 def _in_noise(view: View, channel: str, best: View) -> float:
@@ -91,9 +152,44 @@ def _in_noise(view: View, channel: str, best: View) -> float:
     return view.channels[channel].rms / best.channels[channel].noise
 
 
-_WORDS = MappingProxyType(
-    {"data": "correction of data", "values": "re-estimation of values", "structure": "added structure"}
-)
+def _of_recorded(sigma: np.ndarray, channel: str, view: View) -> float:
+    """R.m.s. of a 1-sigma (N, R, ny) over the readings of a channel as recorded, in units of its noise."""
+    fit = view.fit
+    i, noise, every = fit.model.outputs.index(channel), fit.noise.measurement[channel], fit.flight.every
+    seen = fit.seen[..., i]
+    variance = float(np.mean(sigma[..., i][seen] ** 2)) if seen.any() else noise**2
+    return math.sqrt((variance / noise**2 + every - 1) / every)
+
+
+def _by_record(as_given: View, best: View, sigma: np.ndarray, *, held_out: bool) -> Iterator[RecordError]:
+    """Errors of the records of two views."""
+    for r, record in enumerate(best.records):
+        given, left = _in_record(as_given, r, best), _in_record(best, r, best)
+        shared = [name for name in given if name in left]
+        if not shared or record not in as_given.records:
+            continue
+        outputs, noise, every = best.fit.model.outputs, best.fit.noise.measurement, best.fit.flight.every
+        variance = np.nanmean(np.where(best.fit.seen[:, r], sigma[:, r] ** 2, np.nan), axis=0)
+        expected = [variance[outputs.index(name)] / noise[name] ** 2 for name in shared]
+        yield RecordError(
+            record=record,
+            held_out=held_out,
+            as_given=_mean([given[name] for name in shared]),
+            left=_mean([left[name] for name in shared]),
+            expected=_mean([math.sqrt((one + every - 1) / every) for one in expected]),
+            worst=max(shared, key=lambda name: given[name]),
+        )
+
+
+def _in_record(view: View, r: int, best: View) -> dict[str, float]:
+    """Channel -> error in a record, in units of the noise of the best model."""
+    found, every = {}, best.fit.flight.every
+    for i, name in enumerate(view.fit.model.outputs):
+        error = view.simulated.residual[:, r, i]
+        if name in best.channels and not np.isnan(error).all():
+            noise = best.fit.noise.measurement[name]
+            found[name] = math.sqrt((float(np.nanmean((error / noise) ** 2)) + every - 1) / every)
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,11 +201,15 @@ class AccountStep:
     step
         "data", "values", "structure", "unexplained" or "noise".
     before, after
-        Error on the held-out records before and after it, r.m.s. over all channels in units of their noise.
+        Error on the held-out records before and after it, r.m.s. over all channels in units of their noise. A step that
+        makes it worse leaves it where it was.
     share
-        Part of the error as given that it takes away; negative where it adds to the error.
+        Part of the error as given that it takes away, from 0 to 1; the shares of all steps add up to 1. NaN if the
+        simulation as given diverges.
     what
         Its contributions in words, the largest first.
+    grown_to
+        Error after a step that makes it worse; None for any other.
     """
 
     step: str
@@ -117,75 +217,39 @@ class AccountStep:
     after: float
     share: float
     what: tuple[str, ...] = ()
-
-    @property
-    def percent(self) -> int:
-        """Its share in per cent; zero where there is none."""
-        return round(100.0 * self.share) if math.isfinite(self.share) else 0
+    grown_to: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `account` in diagnosis.json."""
-        return {"step": self.step, "from": self.before, "to": self.after, "share": self.share, "what": [*self.what]}
+        return {
+            "step": self.step,
+            "from": self.before,
+            "to": self.after,
+            "share": self.share,
+            "what": [*self.what],
+            "grown_to": self.grown_to,
+        }
 
 
 def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[AccountStep, ...]:
-    """The steps of a budget, the largest share first and the noise last; `what` has the contributions of each step."""
+    """The steps of a budget, the largest share first, what is left last; `what` has the contributions of each step."""
     steps = budget.together
-    levels = {
-        "data": (steps.as_given, steps.data_mended),
-        "values": (steps.data_mended, steps.values),
-        "structure": (steps.values, steps.structure),
-        "unexplained": (steps.structure, min(steps.noise, steps.structure)),
-        "noise": (min(steps.noise, steps.structure), 0.0),
-    }
-    whole = steps.as_given if math.isfinite(steps.as_given) and steps.as_given > 0.0 else math.nan
-    found = [
-        AccountStep(
-            step=name, before=before, after=after, share=(before - after) / whole, what=tuple(what.get(name, ()))
-        )
-        for name, (before, after) in levels.items()
+    level, last, found = steps.as_given, steps.as_given, []
+    whole = level if math.isfinite(level) and level > 0.0 else math.nan
+    for name, reached in (("data", steps.data_mended), ("values", steps.values), ("structure", steps.structure)):
+        after = min(level, reached)
+        grown = reached if reached > last else None
+        told = tuple(what.get(name, ()))
+        share = (level - after) / whole
+        found.append(AccountStep(step=name, before=level, after=after, share=share, what=told, grown_to=grown))
+        level, last = after, reached
+    floor = min(steps.floor, level)
+    told = tuple(what.get("unexplained", ()))
+    left = [
+        AccountStep(step="unexplained", before=level, after=floor, share=(level - floor) / whole, what=told),
+        AccountStep(step="noise", before=floor, after=0.0, share=floor / whole, what=tuple(what.get("noise", ()))),
     ]
-    *taken, noise = found
-    return (*sorted(taken, key=lambda one: -one.share if math.isfinite(one.share) else math.inf), noise)
-
-
-def account_sentence(budget: Budget, account: Sequence[AccountStep], most: int) -> str:
-    """The sentence of the account: the error as given, the share of each step, and the rest. `most` is the largest
-    number of contributions that are listed for each step.
-    """
-    steps, where = budget.together, f"On {', '.join(budget.records)}, which no fit has seen, the simulation as given"
-    left = f"{steps.structure:.2g} times the noise is left"
-    if not math.isfinite(steps.as_given):
-        return f"{where} diverges; with the best model {left}."
-    told = [one for one in account if one.step in _WORDS and one.percent]
-    if not told:
-        return f"{where} is off by {steps.as_given:.2g} times the noise."
-    removing, adding = ([_part(one, most) for one in told if (one.share > 0.0) == less] for less in (True, False))
-    parts = [f"{first} removes {percent} % of that" for first, percent in removing[:1]]
-    parts += [f"{words} {percent} %" for words, percent in removing[1:]]
-    parts += [f"{words} adds {percent} %" for words, percent in adding]
-    opening = ", ".join(parts)
-    return f"{where} is off by {steps.as_given:.2g} times the noise. {opening[0].upper()}{opening[1:]}; {left}."
-
-
-def _part(one: AccountStep, most: int) -> tuple[str, int]:
-    listed = ", ".join(one.what[:most]) + (", ..." if len(one.what) > most else "")
-    return f"{_WORDS[one.step]}{f' ({listed})' if listed else ''}", abs(one.percent)
-
-
-def failure_sentence(budget: Budget, criteria: GivenCriteria) -> str:
-    """The sentence for a best model that is much worse on held-out records than the simulation as given; otherwise
-    empty.
-    """
-    steps = budget.together
-    if steps.structure <= criteria.fails * max(steps.as_given, steps.noise):
-        return ""
-    ratio = steps.structure / steps.as_given
-    worse = f"{ratio:.2g}" if math.isfinite(ratio) else "infinitely many"
-    return (
-        f"The extended model fails on {', '.join(budget.records)}: its error there is {worse} times that of the "
-        "simulation as given. No cause is named, and no re-estimated value should be used."
-    )
+    return (*sorted(found, key=lambda one: -one.share if math.isfinite(one.share) else math.inf), *left)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,7 +17,8 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.judgement import Stages, judged
-from casid.diagnosis.result import Diagnosis, OfAircraft, OfSystem
+from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.subject import OfAircraft, OfSystem
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of

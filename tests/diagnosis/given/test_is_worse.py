@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import pytest
 
-from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.diagnose import is_worse
-from casid.diagnosis.given.budget import BudgetSteps
+from casid.diagnosis.claims import grown
+from casid.diagnosis.facts import Facts
+from casid.diagnosis.given.budget import Budget, BudgetSteps
 
 
 @pytest.mark.parametrize(
@@ -25,5 +24,5 @@ from casid.diagnosis.given.budget import BudgetSteps
 )
 def test_a_model_that_is_further_from_new_records_is_not_written(given: float, extended: float, worse: bool) -> None:
     steps = BudgetSteps(as_given=given, data_mended=given, values=extended, structure=extended)
-    found = SimpleNamespace(budget=SimpleNamespace(together=steps), criteria=Criteria())
-    assert is_worse(found) == worse  # pyright: ignore
+    budget = Budget(records=("m2",), channels={"q": steps}, together=steps)
+    assert bool(grown(Facts(source="file", witness="flight", budget=budget))) == worse

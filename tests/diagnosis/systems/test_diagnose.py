@@ -88,7 +88,7 @@ def test_the_document_has_the_keys_of_the_format(tmp_path: Path, clean: Outcome)
     one = clean.result
     one.write(tmp_path / "diagnosis.json")
     document = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["schema"] == "casid.diagnosis/3"
+    assert document["schema"] == "casid.diagnosis/4"
     wanted = (
         "verdict sentence not_judged data contradicted causes minor unexplained explanations budget gain parameters"
     )

@@ -1,0 +1,274 @@
+"""The facts of a diagnosis: numbers and names that are known when all fits are made, without conclusions.
+
+Statements are made of these by `claims`, and the verdict by `verdict`. Neither fits anything.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from casid.data_check.reading import Finding
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.criteria import GivenCriteria
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
+from casid.diagnosis.given.scope import NotJudged
+from casid.model.numbers import digits, with_deviation
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedValue:
+    """A value of the extended model beside that as given.
+
+    Attributes
+    ----------
+    parameter, unit
+        Its name, and the unit of its values.
+    given, extended
+        Its value as given, and in the extended model.
+    stated_std
+        Its stated 1-sigma; 10 % of its value where none is stated.
+    identifiable
+        Whether the records determine it better than the file does.
+    effect
+        Channel -> r.m.s. change of the predicted readings by the move, in units of their noise.
+    """
+
+    parameter: str
+    unit: str
+    given: float
+    extended: float
+    stated_std: float
+    identifiable: bool
+    effect: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def sigmas(self) -> float:
+        """The change in units of the stated uncertainty; 0 where none is stated and the value is 0."""
+        return abs(self.extended - self.given) / self.stated_std if self.stated_std > 0.0 else 0.0
+
+    @property
+    def change(self) -> str:
+        """The move in a few words: in per cent, as a factor, or from one value to another."""
+        ratio = self.extended / self.given if self.given else math.nan
+        if not 0.0 < ratio < 10.0:
+            return f"{self.parameter} {digits(self.given)} -> {digits(self.extended)}"
+        return (
+            f"{self.parameter} times {ratio:.2g}"
+            if ratio >= 2.0
+            else f"{self.parameter} {100.0 * (ratio - 1.0):+.0f} %"
+        )
+
+    @property
+    def sentence(self) -> str:
+        """The move as a sentence."""
+        unit = f" {self.unit}" if self.unit not in ("", "1") and not self.unit.startswith("1/") else ""
+        alone = "" if self.identifiable else "; the records alone do not determine it"
+        return (
+            f"{self.parameter} is {digits(self.given)}{unit} as given and {digits(self.extended)}{unit} in the "
+            f"extended model, {digits(self.sigmas, 2)} times its stated uncertainty away{alone}."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `moved` in diagnosis.json."""
+        named = ("parameter", "unit", "given", "extended", "stated_std", "sigmas", "identifiable", "sentence")
+        return {name: getattr(self, name) for name in named}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combination:
+    """Two values that the records do not determine one by one, but of which they determine a ratio, product or sum.
+
+    Attributes
+    ----------
+    parameters
+        The two names.
+    sentence
+        What is determined, with its value as given and by the records.
+    """
+
+    parameters: tuple[str, str]
+    sentence: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """An entry of `combinations` in diagnosis.json."""
+        return {"parameters": list(self.parameters), "sentence": self.sentence}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Facts:
+    """What statements and verdict depend on.
+
+    Attributes
+    ----------
+    source, witness
+        What the values are from, "file" or "model"; and what speaks against them, "flight" or "the records".
+    budget
+        Errors on the held-out records, and by record.
+    criteria
+        Thresholds of the simulation as given.
+    at_fault, mended
+        Faults of the data that could not be corrected, and corrections.
+    impossible
+        Numbers of the file that no aircraft has.
+    causes, minor
+        The causes that the gates let pass, and those that are real and too small to matter.
+    unexplained
+        Sentences of what no cause explains, strongest first.
+    contradicted, factors
+        Values, and common factors of groups of values, that are inconsistent with the records.
+    changed, combinations
+        Values of the extended model beside those as given, and what is determined of pairs.
+    not_judged
+        What the records leave open.
+    fewest_readings
+        Number of fitted readings of the channel that is read least.
+    turbulent
+        Records in turbulence.
+    listed
+        Largest number of items that a sentence lists.
+    """
+
+    source: str
+    witness: str
+    budget: Budget
+    criteria: GivenCriteria = GivenCriteria()
+    at_fault: tuple[Finding, ...] = ()
+    mended: tuple[Finding, ...] = ()
+    impossible: tuple[Contradiction, ...] = ()
+    causes: tuple[Cause, ...] = ()
+    minor: tuple[Cause, ...] = ()
+    unexplained: tuple[str, ...] = ()
+    contradicted: tuple[Contradiction, ...] = ()
+    factors: tuple[Factor, ...] = ()
+    changed: tuple[ChangedValue, ...] = ()
+    combinations: tuple[Combination, ...] = ()
+    not_judged: tuple[NotJudged, ...] = ()
+    fewest_readings: int = 1
+    turbulent: tuple[str, ...] = ()
+    listed: int = 3
+
+    @property
+    def moved(self) -> tuple[ChangedValue, ...]:
+        """The values that left their stated uncertainty."""
+        return tuple(one for one in self.changed if one.sigmas > 1.0)
+
+
+def changed_values(
+    fit: FlightFit, given: Mapping[str, float], flight: Mapping[str, FlightValue], least: float
+) -> tuple[ChangedValue, ...]:
+    """Values of the extended model beside those as given, those with the largest effect on the readings first.
+
+    Parameters
+    ----------
+    fit
+        The fit of the extended model.
+    given
+        Values as given, by name.
+    flight
+        Values by the records alone.
+    least
+        Relative uncertainty of a value without a stated one.
+    """
+    units, found = fit.model.units, []
+    names = {one.name: one.effect.unit for one in fit.attached}
+    for i, slot in enumerate(fit.slots):
+        if slot.name not in given or slot.name not in flight:
+            continue
+        weight, value = float(fit.prior_weight[i]), given[slot.name]
+        std = weight**-0.5 if weight > 0.0 else least * abs(value)
+        found.append(
+            ChangedValue(
+                parameter=slot.name,
+                unit=units.get(slot.name, names.get(slot.name, "")),
+                given=value,
+                extended=fit[slot.name],
+                stated_std=std,
+                identifiable=flight[slot.name].determined,
+                effect=_effect(fit, i, fit[slot.name] - value),
+            )
+        )
+    return tuple(sorted(found, key=lambda one: -max(one.effect.values(), default=0.0)))
+
+
+def _effect(fit: FlightFit, slot: int, change: float) -> dict[str, float]:
+    """Channel -> r.m.s. change of the predicted readings by a change of one value, in units of their noise."""
+    columns = fit.columns[..., slot]
+    sizes = np.sqrt(np.mean(np.where(fit.seen, columns, 0.0) ** 2, axis=(0, 1))) * abs(change)
+    return {name: float(size) for name, size in zip(fit.model.outputs, sizes, strict=True)}
+
+
+def determined_pairs(
+    fit: FlightFit, changed: Sequence[ChangedValue], given: Mapping[str, float], criteria: GivenCriteria
+) -> tuple[Combination, ...]:
+    """Combinations of two values that the records determine, where they determine neither of the two.
+
+    Values count in units of their stated uncertainty. A combination is the direction of smallest variance of a pair. It
+    is told if the records determine it much better than either value, and if the change of the value shows on a
+    reading.
+    """
+    index = {slot.name: i for i, slot in enumerate(fit.slots) if fit.prior_weight[i] > 0.0 and slot.name in given}
+    unsure = {name: i for name, i in index.items() if _of_stated(fit, i, i) > 1.0 - criteria.from_records}
+    found: dict[tuple[str, str], Combination] = {}
+    for one in (one for one in changed if max(one.effect.values(), default=0.0) > 1.0):
+        pairs = []
+        for name, j in unsure.items():
+            if name == one.parameter or one.parameter not in unsure:
+                continue
+            i = unsure[one.parameter]
+            both = np.array([[_of_stated(fit, a, b) for b in (i, j)] for a in (i, j)])
+            variance, directions = np.linalg.eigh(both)
+            if variance[0] < (1.0 - criteria.from_records) * np.diagonal(both).min():
+                pairs.append((float(variance[0]), name, directions[:, 0]))
+        variance, name, along = min(pairs, key=lambda pair: pair[0], default=(np.inf, "", np.zeros(2)))
+        key = (min(one.parameter, name), max(one.parameter, name))
+        if key not in found and variance < 1.0 - criteria.from_records:
+            stated = fit.prior_weight[[index[one.parameter], index[name]]] ** -0.5
+            found[key] = _combined(
+                one, (name, given[name], fit[name]), along, stated, math.sqrt(variance), criteria.worse
+            )
+    return tuple(found.values())
+
+
+def _of_stated(fit: FlightFit, i: int, j: int) -> float:
+    """Covariance of two values in units of their stated uncertainties."""
+    return float(fit.covariance[i, j] * math.sqrt(fit.prior_weight[i] * fit.prior_weight[j]))
+
+
+def _combined(
+    one: ChangedValue, other: tuple[str, float, float], along: np.ndarray, stated: np.ndarray, std: float, worse: float
+) -> Combination:
+    """The combination of two values in words: their ratio or product if both count alike, else a weighted sum.
+
+    `other` is a name with its value as given and in the extended model; powers that differ by less than the factor
+    `worse` count as alike.
+    """
+    name, was, now = other
+    given, extended = np.array([one.given, was]), np.array([one.extended, now])
+    powers = along / stated * given
+    unlike = np.abs(powers).max() / max(np.abs(powers).min(), 1e-300)
+    if unlike < worse and (extended * given > 0.0).all():
+        sign = 1.0 if powers[0] * powers[1] > 0.0 else -1.0
+        ratio = (extended[0] / given[0]) * (extended[1] / given[1]) ** sign
+        what = f"{one.parameter} {'*' if sign > 0.0 else '/'} {name}"
+        told = f"{what}: {with_deviation(ratio, ratio * std / abs(powers[0]))} times the value as given"
+    else:
+        weight = (along[1] / stated[1]) / (along[0] / stated[0])
+        before, after = given[0] + weight * given[1], extended[0] + weight * extended[1]
+        what = f"{one.parameter} {'+' if weight > 0.0 else '-'} {digits(abs(weight))} {name}"
+        by_records = with_deviation(after, std * stated[0] / abs(along[0]))
+        told = f"{what}: {digits(before)} as given, {by_records} by the records"
+    sentence = f"{one.parameter} and {name} cannot be told apart; the records determine {told}."
+    return Combination(parameters=(one.parameter, name), sentence=sentence)
+
+
+def fewest_readings(fit: FlightFit) -> int:
+    """Number of readings of the channel that is read least, of those that are read at all."""
+    counts = fit.seen.sum(axis=(0, 1))
+    return int(min((count for count in counts if count), default=1))

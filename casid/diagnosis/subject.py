@@ -1,0 +1,86 @@
+"""What is diagnosed, an aircraft or any other system: as given, as extended, and what its values are called."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from casid.diagnosis.systems.extended import Extended
+from casid.model.aircraft import Aircraft
+from casid.model.effects import effect_of
+from casid.model.system import Model
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OfAircraft:
+    """What the diagnosis of an aircraft has beside that of any system.
+
+    file      the aircraft as given
+    extended  the aircraft with estimated values and the named causes
+    """
+
+    file: Aircraft
+    extended: Aircraft
+    source: ClassVar[str] = "file"
+    witness: ClassVar[str] = "flight"
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    @property
+    def kept(self) -> OfAircraft:
+        """The file as given in place of the extended one."""
+        return replace(self, extended=self.file)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The values of the file, by name."""
+        terms = {f"{c}_{term}": value for c, row in self.file.terms.items() for term, value in row.items()}
+        free = [table for table in self.file.tables if table.free]
+        knots = {name: value for table in free for name, value in table.knots.items()}
+        found = {**self.file.derivatives, **terms, **knots}
+        for value in self.file.effects:
+            name = effect_of(value).name
+            found |= {name: value.value} | {f"{name}.{key}": further for key, further in value.parameters.items()}
+        return found
+
+    @property
+    def told(self) -> dict[str, float]:
+        """The values whose changes the account names: derivatives, without those at zero angles and rates."""
+        return {name: value for name, value in self.file.derivatives.items() if not name.endswith("_0")}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class OfSystem:
+    """What the diagnosis of a system has beside that of an aircraft.
+
+    model     the system as given
+    extended  with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
+    """
+
+    model: Model
+    extended: Extended
+    source: ClassVar[str] = "model"
+    witness: ClassVar[str] = "the records"
+
+    @property
+    def name(self) -> str:
+        return self.model.name
+
+    @property
+    def kept(self) -> OfSystem:
+        """The model as given in place of the extended one."""
+        base = self.extended.base
+        given = replace(base, nominal={**base.nominal, **self.model.nominal})
+        return replace(self, extended=replace(self.extended, base=given, attached=()))
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The nominal values of the parameters."""
+        return dict(self.model.nominal)
+
+    @property
+    def told(self) -> dict[str, float]:
+        """The values whose changes the account names."""
+        return self.values
