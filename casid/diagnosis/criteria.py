@@ -338,13 +338,11 @@ class GivenCriteria:
     """The simulation as given: what contradicts it, and what the records can judge."""
 
     window: float = number(
-        5.0,
-        "length at the beginning of a record used to fit states that are not measured, for the file as given",
-        unit="s",
+        5.0, "beginning of a record used to fit states that are not measured, for the file as given", unit="s"
     )
     beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
     from_records: float = number(
-        0.5, "part of the information on a number that must come from the records", "derived: more than the file's own"
+        0.5, "least part of the information on a number by the records", "derived: more than the file's own"
     )
     still: float = number(
         0.25,
