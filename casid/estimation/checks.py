@@ -31,6 +31,12 @@ def check_model(model: Any) -> None:
             "cs.flight_inputs(aircraft, record)"
         )
     require(model, Model, "Problem: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    for name in (*model.parameters, *model.states):
+        if "[" in name:
+            raise InputError(
+                f"Problem: '{name}' of model '{model.name}' has a bracket, which in an estimation says of which record "
+                f"a value is; rename it in the model, like '{name.replace('[', '_').replace(']', '')}'"
+            )
 
 
 def check_records(model: Model, records: tuple[Record, ...], simulated: bool) -> None:

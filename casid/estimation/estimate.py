@@ -11,6 +11,7 @@ from casid.arguments import require, whole
 from casid.estimation.attempt import check_part
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
+from casid.estimation.likelihood import log_likelihood, log_prior
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.population import solved_with_population
@@ -151,16 +152,19 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     errors = _errors(objective, outcome)
+    ended = final_status(problem, outcome.status, outcome.point, errors, asked)
+    likelihood, without = log_likelihood(objective, outcome)
     return Fit(
         problem=problem,
         values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
         uncertainty=errors,
-        ended=final_status(problem, outcome.status, outcome.point, errors, asked),
+        ended=ended,
         iterations=outcome.iterations,
         seconds=time.perf_counter() - begin,
         cost=value.cost,
         prior_cost=value.rest,
-        log_likelihood=levels.log_likelihood(value.squares),
+        log_likelihood=likelihood,
+        log_prior=log_prior(objective, outcome, problem.is_initial_given),
         stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]},
@@ -173,7 +177,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         method=type(method).__name__,
         solver=outcome.solver,
         substeps=objective.layout.substeps if objective.dynamics is not None else 1,
-        way=end.remark,
+        way="; ".join(filter(None, (end.remark, without))),
         implicit=bool(getattr(method, "implicit", False)) and objective.dynamics is not None,
     )
 

@@ -44,7 +44,10 @@ class Fit:
     prior_cost
         Its part of the priors, and of process noise where there is any.
     log_likelihood
-        Of the residuals under normal noise of `noise_covariance`.
+        Of the residuals under normal noise of `noise_covariance`, without priors. At an end that is no solution it is
+        that of one motion from its initial states, integrated anew; not a number where that departs, as a remark says.
+    log_prior
+        ln of the normal densities of what has a prior: parameters, and initial states with a 1-sigma.
     noise
         Channel -> 1-sigma that the weights stand for (range weights: what the residuals show).
     noise_covariance
@@ -97,6 +100,7 @@ class Fit:
     cost: float
     prior_cost: float
     log_likelihood: float
+    log_prior: float
     stationarity: float
     defect: float
     noise: Mapping[str, float]
@@ -113,6 +117,11 @@ class Fit:
     starts: Starts | None = None
     population: Mapping[str, Population] = field(default_factory=dict)
     way: str = ""
+
+    @property
+    def log_posterior(self) -> float:
+        """ln(likelihood x prior), by which fits of one problem compare."""
+        return self.log_likelihood + self.log_prior
 
     @property
     def result(self) -> Results:
@@ -281,6 +290,8 @@ class Fit:
             "seconds": self.seconds,
             "cost": number(self.cost),
             "log_likelihood": number(self.log_likelihood),
+            "log_prior": number(self.log_prior),
+            "log_posterior": number(self.log_posterior),
             "stationarity": number(self.stationarity),
             "defect": number(self.defect),
             "method": self.method,

@@ -83,6 +83,8 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
         stays = np.isfinite(first.outcome.value.cost) or problem.model.period is not None
         last = attempted(problem, method if stays else Collocation(), clock.allowed(most))
         best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
+    if best.found and best is not first and not agreed and best.doubtful:  # judged by its own point, not by the way
+        best, agreed = _searched(problem, method, best, quick)
     if not automatic and best is not first:
         return Ending(attempt=_with_status(first, _another(_found_elsewhere(best, first))))
     if best.found and not agreed and best.is_slow and best.stretches.contradict:

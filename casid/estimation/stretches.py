@@ -103,6 +103,8 @@ def _by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -
     length = max(_STRETCH, math.ceil(_PER_STATE * n / channels))
     if max(len(record) for record in problem.records) < 2 * length:
         return Stretches()
+    if before == 0.0:  # the whole leaves nothing
+        return Stretches(left=1.0)
     dynamics = MultipleShooting(interval=length, substeps=whole.substeps, implicit=implicit).dynamics(problem)
     layout, weak = dynamics.layout, np.diag(1.0 / objective.scale**2)
     nodes, parameters = layout.start.copy(), value.parameters
@@ -147,6 +149,8 @@ def _stretched_step(
             slope[columns] += (blocks.gradient[own, n:] - (turned @ solved[own, :, -1:])[..., 0]).sum(axis=0)
         scale = jacobi_scale(information)
         scaled = information * np.outer(scale, scale)
+        if not (np.isfinite(scaled).all() and np.isfinite(slope).all()):
+            raise np.linalg.LinAlgError("the sensitivities are no numbers here")
         theta = -scale * np.linalg.lstsq(scaled, scale * slope, rcond=_RANK)[0]
     own = np.array([problem.columns(r) for r in range(len(problem.records))])[layout.record]
     follow = (solved[..., :-1] @ theta[own][..., None])[..., 0]

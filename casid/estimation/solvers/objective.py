@@ -476,8 +476,10 @@ class Objective:
         counts = np.maximum(levels.share * levels.present, 1.0)
         root = linear.channel_gradients.T * np.sqrt(2.0 / counts)
         scale = jacobi_scale(linear.hessian)
-        scaled = root * scale[:, None]
-        inner = scaled.T @ np.linalg.lstsq(linear.hessian * np.outer(scale, scale), scaled, rcond=1e-12)[0]
+        scaled, matrix = root * scale[:, None], linear.hessian * np.outer(scale, scale)
+        if not (np.isfinite(matrix).all() and np.isfinite(scaled).all()):  # LAPACK prints complaints of these
+            raise np.linalg.LinAlgError("the sensitivities are no numbers here")
+        inner = scaled.T @ np.linalg.lstsq(matrix, scaled, rcond=1e-12)[0]
         largest = float(np.linalg.eigvalsh(0.5 * (inner + inner.T))[-1])
         return root @ root.T * min(1.0, _MOST / max(largest, 1e-300))
 

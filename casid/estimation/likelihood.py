@@ -1,0 +1,84 @@
+"""ln(likelihood) and ln(prior) of an end, as statistics has them: of one motion, integrated to a given error."""
+
+from __future__ import annotations
+
+import math
+
+import casadi as ca
+import numpy as np
+
+from casid.estimation.solvers.full_noise import moments_of
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.status import Results
+from casid.model.simulate import cvodes_step, flown, steps_of
+
+_CLOSE = 1e-8  # relative error of the integration
+_MOST_SAMPLES = 50_000  # that take ten seconds
+
+
+def log_likelihood(objective: Objective, outcome: Outcome) -> tuple[float, str]:
+    """Of an end, and why there is none, "" if there is.
+
+    A solution has it from its own integration, whose error is checked. Any other end may have open defects or too few
+    steps: it is simulated once more in one piece, by an implicit method of variable order, and noise that is estimated
+    is that of these residuals.
+    """
+    value, problem = outcome.value, objective.problem
+    own = value.noise.levels.log_likelihood(value.squares)
+    plain = objective.dynamics is not None and objective.equations is None and not objective.soft
+    solved = outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
+    if solved or not plain or problem.feedback is not None or problem.model.period is not None:
+        return own, ""
+    if sum(len(record) for record in problem.records) > _MOST_SAMPLES:
+        return math.nan, "no likelihood: the end is no solution, and its records are too long to simulate once more"
+    off = _residuals(objective, outcome)
+    if off is None:
+        return math.nan, "no likelihood: simulated in one piece, the motion of the end departs"
+    if value.noise.levels.full:
+        squares = moments_of(off, objective.layout.pattern, objective.layout.seen)
+    else:
+        squares = (off**2).sum(axis=(0, 1))
+    return value.noise.levels.relaxed(squares)[0].log_likelihood(squares), ""
+
+
+def _residuals(objective: Objective, outcome: Outcome) -> np.ndarray | None:
+    """(K, L, o) as of the layout, zero where nothing was read; None where the motion is not finite."""
+    problem, layout, model = objective.problem, objective.layout, objective.problem.model
+    run = steps_of(cvodes_step(model, _CLOSE, _CLOSE * float(objective.scale.min(initial=1.0))))
+    output = ca.Function("h", [model.x, model.u, model.p, model.w], [ca.densify(model.h)])
+    found = np.zeros((layout.present.shape[0] * layout.present.shape[1], len(model.outputs)))
+    parameters = problem.model_parameters(outcome.point.theta)
+    for r, (record, p) in enumerate(zip(problem.records, parameters, strict=True)):
+        calm = np.zeros((len(record), len(model.disturbances)))
+        start = outcome.point.nodes[layout.first[r]]
+        if not (np.isfinite(start).all() and np.isfinite(p).all()):
+            return None
+        states = flown(model, record, start, p, calm, run)
+        if not np.isfinite(states).all():
+            return None
+        many = np.tile(p[:, None], len(record))
+        y = output.map(len(record))(states.T, record.matrix(model.inputs).T, many, calm.T).full().T
+        measured = problem.outputs_of(record)
+        off = np.where(np.isfinite(measured), y - measured, 0.0)
+        if not np.isfinite(off).all():
+            return None
+        found[layout.sample[r]] = off
+    return found.reshape(layout.present.shape)
+
+
+def log_prior(objective: Objective, outcome: Outcome, given: np.ndarray) -> float:
+    """ln of the normal densities of what has a prior: parameters, and initial states whose 1-sigma was `given`
+    (records, states)."""
+    problem, point = objective.problem, outcome.point
+    known = np.isfinite(problem.prior_std)
+    total = _log_normal((point.theta - problem.nominal)[known], problem.prior_std[known])
+    if objective.dynamics is not None:
+        given = given & ~objective.exact
+        off = point.nodes[objective.layout.first] - objective.centre
+        total += _log_normal(off[given], 1.0 / objective.initial_precision[given])
+    return total
+
+
+def _log_normal(off: np.ndarray, std: np.ndarray) -> float:
+    return float(-(0.5 * (off / std) ** 2 + np.log(std * math.sqrt(2.0 * math.pi))).sum())

@@ -1,0 +1,138 @@
+"""How a fit ends: the status belongs to the point, nothing raw reaches the user, likelihoods are of one motion."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.stats import norm
+
+import casid as cs
+
+
+def lag(name: str = "T") -> cs.Model:
+    return cs.define_model(
+        "lag",
+        states=["x"],
+        inputs=["u"],
+        parameters={name: 0.5, "K": 1.0},
+        outputs=["y"],
+        dynamics=lambda s: {"x": (s.K * s.u - s.x) / getattr(s, name)},
+        output=lambda s: {"y": s.x},
+    )
+
+
+def barnes(start: list[float]) -> cs.Fit:
+    """Barnes' two species, 11 readings (Stortelder, 1998)."""
+    a = [1, 1.1, 1.3, 1.1, 0.9, 0.7, 0.5, 0.6, 0.7, 0.8, 1]
+    b = [0.3, 0.35, 0.4, 0.5, 0.5, 0.4, 0.3, 0.25, 0.25, 0.3, 0.35]
+    model = cs.define_model(
+        "Barnes",
+        states=["a", "b"],
+        inputs=[],
+        parameters={"k1": 1.0, "k2": 1.0, "k3": 1.0},
+        outputs=["a", "b"],
+        dynamics=lambda s: {"a": s.k1 * s.a - s.k2 * s.a * s.b, "b": s.k2 * s.a * s.b - s.k3 * s.b},
+        output=lambda s: {"a": s.a, "b": s.b},
+    )
+    record = cs.Record(name="r", t=np.arange(11) / 2, channels={"a": np.array(a), "b": np.array(b)})
+    known = cs.InitialState(value={"a": 1.0, "b": 0.3}, std={"a": 0.0, "b": 0.0})
+    given = dict(zip(("k1", "k2", "k3"), start, strict=True))
+    noise = {"a": 0.1, "b": 0.1}
+    return cs.solve(cs.Problem(model, record, free=["*"], start=given, noise=noise, initial_state=known))
+
+
+def test_one_end_has_one_status_from_any_start():
+    fits = [barnes(start) for start in ([0.86, 2.07, 1.81], [1.7, 4.2, 3.6], [0.1, 0.1, 0.1], [5.0, 5.0, 5.0])]
+    for fit in fits[1:]:
+        assert fit.log_likelihood == pytest.approx(fits[0].log_likelihood, abs=0.01)
+        assert fit.result is fits[0].result, fit.status
+
+
+def test_the_parts_of_a_status_are_values():
+    model = cs.define_regression(
+        "line", inputs=["h"], parameters={"a": 1.0, "b": 1.0, "unused": 1.0}, outputs=["y"],
+        output=lambda s: {"y": s.a + s.b * s.h + s.unused},
+    )  # fmt: skip
+    h, rng = np.arange(8.0), np.random.default_rng(0)
+    y = 2.0 + 3.0 * h + 0.1 * rng.standard_normal(8)
+    record = cs.Record(name="r", t=h, channels={"h": h, "y": y})
+    fit = cs.solve(cs.Problem(model, record, free=["*"]))
+    assert fit.result is cs.Results.NOT_IDENTIFIABLE and "unused" in fit.reason and fit.remedy
+    assert fit.reason in fit.status and fit.remedy in fit.status
+    # what is undetermined has no error; the slope has that of ordinary least squares
+    assert np.isnan(fit["a"].std) and np.isnan(fit["unused"].std)
+    plain = cs.solve(cs.Problem(model, record, free=["a", "b"]))
+    assert fit["b"].std == pytest.approx(plain["b"].std, rel=1e-6)
+    assert plain.remedy == plain.reason == "" and plain.status == "converged"
+
+
+@pytest.mark.parametrize("level", [0.0, 2.0])
+@pytest.mark.parametrize("noise", [None, {"y": 0.01}])
+def test_a_dead_channel_is_told_and_nothing_is_raised(level, noise):
+    t = 0.02 * np.arange(100)
+    record = cs.Record(name="z", t=t, channels={"u": 0.0 * t, "y": 0.0 * t + level})
+    fit = cs.solve(cs.Problem(lag(), record, free=["*"], noise=noise))
+    assert any("measured as constant" in remark for remark in fit.remarks)
+
+
+def test_a_bracket_in_a_name_is_refused_in_words():
+    t = 0.02 * np.arange(100)
+    record = cs.Record(name="m", t=t, channels={"u": np.sin(t), "y": np.sin(t)})
+    with pytest.raises(cs.InputError, match="T_1"):
+        cs.Problem(lag("T[1]"), record, free=["*"])
+
+
+def test_copies_of_a_record_are_remarked_on():
+    t = 0.02 * np.arange(100)
+    rng = np.random.default_rng(0)
+    one = cs.Record(name="m1", t=t, channels={"u": np.sin(t), "y": np.sin(t) + 0.1 * rng.standard_normal(100)})
+    copy = cs.Record(name="m2", t=t, channels=dict(one.channels))
+    other = cs.Record(name="m3", t=t, channels={"u": np.sin(t), "y": np.sin(t) + 0.1 * rng.standard_normal(100)})
+    assert any("'m1'" in r and "'m2'" in r for r in cs.solve(cs.Problem(lag(), [one, copy], free=["*"])).remarks)
+    assert not any("same numbers" in r for r in cs.solve(cs.Problem(lag(), [one, other], free=["*"])).remarks)
+
+
+def test_nothing_of_lapack_reaches_standard_output():
+    code = """
+import numpy as np, casid as cs
+h = np.array([1.0, 2, 3, 4, 5, 7]); y = np.array([8.3, 10.3, 19, 16, 15.6, 19.8])
+m = cs.define_regression("rb", inputs=("h",), parameters={"a": 0.0, "b": 0.0}, outputs=("y",),
+                         output=lambda s: {"y": s.a * (1 - np.exp(-s.b * s.h))})
+cs.solve(cs.Problem(m, cs.Record(name="r", t=np.arange(6.0), channels={"h": h, "y": y}), free=["*"]))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+
+
+def test_likelihood_prior_and_posterior_are_those_of_statistics():
+    """Truth: sums of normal log densities by scipy, at an end that is a solution and at one that is none."""
+    t, rng = np.linspace(0.0, 5.0, 51), np.random.default_rng(2)
+    y = 3.0 * np.exp(-0.7 * t) + 0.1 * rng.standard_normal(51)
+    model = cs.define_model(
+        "decay",
+        states=["x"],
+        inputs=[],
+        parameters={"k": 3.0},
+        outputs=["y"],
+        dynamics=lambda s: {"x": -s.k * s.x},
+        output=lambda s: {"y": s.x},
+        prior_std={"k": 0.5},
+    )
+    given = cs.InitialState(value={"x": 2.0}, std={"x": 0.4})
+    record = cs.Record(name="r", t=t, channels={"y": y})
+    problem = cs.Problem(model, record, free=["k"], noise={"y": 0.1}, prior=True, initial_state=given)
+    for solver in (cs.Automatic(), cs.GaussNewton(iterations=1)):
+        fit = cs.solve(problem, cs.MultipleShooting(interval=5), solver)
+        first = fit.initial_states["r"]["x"].value
+        exact = solve_ivp(
+            lambda _, x, k=fit.values["k"]: -k * x, (0.0, 5.0), [first], t_eval=t, rtol=1e-11, atol=1e-12
+        ).y[0]
+        assert fit.log_likelihood == pytest.approx(norm.logpdf(y, exact, 0.1).sum(), abs=0.01)
+        prior = norm.logpdf(fit.values["k"], 3.0, 0.5) + norm.logpdf(first, 2.0, 0.4)
+        assert fit.log_prior == pytest.approx(prior, abs=1e-6)
+        assert fit.log_posterior == pytest.approx(fit.log_likelihood + prior, abs=1e-6)
+    assert not fit.converged
