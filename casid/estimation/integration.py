@@ -310,12 +310,17 @@ def _integration_error(
     power = 2.0 ** _order(method)
     scale = power / (power - 1.0)  # of the difference, to the error
     direct, along = _directly(objective, value, scale * (y - trajectory.y))
-    shift = _shift_of_nodes(objective, linear, scale * (end - trajectory.end))
+    made = scale * (end - trajectory.end)
+    shift, is_carried = _shift_of_nodes(objective, linear, made)
     # what a shift of a node does to the predictions of its segment, in the whitened norm
     n = shift.shape[1]
     by_node = np.einsum("kn,knm,km->k", shift, linear.blocks.hessian[:, :n, :n], shift)
     # of both first orders the residuals' part: at the optimum the parameters' own moves change nothing
-    off, cost = np.sqrt(direct + by_node.sum()), along + (linear.blocks.gradient[:, :n] * shift).sum()
+    off = np.sqrt(direct + by_node.sum())
+    if is_carried:
+        cost = along + (linear.blocks.gradient[:, :n] * shift).sum()
+    else:  # parameters and all nodes follow: a constraint's multiplier is what its error is worth
+        cost = along - sum(float((red.l0 * made[_tied(objective, r)]).sum()) for r, red in enumerate(linear.reduced))
     # where the model misses its data the likelihood is worth less, by how much larger than noise the residuals are
     worth = max(2.0 * value.cost / value.noise.levels.count, 1.0)
     return float(off), float(cost / worth)
@@ -352,15 +357,23 @@ def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarra
     return float((off**2).sum()), float((off * layout.residuals(value.trajectory.y) / sigma).sum())
 
 
-def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> np.ndarray:
-    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them."""
+def _tied(objective: Objective, record: int) -> slice:
+    """The segments of a record that are followed by another."""
+    own = objective.layout.segments_of(record)
+    return slice(own.start, own.stop - 1)
+
+
+def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> tuple[np.ndarray, bool]:
+    """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them, and whether they do;
+    otherwise each stays where it is made."""
     assert linear.blocks is not None
     carried, alone, n = np.zeros_like(off), np.zeros_like(off), off.shape[1]
     with np.errstate(over="ignore", invalid="ignore"):
         for k in objective.layout.tied:
             carried[k + 1] = linear.blocks.transition[k, :, :n] @ carried[k] + off[k]
             alone[k + 1] = off[k]
-    return _held_by_data(carried, alone, objective.scale)
+    found = _held_by_data(carried, alone, objective.scale)
+    return found, found is carried
 
 
 def _steps_for(excess: float, substeps: int, power: int = _ORDER) -> int:
