@@ -11,7 +11,7 @@ from casid.arguments import require, whole
 from casid.estimation.attempt import check_part
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fit
-from casid.estimation.likelihood import log_likelihood, log_prior
+from casid.estimation.likelihood import judged, log_prior
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
 from casid.estimation.population import solved_with_population
@@ -146,6 +146,9 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     objective, outcome, method = end.attempt.objective, end.attempt.outcome, end.attempt.method
     value = outcome.value
     (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
+    likelihood = judged(objective, outcome)
+    if likelihood.outputs is not None:
+        predicted = dict(zip(predicted, likelihood.outputs, strict=True))
     names, levels = objective.channel_names, value.noise.levels
     together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
     channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
@@ -153,7 +156,6 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     errors = _errors(objective, outcome)
     ended = final_status(problem, outcome.status, outcome.point, errors, asked)
-    likelihood, without = log_likelihood(objective, outcome)
     return Fit(
         problem=problem,
         values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
@@ -163,7 +165,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         seconds=time.perf_counter() - begin,
         cost=value.cost,
         prior_cost=value.rest,
-        log_likelihood=likelihood,
+        log_likelihood=likelihood.log_likelihood,
         log_prior=log_prior(objective, outcome, problem.is_initial_given),
         stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
@@ -177,7 +179,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         method=type(method).__name__,
         solver=outcome.solver,
         substeps=objective.layout.substeps if objective.dynamics is not None else 1,
-        way="; ".join(filter(None, (end.remark, without))),
+        way="; ".join(filter(None, (end.remark, likelihood.without))),
         implicit=bool(getattr(method, "implicit", False)) and objective.dynamics is not None,
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
@@ -17,8 +18,18 @@ _CLOSE = 1e-8  # relative error of the integration
 _MOST_SAMPLES = 50_000  # that take ten seconds
 
 
-def log_likelihood(objective: Objective, outcome: Outcome) -> tuple[float, str]:
-    """Of an end, and why there is none, "" if there is.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Judged:
+    """ln(likelihood) of an end, or why there is none; `outputs` per record (N, o) of the motion that it is of, where
+    that is not the motion of the iteration."""
+
+    log_likelihood: float
+    without: str = ""
+    outputs: tuple[np.ndarray, ...] | None = None
+
+
+def judged(objective: Objective, outcome: Outcome) -> Judged:
+    """The likelihood of an end.
 
     A solution has it from its own integration, whose error is checked. Any other end may have open defects or too few
     steps: it is simulated once more in one piece, by an implicit method of variable order, and noise that is estimated
@@ -29,27 +40,30 @@ def log_likelihood(objective: Objective, outcome: Outcome) -> tuple[float, str]:
     plain = objective.dynamics is not None and objective.equations is None and not objective.soft
     solved = outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
     if solved or not plain or problem.feedback is not None or problem.model.period is not None:
-        return own, ""
+        return Judged(log_likelihood=own)
     if sum(len(record) for record in problem.records) > _MOST_SAMPLES:
-        return math.nan, "no likelihood: the end is no solution, and its records are too long to simulate once more"
-    off = _residuals(objective, outcome)
+        reason = "no likelihood: the end is no solution, and its records are too long to simulate once more"
+        return Judged(log_likelihood=math.nan, without=reason)
+    outputs = _simulated(objective, outcome)
+    off = None if outputs is None else _residuals(objective, outputs)
     if off is None:
-        return math.nan, "no likelihood: simulated in one piece, the motion of the end departs"
+        reason = "no likelihood: simulated in one piece, the motion of the end departs"
+        return Judged(log_likelihood=math.nan, without=reason)
     if value.noise.levels.full:
         squares = moments_of(off, objective.layout.pattern, objective.layout.seen)
     else:
         squares = (off**2).sum(axis=(0, 1))
-    return value.noise.levels.relaxed(squares)[0].log_likelihood(squares), ""
+    levels = value.noise.levels.relaxed(squares)[0]
+    return Judged(log_likelihood=levels.log_likelihood(squares), outputs=outputs)
 
 
-def _residuals(objective: Objective, outcome: Outcome) -> np.ndarray | None:
-    """(K, L, o) as of the layout, zero where nothing was read; None where the motion is not finite."""
+def _simulated(objective: Objective, outcome: Outcome) -> tuple[np.ndarray, ...] | None:
+    """Outputs per record (N, o) from the initial states; None where the motion is not finite."""
     problem, layout, model = objective.problem, objective.layout, objective.problem.model
     run = steps_of(cvodes_step(model, _CLOSE, _CLOSE * float(objective.scale.min(initial=1.0))))
     output = ca.Function("h", [model.x, model.u, model.p, model.w], [ca.densify(model.h)])
-    found = np.zeros((layout.present.shape[0] * layout.present.shape[1], len(model.outputs)))
-    parameters = problem.model_parameters(outcome.point.theta)
-    for r, (record, p) in enumerate(zip(problem.records, parameters, strict=True)):
+    found = []
+    for r, (record, p) in enumerate(zip(problem.records, problem.model_parameters(outcome.point.theta), strict=True)):
         calm = np.zeros((len(record), len(model.disturbances)))
         start = outcome.point.nodes[layout.first[r]]
         if not (np.isfinite(start).all() and np.isfinite(p).all()):
@@ -58,12 +72,20 @@ def _residuals(objective: Objective, outcome: Outcome) -> np.ndarray | None:
         if not np.isfinite(states).all():
             return None
         many = np.tile(p[:, None], len(record))
-        y = output.map(len(record))(states.T, record.matrix(model.inputs).T, many, calm.T).full().T
-        measured = problem.outputs_of(record)
+        found.append(output.map(len(record))(states.T, record.matrix(model.inputs).T, many, calm.T).full().T)
+    return tuple(found)
+
+
+def _residuals(objective: Objective, outputs: tuple[np.ndarray, ...]) -> np.ndarray | None:
+    """(K, L, o) as of the layout, zero where nothing was read; None where one is no number."""
+    layout = objective.layout
+    found = np.zeros((layout.present.shape[0] * layout.present.shape[1], layout.present.shape[2]))
+    for record, sample, y in zip(objective.problem.records, layout.sample, outputs, strict=True):
+        measured = objective.problem.outputs_of(record)
         off = np.where(np.isfinite(measured), y - measured, 0.0)
         if not np.isfinite(off).all():
             return None
-        found[layout.sample[r]] = off
+        found[sample] = off
     return found.reshape(layout.present.shape)
 
 

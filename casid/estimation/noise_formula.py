@@ -33,8 +33,10 @@ _READING, _REFERENCE = "reading of {}", "reference of {}"
 def solved_with_formulas(problem: Problem, solved: Callable[[Problem], Fit], again: Callable[[Problem], Fit]) -> Fit:
     """The fit of a problem with noise by formula: `solved` as a sum of squares and, `again` from there, with every
     1-sigma referred to its own value."""
+    problem, remark = _with_smaller_noise(problem)
     first = _at_start(problem)
     fit = solved(first.problem)
+    fit = replace(fit, way="; ".join(filter(None, (remark, fit.way))))
     if not fit.converged:
         return first.returned(fit)
     found = first.returned(fit)
@@ -43,7 +45,8 @@ def solved_with_formulas(problem: Problem, solved: Callable[[Problem], Fit], aga
     if not ended.converged:
         return found
     better = closer.returned(ended)
-    return replace(better, iterations=fit.iterations + ended.iterations, seconds=fit.seconds + ended.seconds)
+    iterations, seconds = fit.iterations + ended.iterations, fit.seconds + ended.seconds
+    return replace(better, way=fit.way, iterations=iterations, seconds=seconds)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -141,6 +144,45 @@ def _reading(record: Record, name: str, noise: Noise) -> tuple[np.ndarray, np.nd
     present = np.isfinite(reading)
     filled = np.where(present, reading, 1.0)
     return np.where(present, np.log(filled) if noise.logarithmic else filled, 0.0), present
+
+
+def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
+    """The problem where no noise begins beyond the range of its readings, and what was changed. There the readings tell
+    nothing of any parameter, and an iteration has no way to go."""
+    model, start, said = problem.model, dict(problem.start), list[str]()
+    in_motion = ca.vertcat(model.f, model.h, *model.events.values(), *model.initial.values())
+    elsewhere = ca.which_depends(in_motion, model.p, 1, False)
+    for name, noise in problem.noise_formulas.items():
+        if isinstance(noise.sigma, str):
+            continue
+        sigma = noise.expression(model, name)
+        used = ca.which_depends(sigma, model.p, 1, False)
+        own = [i for i, (u, e) in enumerate(zip(used, elsewhere, strict=True)) if u and not e]
+        names = [n for n in problem.parameters if n.split("[")[0] in {model.parameters[i] for i in own}]
+        larger = model.p[:]
+        for i in own:
+            larger[i] = 2.0 * model.p[i]
+        function = ca.Function("s", [model.x, model.u, model.p], [sigma, ca.substitute(sigma, model.p, larger)])
+        sizes, reads = [], []
+        for record, p in zip(problem.records, problem.start_parameters, strict=True):
+            reading, present = _reading(record, name, noise)
+            many = np.tile(p[:, None], len(record))
+            both = function(model.guess(record).T, record.matrix(model.inputs).T, many)
+            sizes.append(np.stack([one.full()[0] for one in both])[:, present])
+            reads.append(reading[present])
+        (one, two), read = np.concatenate(sizes, axis=1), np.concatenate(reads)
+        spread = float(np.ptp(read)) if len(read) else 0.0
+        if not names or not spread > 0.0 or not np.isfinite(one).all() or not np.allclose(two, 2.0 * one, rtol=1e-9):
+            continue
+        times = float(np.median(one)) / spread
+        if times > 1.0:
+            before = dict(zip(problem.parameters, problem.start_vector, strict=True))
+            start |= {n: before[n] / times for n in names}
+            said.append(
+                f"start: the noise of {name} is {times:.2g} times the range of its readings; the search began with "
+                f"{', '.join(f'{n} = {start[n]:.3g}' for n in names)}"
+            )
+    return replace(problem, start=start), "; ".join(said)
 
 
 def _at_start(problem: Problem) -> _Squares:

@@ -136,3 +136,51 @@ def test_likelihood_prior_and_posterior_are_those_of_statistics():
         assert fit.log_prior == pytest.approx(prior, abs=1e-6)
         assert fit.log_posterior == pytest.approx(fit.log_likelihood + prior, abs=1e-6)
     assert not fit.converged
+
+
+@pytest.mark.parametrize("times", [1e6, 1.0, 1e-2])
+def test_a_noise_that_begins_beyond_all_readings_is_told_and_found(times):
+    """Truth: least squares by numpy, and the root mean square of its residuals."""
+    h, rng = np.linspace(0.0, 1.0, 40), np.random.default_rng(0)
+    y = 2.0 + 3.0 * h + 0.2 * rng.standard_normal(40)
+    model = cs.define_regression(
+        "line",
+        inputs=["h"],
+        parameters={"a": 1.0, "b": 1.0, "sd": 0.2},
+        outputs=["y"],
+        output=lambda s: {"y": s.a + s.b * s.h},
+    )
+    record = cs.Record(name="r", t=np.arange(40.0), channels={"h": h, "y": y})
+    noise = {"y": cs.Noise(sigma=lambda s: s.sd)}
+    fit = cs.solve(cs.Problem(model, record, free=["*"], log=["sd"], start={"sd": 0.2 * times}, noise=noise))
+    slope, first = np.polyfit(h, y, 1)
+    assert fit.converged, fit.status
+    assert [fit.values["a"], fit.values["b"]] == pytest.approx([first, slope], rel=1e-5)
+    assert fit.values["sd"] == pytest.approx(np.sqrt(np.mean((y - first - slope * h) ** 2)), rel=1e-4)
+    assert any("range of its readings" in remark for remark in fit.remarks) == (times > 1e3)
+
+
+def test_a_motion_that_grows_is_integrated_as_finely_as_any():
+    """Lorenz' equations, x read: the likelihood of an end is within 0.01 of that with 16 steps per sample."""
+    t = np.arange(0, 12 + 1e-9, 0.02)
+    start = [-11.8, -5.1, 10.0]
+
+    def rates(_, x):
+        return [10 * (x[1] - x[0]), x[0] * (28 - x[2]) - x[1], x[0] * x[1] - 8 / 3 * x[2]]
+
+    x = solve_ivp(rates, (0, t[-1]), start, t_eval=t, rtol=1e-12, atol=1e-12, method="LSODA").y[0]
+    record = cs.Record(name="r", t=t, channels={"x": x + 0.1 * np.random.default_rng(1).standard_normal(len(t))})
+    model = cs.define_model(
+        "lorenz",
+        states=["x", "y", "z"],
+        inputs=[],
+        parameters={"s": 10.0, "r": 28.0, "b": 8 / 3},
+        outputs=["x"],
+        dynamics=lambda s: {"x": s.s * (s.y - s.x), "y": s.x * (s.r - s.z) - s.y, "z": s.x * s.y - s.b * s.z},
+        output=lambda s: {"x": s.x},
+    )
+    problem = cs.Problem(model, record, free=["*"], noise={"x": 0.1})
+    found = cs.solve(problem, cs.MultipleShooting(interval=1))
+    exact = cs.solve(problem, cs.MultipleShooting(interval=1, substeps=16))
+    assert found.converged and exact.converged
+    assert found.log_likelihood == pytest.approx(exact.log_likelihood, abs=0.01)
