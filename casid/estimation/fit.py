@@ -260,22 +260,8 @@ class Fit:
         dict
             Numbers, texts, lists and tables, as JSON holds them.
         """
-
-        def number(value: float) -> float | None:
-            return float(value) if math.isfinite(value) else None
-
-        parameters = {
-            name: {
-                "value": number(e.value),
-                "std": number(e.std),
-                "std_cramer_rao": number(e.std_cramer_rao),
-                "prior": number(e.prior),
-                "prior_std": number(e.prior_std),
-            }
-            for name, e in self.parameters.items()
-        }
         channels = {
-            name: {"rms": number(c.rms), "R2": number(c.R2), "theil": number(c.theil), "samples": c.samples}
+            name: {"rms": _number(c.rms), "R2": _number(c.R2), "theil": _number(c.theil), "samples": c.samples}
             for name, c in self.channels.items()
         }
         return {
@@ -288,36 +274,27 @@ class Fit:
             "converged": self.converged,
             "iterations": self.iterations,
             "seconds": self.seconds,
-            "cost": number(self.cost),
-            "log_likelihood": number(self.log_likelihood),
-            "log_prior": number(self.log_prior),
-            "log_posterior": number(self.log_posterior),
-            "stationarity": number(self.stationarity),
-            "defect": number(self.defect),
+            "cost": _number(self.cost),
+            "log_likelihood": _number(self.log_likelihood),
+            "log_prior": _number(self.log_prior),
+            "log_posterior": _number(self.log_posterior),
+            "stationarity": _number(self.stationarity),
+            "defect": _number(self.defect),
             "method": self.method,
             "solver": self.solver,
             "estimator": type(self.problem.cost).__name__,
             "records": [record.name for record in self.problem.records],
-            "parameters": parameters,
+            "parameters": {name: _estimate(e) for name, e in self.parameters.items()},
             "correlation": {
                 "names": list(self.parameters),
-                "matrix": [[number(v) for v in row] for row in self.correlations],
+                "matrix": [[_number(v) for v in row] for row in self.correlations],
             },
             **({"population": {n: asdict(one) for n, one in self.population.items()}} if self.population else {}),
             "initial_states": {
-                record: {
-                    state: {
-                        "value": number(e.value),
-                        "std": number(e.std),
-                        "std_cramer_rao": number(e.std_cramer_rao),
-                        "prior": number(e.prior),
-                        "prior_std": number(e.prior_std),
-                    }
-                    for state, e in states.items()
-                }
+                record: {state: _estimate(e) for state, e in states.items()}
                 for record, states in self.initial_states.items()
             },
-            "noise": {name: number(v) for name, v in self.noise.items()},
+            "noise": {name: _number(v) for name, v in self.noise.items()},
             "channels": channels,
             "remarks": list(self.remarks),
         }
@@ -455,3 +432,12 @@ class Fit:
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
         return "\n".join(lines)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _estimate(e: Estimate) -> dict[str, float | None]:
+    """An estimate as estimate.json has it."""
+    return {name: _number(getattr(e, name)) for name in ("value", "std", "std_cramer_rao", "prior", "prior_std")}
