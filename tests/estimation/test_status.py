@@ -54,9 +54,12 @@ def test_one_end_has_one_status_from_any_start():
 
 def test_the_parts_of_a_status_are_values():
     model = cs.define_regression(
-        "line", inputs=["h"], parameters={"a": 1.0, "b": 1.0, "unused": 1.0}, outputs=["y"],
+        "line",
+        inputs=["h"],
+        parameters={"a": 1.0, "b": 1.0, "unused": 1.0},
+        outputs=["y"],
         output=lambda s: {"y": s.a + s.b * s.h + s.unused},
-    )  # fmt: skip
+    )
     h, rng = np.arange(8.0), np.random.default_rng(0)
     y = 2.0 + 3.0 * h + 0.1 * rng.standard_normal(8)
     record = cs.Record(name="r", t=h, channels={"h": h, "y": y})
