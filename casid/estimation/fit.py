@@ -120,7 +120,7 @@ class Fit:
 
     @property
     def log_posterior(self) -> float:
-        """ln(likelihood x prior), by which fits of one problem compare."""
+        """Sum of `log_likelihood` and `log_prior`, by which fits of one problem compare."""
         return self.log_likelihood + self.log_prior
 
     @property
