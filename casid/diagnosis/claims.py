@@ -1,9 +1,9 @@
 """What may be said: every statement of a diagnosis passes a function here, which knows what it may not contradict.
 
 1. "Adequate" is said of a simulation that as given stays within the noise on held-out records, and of no other.
-2. Every value of the extended model that left its stated uncertainty is told, identifiable or not.
+2. Every value of the extended model that left its stated uncertainty is reported, identifiable or not.
 3. While structure is missing, or the held-out error has grown, no value is what the records say.
-4. Shares of an error are from 0 to 100 % and add up to 100 %; a step that makes it worse is told as that.
+4. Shares of an error are from 0 to 100 % and add up to 100 %; a step that makes it worse is reported as that.
 5. A probability is conditional on the catalogue. With more than twice the error of the right model left, none is
    above 90 %.
 6. Held-out records differ from fitted ones by content.
@@ -82,7 +82,7 @@ def adequate(facts: Facts) -> bool:
 def grown(facts: Facts) -> str:
     """Return by how much the error on the held-out records grew; empty if it did not."""
     steps, limit = facts.budget.together, facts.criteria.worse
-    if steps.structure <= limit * max(steps.data_mended, steps.floor):  # a number that is none has grown
+    if steps.structure <= limit * max(steps.data_mended, steps.floor):  # a value without a number has grown
         return ""
     return f"the error on held-out records grew from {times(steps.data_mended)} to {times(steps.structure)} the noise"
 

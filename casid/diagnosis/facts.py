@@ -113,7 +113,7 @@ class Facts:
         Errors on the held-out records, and by record.
     criteria
         Thresholds of the simulation as given.
-    at_fault, mended
+    at_fault, `mended`
         Faults of the data that could not be corrected, and corrections.
     impossible
         Numbers of the file that no aircraft has.
@@ -210,7 +210,7 @@ def determined_pairs(
     """Combinations of two values that the records determine, where they determine neither of the two.
 
     Values count in units of their stated uncertainty. A combination is the direction of smallest variance of a pair. It
-    is told if the records determine it much better than either value, and if the change of the value shows on a
+    is reported if the records determine it much better than either value, and if the change of the value shows on a
     reading.
     """
     index = {slot.name: i for i, slot in enumerate(fit.slots) if fit.prior_weight[i] > 0.0 and slot.name in given}
