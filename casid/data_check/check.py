@@ -280,7 +280,8 @@ def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: S
     factor, unit = for_a_person(unit_of(target))
     stands = f" at {factor * level:.4g} {unit if unit != '1' else ''}".rstrip() if level is not None else ""
     sentence = words.of_channel(kind, target, names, len(names) == len(records) > 1, share, stands)
-    handled: Handled = "reported" if undo else "corrected" if target in INPUTS else "excluded"
+    handled: Handled = "corrected" if target in INPUTS else "excluded"
+    handled = "reported" if undo or kind == "data_steps" else handled
     if handled != "excluded":
         sentence = sentence.replace("are left out", "are interpolated" if handled == "corrected" else "are not trusted")
     return Finding(
@@ -300,10 +301,12 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
     handled: Handled = "corrected" if weighed.alone and not (undo or weighed.refused) else "reported"
     every = len(weighed.records) == count > 1
     rivals = [described(r) for r in weighed.rivals]
-    sentence = words.of_alternative(one.kind, one.target, one.value, one.unit, weighed.records, every)
+    what = one.term if one.kind == "axes" else one.unit
+    sentence = words.of_alternative(one.kind, one.target, one.value, what, weighed.records, every)
     return Finding(
         kind=one.kind,
         target=one.target,
+        term=one.term,
         records=weighed.records,
         value=one.value,
         unit="1" if one.value is not None else None,

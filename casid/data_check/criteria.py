@@ -131,6 +131,11 @@ class DataCriteria:
     close: float = number(
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
+    left: float = number(
+        2.0,
+        "r.m.s. of what a reconstruction leaves of a channel, over its noise, up to which measurements are compatible",
+        "derived: three quarters of the variance are not noise there",
+    )
     own_scale: float = number(1.25, "factor up to which a scale error or a stretched time is no question of units")
     smallest_deflection: float = number(
         0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"

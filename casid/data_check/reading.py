@@ -12,6 +12,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.model.dynamics import standard_density
 from casid.records.checks import INPUTS
 from casid.records.record import Record
+from casid.signals import GRAVITY
 
 _ANGLES = ("psi",)
 FORCES = ("ax", "ay", "az")
@@ -97,6 +98,7 @@ class Reading:
     source  channel -> the column that holds it, where it is another one
     time    seconds in a unit of the time column
     place   of the accelerometer from the c.g. [m], whose part of the readings is taken off
+    gravity whether accelerometers sense it; else it is taken off what they read
     """
 
     factor: Mapping[str, float] = field(default_factory=dict)
@@ -104,6 +106,7 @@ class Reading:
     source: Mapping[str, str] = field(default_factory=dict)
     time: float = 1.0
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gravity: bool = True
 
     def then(self, other: Reading) -> Reading:
         """This reading, with another one of what it gives: both corrections, one after the other."""
@@ -115,7 +118,14 @@ class Reading:
         before = {n: other.factor.get(n, 1.0) * self.offset.get(other.source.get(n, n), 0.0) for n in moved}
         offset = {n: before[n] + other.offset.get(n, 0.0) for n in moved}
         x, y, z = (a + b for a, b in zip(self.place, other.place, strict=True))
-        return Reading(factor=factor, offset=offset, source=source, time=self.time * other.time, place=(x, y, z))
+        return Reading(
+            factor=factor,
+            offset=offset,
+            source=source,
+            time=self.time * other.time,
+            place=(x, y, z),
+            gravity=self.gravity and other.gravity,
+        )
 
     def of(self, name: str, recorded: np.ndarray) -> np.ndarray:
         """The channel in SI, from the numbers of its column."""
@@ -124,7 +134,15 @@ class Reading:
     @property
     def channels(self) -> frozenset[str]:
         """Channels that it takes otherwise than recorded."""
-        return frozenset((*self.factor, *self.offset, *self.source, *(FORCES if any(self.place) else ())))
+        forces = FORCES if any(self.place) or not self.gravity else ()
+        return frozenset((*self.factor, *self.offset, *self.source, *forces))
+
+    def felt(self, name: str, values: np.ndarray, phi: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """(N,) the specific force where accelerations without gravity are recorded; other channels as they are."""
+        if self.gravity or name not in FORCES:
+            return values
+        down = {"ax": -np.sin(theta), "ay": np.sin(phi) * np.cos(theta), "az": np.cos(phi) * np.cos(theta)}
+        return values - GRAVITY * down[name]
 
 
 AS_RECORDED = Reading()
@@ -152,6 +170,8 @@ class Read:
         if source not in self._record:
             return self._density() if name == "rho" and self._density_known else np.zeros(len(self._record.t))
         values = self._reading.of(name, self._record.values[source])
+        if not self._reading.gravity and name in FORCES:
+            values = self._reading.felt(name, values, self.value("phi"), self.value("theta"))
         if name in FORCES and any(self._reading.place):
             return values - np.asarray(self._reading.place) @ self.levers()[:, FORCES.index(name)]
         return values
@@ -216,6 +236,8 @@ class Finding:
         Names of those that have it.
     intervals_s
         Record -> intervals [s] that are concerned; empty: the whole record.
+    term
+        Of axes the convention found, "FLU".
     value, std
         Its size with 1-sigma in `unit`, where it has one: the factor of a wrong unit.
     handled
@@ -241,6 +263,7 @@ class Finding:
     target: str
     records: tuple[str, ...]
     intervals_s: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    term: str | None = None
     value: float | None = None
     std: float | None = None
     unit: str | None = None
@@ -260,6 +283,7 @@ class Finding:
         return {
             "kind": self.kind,
             "target": self.target,
+            "term": self.term,
             "records": list(self.records),
             "intervals_s": {record: [list(one) for one in parts] for record, parts in self.intervals_s.items()},
             "value": self.value,

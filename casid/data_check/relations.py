@@ -17,6 +17,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import FEWEST_KNOWN, Read
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
+from casid.model.plausible import from_usual
 from casid.model.terms import parse_term
 from casid.signals import DEGREE, FOOT, POUND, SLUG, TONNE
 
@@ -337,7 +338,23 @@ FILE_UNITS: tuple[FileUnit, ...] = (
     ),
 )
 
+
+def file_units(aircraft: Aircraft) -> tuple[FileUnit, ...]:
+    """Other units of a file, and its lengths exchanged, as far as no number that they touch leaves the usual."""
+    ratio = aircraft.moment_length_pitch / aircraft.moment_length_lateral
+    exchanged = FileUnit(parameter=EXCHANGED, unit="each other's place", lateral=ratio, pitch=1.0 / ratio)
+    given = from_usual(aircraft)
+
+    def nearer(meant: Aircraft) -> bool:
+        return all(off <= given.get(name, 0.0) + 1e-9 for name, off in from_usual(meant).items())
+
+    return tuple(one for one in (*FILE_UNITS, exchanged) if nearer(one.corrected(aircraft)))
+
+
+EXCHANGED = "lateral and pitch lengths"
+
 SI_OF = {
+    EXCHANGED: "m",
     "mass": "kg",
     "inertia": "kg m2",
     "area": "m2",

@@ -104,7 +104,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "+".join(SURFACES): SURFACES,
 }
 INSTRUMENTS = tuple(GROUPS[name] for name in ("p+q+r", "ax+ay+az", "pdot+qdot+rdot"))  # axes of one instrument
-_SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
+_SIGNED = ("alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az", "pdot", "qdot", "rdot", *SURFACES)
 
 
 def _pairs(group: tuple[str, ...]) -> Iterable[tuple[str, str]]:
@@ -129,6 +129,7 @@ class Alternative:
     reading: Reading
     value: float | None = None
     unit: str | None = None
+    term: str | None = None
 
     @property
     def channels(self) -> frozenset[str]:

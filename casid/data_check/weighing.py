@@ -10,10 +10,11 @@ from itertools import chain
 import numpy as np
 from scipy import optimize
 
+from casid.data_check.axes import frames
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.levels import level_terms, trimmed_density
 from casid.data_check.reading import AS_RECORDED, FORCES, Read, Reading, Smooth, smooth
-from casid.data_check.relations import FILE_UNITS, RELATIONS, FileUnit, Relation, agreement
+from casid.data_check.relations import RELATIONS, FileUnit, Relation, agreement, file_units
 from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, accelerometer, alternatives
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import lift_in_trim
@@ -21,6 +22,7 @@ from casid.records.record import Record
 from casid.signals import GRAVITY, SURFACES
 
 _OF_THE_FILE = ("file_sign",)
+_TURNED = frozenset(("data_sign", "data_swap", "axes"))
 INSTRUMENT_ERRORS = ("accelerometer_position",)
 _FARTHEST = 3.0  # 1-sigmas of the place of an accelerometer
 
@@ -97,7 +99,8 @@ class Weighing:
         return Read((self._slow if slow else self._quick)[j], reading)
 
     def found(self) -> list[Weighed]:
-        """The faults that the records show, most telling first; each is corrected before the next is sought.
+        """The faults that the records show, most telling first; each is corrected before the next is sought, and other
+        axes before any single channel.
 
         An error of an instrument, which a diagnosis corrects, explains records as a fault does. Where it does so
         better, the next fault is sought beside it."""
@@ -105,6 +108,9 @@ class Weighing:
         for _ in range(self._criteria.faults):
             gains = [self._gains(a) for a in self._outputs()]
             best = self._best(gains)
+            if best is not None:
+                gains += [self._gains(a) for a in self._frames() if a.target == "body"]
+                best = self._best(gains)
             if best is not None and best.alternative.channels & {*FORCES, "V", "alpha", "beta"}:
                 best = self._best(self._by_the_file([*gains, *(self._gains(a) for a in self._places())]))
             if best is None:
@@ -119,12 +125,17 @@ class Weighing:
 
     def _one_kind_each(self, found: Sequence[Weighed]) -> list[Weighed]:
         """The faults, with those refused that would correct one channel of a record in more than one way, or that were
-        found with another correction of it that is not made. A column that needs two corrections is more likely to be
+        found with another correction that is not made. A column that needs two corrections is more likely to be
         another thing, or records that were joined."""
         judged = [
-            replace(one, refused=any(_clash(one, b) and (b.alone or j < i) for j, b in enumerate(found)))
+            replace(one, refused=any(_clash(one, b) and (b.alone or j < i) for j, b in enumerate(found) if j != i))
             for i, one in enumerate(found)
         ]
+        doubted = {name for one in judged if _of_motion(one) and (one.refused or not one.alone) for name in one.records}
+        judged = [
+            replace(one, refused=True) if not _of_motion(one) and doubted & {*one.records} else one for one in judged
+        ]
+        self.units = [] if doubted else self.units
         self.trusted = [AS_RECORDED for _ in self.names]
         for one in judged:
             for j, name in enumerate(self.names):
@@ -155,7 +166,7 @@ class Weighing:
         reads = self._all_read(AS_RECORDED, ())
         base = self._response.likelihood(reads) + self._lift(self._aircraft)
         odds: list[tuple[float, FileUnit]] = []
-        for unit in FILE_UNITS:
+        for unit in file_units(self._aircraft):
             meant = unit.corrected(self._aircraft)
             gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
             odds.append((gain + self._criteria.fault, unit))
@@ -191,7 +202,15 @@ class Weighing:
 
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
-        return [a for a in alternatives(channels, self._stretched()) if not a.channels & {*SURFACES, *self._believed}]
+        earth = [a for a in self._frames() if a.target == "earth"]
+        able = [*alternatives(channels, self._stretched()), *earth]
+        return [a for a in able if not a.channels & {*SURFACES, *self._believed}]
+
+    def _frames(self) -> list[Alternative]:
+        """Other axes, as long as none were found."""
+        channels = {name for one in self._quick for name in one.values}
+        turned = any(reading.factor for reading in self.readings)
+        return [] if turned else [a for a in frames(channels) if not a.channels & self._believed]
 
     def _by_the_file(self, gains: Gains) -> Gains:
         """The gains, of those that concern accelerometers also by the forces that the file predicts; these are shared
@@ -353,11 +372,19 @@ def _of_forces_alone(alternative: Alternative) -> bool:
     return bool(alternative.channels & {*FORCES}) and sizes <= {1.0}
 
 
+def _of_motion(one: Weighed) -> bool:
+    """Whether a fault concerns the motion, and not surfaces or the file alone."""
+    return bool(one.alternative.channels - {*SURFACES})
+
+
 def _clash(one: Weighed, other: Weighed) -> bool:
-    """Whether two faults of different kinds concern one channel of a record."""
+    """Whether two faults of different kinds concern one channel of a record, or two turn or exchange channels of the
+    motion: that is other axes, which are not corrected channel by channel."""
     a, b = one.alternative, other.alternative
-    both = a.channels & b.channels and set(one.records) & set(other.records)
-    return bool(both) and a.kind != b.kind
+    if not set(one.records) & set(other.records):
+        return False
+    turned = {a.kind, b.kind} <= _TURNED and _of_motion(one) and _of_motion(other)
+    return turned or bool(a.channels & b.channels) and a.kind != b.kind
 
 
 def _surfaces_of(alternative: Alternative) -> set[str]:
@@ -391,6 +418,8 @@ def described(alternative: Alternative) -> str:
         return f"{alternative.target} reversed"
     if alternative.kind == "data_gravity":
         return f"{alternative.target} without gravity"
+    if alternative.kind == "axes":
+        return f"{alternative.target} axes {alternative.term}"
     if alternative.kind in INSTRUMENT_ERRORS:
         return f"the accelerometer {alternative.value:.2g} m from the c.g. along {alternative.target}"
     return f"{alternative.target.replace('+', ', ')} in {alternative.unit or 'another unit'}"
@@ -405,5 +434,8 @@ def with_readings(record: Record, reading: Reading) -> Record:
         for name in reading.channels
         if reading.source.get(name, name) in record
     }
+    if not reading.gravity:
+        phi, theta = (changed.get(name, record[name]) for name in ("phi", "theta"))
+        changed = {name: reading.felt(name, values, phi, theta) for name, values in changed.items()}
     t = record.t * reading.time if reading.time != 1.0 else record.t
     return replace(record.with_channels(**changed), t=t)

@@ -28,6 +28,11 @@ def of_channel(kind: str, target: str, records: Sequence[str], every: bool, shar
         return f"The recorded {label} is frozen{level} in {where}: {part} are left out."
     if kind == "data_dropout":
         return f"The recorded {label} holds its last value now and then in {where}: {part} are left out."
+    if kind == "data_steps":
+        return (
+            f"The recorded {label} is corrected in steps in {where}, at {part}, as by a filter: its rate and timing "
+            "tell nothing."
+        )
     if kind == "data_clipped":
         return f"The recorded {label} is at a rail{level} in {where}: {part} are left out."
     return f"The recorded {label} has isolated outliers in {where}: {part} are left out."
@@ -36,7 +41,11 @@ def of_channel(kind: str, target: str, records: Sequence[str], every: bool, shar
 def of_alternative(
     kind: str, target: str, value: float | None, unit: str | None, records: Sequence[str], every: bool
 ) -> str:
-    """A sign, a unit or a swap, as a statement."""
+    """A sign, a unit or a swap, as a statement; `unit` of axes is the convention found."""
+    if kind == "axes":
+        usual = "FRD: forward, right, down" if target == "body" else "NED: north, east, down"
+        heading = "; a constant of the heading does not show" if unit and ("NWU" in unit or "ENU" in unit) else ""
+        return f"The {target} axes of {_where(records, every)} are {unit}, not the usual ones ({usual}{heading})"
     where, label = _where(records, every), named(target)
     plural = "+" in target
     if target in SURFACES and kind == "data_sign":
@@ -66,12 +75,17 @@ def handled_as(
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data do not decide, and nothing was changed."
     if refused:
-        return "; but the channel has another kind of fault, too: two corrections at once are not made."
+        return (
+            "; but something else is turned, or the channel has another kind of fault, too: two corrections at once "
+            "are not made."
+        )
     if undone:
         return "; nothing was changed, as asked."
     odds = f"odds of {math.exp(log_odds):.0e} to 1".replace("e+0", "e").replace("e+", "e")
     if kind == "data_swap":
         return f"; changing them back corrects it ({odds})."
+    if kind == "axes":
+        return f"; converting all channels of that frame corrects it ({odds})."
     if kind == "data_gravity":
         return f"; taking 1 g off corrects it ({odds})."
     return f"; multiplying the values by {value:.4g} corrects it ({odds})."

@@ -201,6 +201,33 @@ def lift_in_trim(a: Aircraft) -> float | None:
     return lift * 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area / (a.mass * GRAVITY)
 
 
+# Usual values: Raymer's table of radii of gyration with half or whole spans, aspect ratios from deltas to gliders.
+_USUAL: dict[str, tuple[float, float]] = {
+    "area over lengths": (0.6, 4.5),
+    "aspect ratio": (0.7, 30.0),
+    "roll radius": (0.1, 0.4),
+    "pitch radius": (0.5, 4.5),
+    "lift in trim": (0.5, 2.0),
+}
+
+
+def from_usual(a: Aircraft) -> dict[str, float]:
+    """How far numbers of a file are from the usual, as logarithms; 0 within."""
+    lateral, pitch = a.moment_length_lateral, a.moment_length_pitch
+    values = {
+        "area over lengths": a.area / (lateral * pitch),
+        "aspect ratio": lateral / pitch,
+        "roll radius": math.sqrt(a.inertia.Ixx / a.mass) / lateral,
+        "pitch radius": math.sqrt(a.inertia.Iyy / a.inertia.Ixx),
+        "lift in trim": lift_in_trim(a),
+    }
+    return {
+        name: max(math.log(least / value), math.log(value / most), 0.0)
+        for name, (least, most) in _USUAL.items()
+        if (value := values[name]) is not None and value > 0.0
+    }
+
+
 def believable(aircraft: Aircraft, found: tuple[Doubt, ...]) -> Aircraft:
     """The aircraft without what is in doubt and can be left out: entries of [trim], gravity."""
     names = {one.parameter for one in found}

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import permutations, product
 
 import numpy as np
 import pytest
@@ -139,6 +140,59 @@ def test_a_vane_that_reads_a_part_of_the_other_angle_reverses_no_surface(slope: 
     flight = clean("jsbsim", "clean-2", 1801)
     read = [one.with_channels(alpha=one["alpha"] + slope * one["beta"]) for one in flight.records]
     assert not cs.check(read, flight.aircraft).findings
+
+
+def in_axes(record: Record, turn: np.ndarray, euler: Sequence[float] | None = None) -> Record:
+    """The record of an inertial unit whose axes are the rows of `turn`, with attitude of that body in NWU."""
+    triads = (("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot"))
+    there = [names for names in triads if set(names) <= record.channels.keys()]
+    changed = {n: v for names in there for n, v in zip(names, turn @ [record[n] for n in names], strict=True)}
+    attitude = zip(("phi", "theta", "psi"), euler or (), strict=False)
+    return record.with_channels(**changed, **{n: sign * record[n] for n, sign in attitude if n in record})
+
+
+FLU = np.diag([1.0, -1.0, -1.0])
+ROTATIONS = [
+    np.array([s * row for s, row in zip(signs, np.eye(3)[list(order)], strict=True)])
+    for order in permutations(range(3))
+    for signs in product((1.0, -1.0), repeat=3)
+]
+PROPER = [one for one in ROTATIONS if np.linalg.det(one) > 0.0 and not np.allclose(one, np.eye(3))]
+
+
+@pytest.mark.parametrize("turn", [PROPER[0], PROPER[7], PROPER[15], FLU], ids=str)
+@pytest.mark.parametrize("of", ["independent", "do328"])
+def test_turned_frames_are_axes_and_nothing_else(of: str, turn: np.ndarray) -> None:
+    """A rotation of the inertial unit by quarter turns: one fault, converted, or refused; no single channel is."""
+    flight = clean(of, "clean-1", 3001)
+    for attitude in [None, (1.0, -1.0, -1.0)] if turn is FLU else [None]:
+        checked = cs.check([in_axes(one, turn, attitude) for one in flight.records], flight.aircraft)
+        corrected = [one for one in checked.findings if one.handled == "corrected"]
+        assert checked.findings and {one.kind for one in corrected} <= {"axes"}
+        for mended, healthy in zip(checked.records if corrected else (), flight.records, strict=bool(corrected)):
+            for name in ("p", "q", "r", "ax", "ay", "az", "theta"):
+                assert np.allclose(mended[name], healthy[name])
+
+
+@pytest.mark.parametrize("turn", PROPER, ids=str)
+@pytest.mark.slow
+def test_every_turn_of_the_inertial_unit_is_axes(turn: np.ndarray) -> None:
+    for flight in (clean("independent", "clean-1", 3002), clean("do328", "clean-4", 1803)):
+        checked = cs.check([in_axes(one, turn) for one in flight.records], flight.aircraft)
+        assert checked.findings
+        assert {one.kind for one in checked.findings if one.handled == "corrected"} <= {"axes"}
+
+
+def test_heading_from_east_and_forces_of_the_other_sign_are_axes() -> None:
+    flight = clean("independent", "clean-1", 3001)
+    aircraft, records = flight.aircraft, flight.records
+    east = [one.with_channels(psi=0.5 * np.pi - one["psi"]) for one in records]
+    (found,) = cs.check(east, aircraft).findings
+    assert (found.kind, found.target, found.term, found.handled) == ("axes", "earth", "ENU", "corrected")
+    felt = [one.with_channels(**{n: -one[n] for n in ("ax", "ay", "az")}) for one in records]
+    checked = cs.check(felt, aircraft)
+    assert [(one.kind, one.target, one.handled) for one in checked.findings] == [("axes", "body", "corrected")]
+    assert np.allclose(checked.records[0]["az"], records[0]["az"])
 
 
 def placed(record: Record, arm: Sequence[float]) -> Record:

@@ -142,3 +142,19 @@ def test_what_answers_a_surface_by_the_file_is_no_outlier() -> None:
     for part in (0.7, 1.0, 1.3):
         assert not channel_faults(flown, answers={"az": part * jump})
     assert channel_faults(flown, answers={"az": -jump})
+
+
+@pytest.mark.parametrize("every", [0, 5, 10])
+def test_an_attitude_that_a_filter_corrects_in_steps(every: int) -> None:
+    """Pitch integrated from a gyro that drifts, and set back to the truth every n-th sample, with noise; without such
+    corrections, and where the recorder is slower, nothing is wrong."""
+    rng = np.random.default_rng(3)
+    t = np.arange(1000) / 50.0
+    truth = 0.1 * np.sin(0.8 * t) + 0.04 * np.sin(3.0 * t)
+    since = np.arange(len(t)) % every if every else np.zeros(len(t), dtype=int)
+    drift = 3e-4 * np.repeat(rng.standard_normal(len(t)), every or 1)[: len(t)] * since
+    theta = truth + drift + 2e-5 * rng.standard_normal(len(t))
+    found = [(one.kind, one.target) for one in channel_faults(Record(name="m1", t=t, channels={"theta": theta}))]
+    assert found == ([("data_steps", "theta")] if every else [])
+    slower = Record(name="m1", t=t, channels={"theta": np.repeat(truth[::5] + 1e-4 * rng.standard_normal(200), 5)})
+    assert not [one for one in channel_faults(slower) if one.kind == "data_steps"]

@@ -1,10 +1,10 @@
 """Compatibility check: flight-path reconstruction with errors of the instruments.
 
 Angular rates, accelerations, attitudes and air data of a rigid body are related by kinematics alone. The reconstruction
-(`kinematics.reconstruct`) leaves all forces and moments free. It estimates the motion, the biases of all instruments,
-and those errors of scale, delay and position that the data require. R. V. Jategaonkar, Flight Vehicle System
-Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A. Morelli, Aircraft System Identification (2006), chapter
-10.
+(`kinematics.reconstruct`) is of the records as `check` corrects them, and leaves all forces and moments free. It
+estimates the motion, the biases of all instruments, and those errors of scale, delay and position that the data
+require. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A.
+Morelli, Aircraft System Identification (2006), chapter 10.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from scipy import special
 
+from casid.data_check.check import check
+from casid.data_check.reading import Finding
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import plausible
 from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
@@ -33,7 +35,7 @@ from casid.model.vocabulary import effect_title
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record, require_channels
-from casid.signals import SURFACES, for_a_person
+from casid.signals import SURFACES, for_a_person, label_of
 
 _TRIED = ("sensor_scale", "sensor_delay", "vane_position", "accelerometer_position")
 # Angular accelerations are often computed from the rates. A constant error of heading has no effect. An airspeed error
@@ -56,6 +58,8 @@ class InstrumentError:
         Limit of good flight-test instrumentation, in `unit`.
     sigmas
         Standard deviations from zero above which the error is clear.
+    largest
+        Largest plausible size, in `unit`; nothing larger passes, however uncertain it is.
     rivals
         Names of other errors that explain the same readings.
 
@@ -73,6 +77,7 @@ class InstrumentError:
     unit: str
     allowed: float
     sigmas: float
+    largest: float = np.inf
     rivals: tuple[str, ...] = ()
 
     @property
@@ -86,8 +91,8 @@ class InstrumentError:
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within what is allowed, not significant, or not identifiable."""
-        return not self.identifiable or abs(self.value) <= max(self.allowed, self.sigmas * self.std)
+        """Whether the error is within what is allowed, or not significant and of a plausible size."""
+        return abs(self.value) <= min(max(self.allowed, self.sigmas * self.std), self.largest)
 
     @property
     def sentence(self) -> str:
@@ -97,12 +102,13 @@ class InstrumentError:
         others = f" (or {' or '.join(self.rivals[:3])})" if self.rivals else ""
         shown = "" if unit == "1" else f" {unit}"
         title = effect_title(self.kind, self.target, None)
-        return f"{title}{others}: {value:.3g} +- {std:.2g}{shown}; {allowed:.2g} is allowed."
+        loose = "" if self.identifiable else "; these manoeuvres do not separate it from other errors"
+        return f"{title}{others}: {value:.3g} +- {std:.2g}{shown}; {allowed:.2g} is allowed{loose}."
 
     @property
     def note(self) -> str:
         """The remark at the end of its row in the table."""
-        return "  not identifiable" if not self.identifiable else "" if self.passed else "  failed"
+        return ("" if self.identifiable else "  not identifiable") + ("" if self.passed else "  failed")
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `errors` in compatibility.json.
@@ -123,9 +129,11 @@ class Compatibility:
     Attributes
     ----------
     records
-        The records that were checked.
+        The records that were checked, as the check of the data corrected them.
     axes
         The scope of the check.
+    data
+        What the check of the data found.
     errors
         Biases of all instruments except airspeed, heading and angular accelerations, and the other errors that the
         data require; failed ones first.
@@ -141,6 +149,8 @@ class Compatibility:
         Record -> (N, channels) in the order of `left`; the reconstruction includes the instrument errors.
     not_judged
         What these records leave open.
+    most_left
+        Limit of `left` for a pass.
 
     Examples
     --------
@@ -159,16 +169,26 @@ class Compatibility:
     measured: dict[str, np.ndarray]
     reconstructed: dict[str, np.ndarray]
     not_judged: tuple[str, ...] = ()
+    data: tuple[Finding, ...] = ()
+    most_left: float = np.inf
 
     @property
     def failed(self) -> tuple[InstrumentError, ...]:
-        """Errors that are significant and larger than allowed."""
+        """Errors that are larger than allowed, and significant or of an impossible size."""
         return tuple(one for one in self.errors if not one.passed)
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """All that speaks against the measurements, in words: faults of the data, errors, what is left above noise."""
+        high = [f"{label_of(n)} {x:.2g}" for n, x in self.left.items() if x > self.most_left]
+        left = [f"More than noise is left between measured and reconstructed, times the noise: {', '.join(high)}."]
+        errors = (one.sentence for one in self.failed)
+        return (*(one.sentence for one in self.data), *errors, *(left if high else ()))
 
     @property
     def passed(self) -> bool:
         """Whether the measurements are compatible."""
-        return not self.failed
+        return not self.against
 
     def to_dict(self) -> dict[str, Any]:
         """The content of compatibility.json.
@@ -183,6 +203,7 @@ class Compatibility:
             "records": [record.name for record in self.records],
             "axes": self.axes,
             "passed": self.passed,
+            "data": [one.to_dict() for one in self.data],
             "errors": [one.to_dict() for one in self.errors],
             "channels": {name: {"left": self.left[name], "noise": self.noise[name]} for name in self.left},
             "moving_air": self.moving_air,
@@ -191,8 +212,7 @@ class Compatibility:
         }
 
     def __str__(self) -> str:
-        failed = [f"- {one.sentence}" for one in self.failed]
-        lines = failed or [
+        lines = [f"- {one}" for one in self.against] or [
             "The measurements are compatible: no error of an instrument is clear and larger than allowed."
         ]
         lines += ["", f"{'error':34} {'value':>10} {'1-sigma':>9} {'allowed':>9}  unit"]
@@ -249,6 +269,8 @@ def compatibility(
     if not given:
         raise InputError("no record was given; expected at least one")
     by = criteria or Criteria()
+    checked = check(given, criteria=by.data)
+    given = checked.records
     flight = _flight(given, None if aircraft is None else given_aircraft(aircraft, "compatibility"), axes, by)
     biased = [Attached(effect=sensor_bias(o), values={"value": 0.0}) for o in flight.outputs if o not in _NO_BIAS]
     found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased))
@@ -272,6 +294,8 @@ def compatibility(
         measured=measured,
         reconstructed=reconstructed,
         not_judged=_not_judged(given, flight, errors),
+        data=checked.findings,
+        most_left=by.data.left,
     )
 
 
@@ -387,6 +411,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
         unit=one.effect.unit,
         allowed=float(allowed),
         sigmas=float(-special.ndtri(chance)),
+        largest=one.effect.limit,
         rivals=rivals,
     )
 
