@@ -19,6 +19,7 @@ from casid.data_check import words
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import Finding, Handled
 from casid.data_check.relations import SI_OF, FileUnit
+from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
 from casid.data_check.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, unknown
@@ -51,6 +52,9 @@ class DataFindings:
         Numbers of the aircraft file that are impossible, or that agree with flight only in another unit.
     impossible
         Effects of the aircraft file of an impossible size, and an inertia that no rigid body has.
+    remarks
+        What does not fit each other and is not explained by a fault: density and altitude, indicated airspeed, an angle
+        that is always zero, a rate that changes, thrust and drag.
     unread
         File -> reason why it could not be read; only in the command `casid check`.
 
@@ -68,19 +72,20 @@ class DataFindings:
     table: tuple[ChannelRow, ...]
     doubts: tuple[Doubt, ...] = ()
     impossible: tuple[Doubt, ...] = ()
+    remarks: tuple[str, ...] = ()
     unread: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def clean(self) -> bool:
         """Whether nothing is wrong."""
-        return not (self.findings or self.doubts or self.impossible or self.unread)
+        return not (self.findings or self.doubts or self.impossible or self.remarks or self.unread)
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """All that is wrong, in words."""
         file = (f"Aircraft file: {one.sentence}" for one in (*self.doubts, *self.impossible))
         unread = (f"{file} was not checked: {why}" for file, why in self.unread.items())
-        return (*(one.sentence for one in self.findings), *file, *unread)
+        return (*(one.sentence for one in self.findings), *self.remarks, *file, *unread)
 
     @property
     def reported(self) -> tuple[Finding, ...]:
@@ -99,6 +104,7 @@ class DataFindings:
             "records": [record.name for record in self.recorded],
             "data": [one.to_dict() for one in self.findings],
             "file": [one.to_dict() for one in (*self.doubts, *self.impossible)],
+            "remarks": list(self.remarks),
             "channels": {row.name: row.to_dict() for row in self.table},
             "unread": dict(self.unread),
         }
@@ -186,6 +192,7 @@ def check(
         table=channel_table(given),
         doubts=_of_the_file(plane, cannot_be, weighing.units),
         impossible=impossibilities(plane) if plane is not None else (),
+        remarks=remarks(kept, None if weighing.units else believed, criteria or DataCriteria()),
     )
 
 

@@ -131,6 +131,9 @@ class DataCriteria:
     close: float = number(
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
+    airspeed: float = number(
+        0.03, "difference of airspeeds, as a part, up to which they are one", "measured: position errors reach 0.02"
+    )
     left: float = number(
         2.0,
         "r.m.s. of what a reconstruction leaves of a channel, over its noise, up to which measurements are compatible",

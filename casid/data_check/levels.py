@@ -118,15 +118,28 @@ def _trimmed(name: str, sigma: Callable[[DataCriteria], float]) -> Callable[...,
 def _needed_thrust(
     c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria, trimmed: Callable[[], _TrimDrag | None]
 ) -> float:
-    """Thrust balances the drag that the file has in its trim, and the rate at which kinetic and potential energy grow.
+    """Log likelihood of the thrust beside what drag and energy ask for."""
+    found = thrust_over_drag(c, aircraft, g, criteria, trimmed)
+    return 0.0 if found is None else _ratio(found[0], 1.0, found[1], criteria)
+
+
+def thrust_over_drag(
+    c: Read,
+    aircraft: Aircraft | None,
+    g: float,
+    criteria: DataCriteria,
+    trimmed: Callable[[], _TrimDrag | None] | None = None,
+) -> tuple[float, float] | None:
+    """Thrust over what balances the drag that the file has in its trim, and the rate at which kinetic and potential
+    energy grow, with the 1-sigma of its logarithm; None where that tells nothing.
 
     T = D + m (dV/dt + g sin(gamma)), with the drag of the trim scaled by dynamic pressure. Far from the airspeed of the
     trim the drag coefficient is another one, and where the energy does most of it, the drag tells little."""
-    if aircraft is None or not (c.has("altitude") or c.has("theta", "alpha")):
-        return 0.0
-    known = trimmed()
+    if aircraft is None or not c.has("thrust", "V", "rho") or not (c.has("altitude") or c.has("theta", "alpha")):
+        return None
+    known = _drag_of_trim(aircraft) if trimmed is None else trimmed()
     if known is None:
-        return 0.0
+        return None
     V, weight, at = max(_mean(c, "V"), 1e-3), aircraft.mass * g, aircraft.trim["V"]
     drag = known.drag * _mean(c, "rho") * V**2 / (known.rho * at**2)
     measured = c.has("altitude")
@@ -134,10 +147,10 @@ def _needed_thrust(
     unknown = criteria.path_by_altitude if measured else criteria.path_known
     needed = drag + aircraft.mass * _slope(c, "V") + weight * path
     if needed < criteria.drag_part * drag:
-        return 0.0
+        return None
     by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
     sigma = math.hypot(by_drag, unknown * weight) / needed
-    return _ratio(_mean(c, "thrust"), needed, sigma, criteria)
+    return _mean(c, "thrust") / needed, sigma
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -154,6 +154,11 @@ class Read:
     def __init__(self, record: Smooth, reading: Reading = AS_RECORDED) -> None:
         self._record, self._reading = record, reading
 
+    @property
+    def recorded(self) -> Mapping[str, np.ndarray]:
+        """Channels of the record itself."""
+        return self._record.values
+
     def has(self, *names: str) -> bool:
         return all(self._recorded(name) or (name == "rho" and self._density_known) for name in names)
 

@@ -60,7 +60,7 @@ def test_a_derivative_of_the_other_sign_costs_as_much_as_the_criterion_says(flow
     def likelihood(criteria: DataCriteria) -> float:
         return Response(turned, criteria).likelihood([read(one, Reading(), criteria) for one in records])
 
-    much, more = (likelihood(DataCriteria(impossible=one)) for one in (-1.0, -2.0))
+    much, more = (likelihood(DataCriteria(impossible=one, outlier=1e-9)) for one in (-20.0, -21.0))
     assert much - more == pytest.approx(1.0, abs=1e-6)
 
 

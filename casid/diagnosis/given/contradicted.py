@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.data_check.relations import FILE_UNITS
+from casid.data_check.relations import file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows
@@ -555,7 +555,7 @@ def borne_out(
     ratios = _ratios(aircraft, flight, criteria or Criteria(), slopes)
     kept = []
     for doubt in doubts:
-        units = [unit for unit in FILE_UNITS if unit.parameter == doubt.parameter]
+        units = [unit for unit in file_units(aircraft) if unit.parameter == doubt.parameter]
         refuted = [_refuted(unit.scale_of, ratios) for unit in units]
         if not (units and all(refuted)):
             kept.append(doubt)

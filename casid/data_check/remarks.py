@@ -1,0 +1,121 @@
+"""Remarks on data that are plausible channel by channel and do not fit each other: nothing is changed for them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.levels import thrust_over_drag
+from casid.data_check.reading import Read, smooth
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
+from casid.records.record import Record
+from casid.signals import GRAVITY, label_of
+
+_SEA_LEVEL = float(standard_density(np.array(0.0)))
+_MOVING = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
+
+
+def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> tuple[str, ...]:
+    """What a person should look at, one sentence for each kind, with the records concerned."""
+    said: dict[str, list[str]] = {}
+    for record in records:
+        slow = Read(smooth(record, criteria.slow, criteria))
+        quick = Read(smooth(record, criteria.quick, criteria))
+        found = (*_density(slow, criteria), *_indicated(quick, criteria), *_zero(record), *_pace(record))
+        for one in (*found, *_thrust(slow, aircraft, criteria)):
+            said.setdefault(one, []).append(record.name)
+    return tuple(f"{', '.join(names)}: {one}" for one, names in said.items())
+
+
+def _mean(read: Read, name: str) -> float:
+    at = read.known(name)
+    return float(np.mean(read.value(name)[at])) if at.any() else math.nan
+
+
+def _density(read: Read, by: DataCriteria) -> Iterator[str]:
+    """Density beside altitude."""
+    if not read.has("altitude") or "rho" not in read.recorded:
+        return
+    rho, altitude = _mean(read, "rho"), _mean(read, "altitude")
+    expected = float(standard_density(np.array(min(max(altitude, -1000.0), 19000.0))))
+    if rho > 0.0 and abs(math.log(rho / expected)) > 3.0 * by.atmosphere:
+        yield f"rho is {rho:.3g} kg/m3 at {altitude:.0f} m, where air has about {expected:.3g}: is it of another place?"
+
+
+def _indicated(read: Read, by: DataCriteria) -> Iterator[str]:
+    """An airspeed that turns the flight path as an indicated airspeed would: V (q - alphadot) is the acceleration
+    across the path, so that the regression of the one on the other is true over recorded airspeed."""
+    if not read.has("V", "alpha", "q", "az", "phi", "theta", "altitude"):
+        return
+    ratio = math.sqrt(_SEA_LEVEL / float(standard_density(np.array(min(max(_mean(read, "altitude"), 0.0), 19000.0)))))
+    alpha, beta, phi, theta = (read.value(name) for name in ("alpha", "beta", "phi", "theta"))
+    x = read.value("ax") - GRAVITY * np.sin(theta)
+    z = read.value("az") + GRAVITY * np.cos(phi) * np.cos(theta)
+    turned = read.value("q") - np.tan(beta) * (read.value("p") * np.cos(alpha) + read.value("r") * np.sin(alpha))
+    at = read.known("V", "alpha", "q", "az", "phi", "theta")
+    if at.sum() < 2 * by.fewest:
+        return
+    across = ((np.sin(alpha) * x - np.cos(alpha) * z) / np.cos(beta))[at]
+    columns = np.stack(
+        [
+            across,
+            read.rate("q")[at],
+            np.ones(int(at.sum())),
+            np.linspace(-1.0, 1.0, int(at.sum())),
+        ],
+        axis=1,
+    )
+    scale = np.abs(columns).max(axis=0) + 1e-300
+    inverse = np.linalg.pinv((columns / scale).T @ (columns / scale), hermitian=True)
+    turning = (read.value("V") * (turned - read.rate("alpha")))[at]
+    found = inverse @ (columns / scale).T @ turning
+    left = turning - columns / scale @ found
+    every = len(left) / max(read.independent * float(at.mean()), 1.0)
+    factor = float(scale[0] / found[0])
+    std = factor**2 * float(np.sqrt(np.var(left) * every * inverse[0, 0])) / float(scale[0])
+    if (
+        ratio > 1.0 + 2.0 * by.airspeed
+        and abs(factor - ratio) < by.airspeed
+        and factor - 1.0 > max(3.0 * std, by.airspeed)
+    ):
+        yield (
+            f"the flight path turns as at {factor:.3g} times the recorded airspeed; true over indicated airspeed is "
+            f"{ratio:.3g} at that altitude: is V indicated?"
+        )
+
+
+def _zero(record: Record) -> Iterator[str]:
+    """An angle that is zero throughout while what it goes with moves."""
+    for name, beside in _MOVING.items():
+        moving = any(n in record and len(np.unique(_there(record, n))) > 1 for n in beside)
+        if name in record and moving and len(values := _there(record, name)) and not np.any(values):
+            yield f"{label_of(name)} is 0 throughout while the aircraft moves: leave the column out if not measured."
+
+
+def _there(record: Record, name: str) -> np.ndarray:
+    return record[name][np.isfinite(record[name])]
+
+
+def _pace(record: Record) -> Iterator[str]:
+    """A sampling rate that changes in flight."""
+    steps = np.diff(record.t)
+    parts = np.array([np.median(part) for part in np.array_split(steps, 8) if len(part)])
+    if parts.max() > 1.5 * parts.min():
+        yield (
+            f"the sampling rate changes in flight, between {1.0 / parts.min():.3g} and {1.0 / parts.max():.3g} Hz: "
+            "split the record there."
+        )
+
+
+def _thrust(read: Read, aircraft: Aircraft | None, by: DataCriteria) -> Iterator[str]:
+    """Thrust beside the drag of the file."""
+    found = thrust_over_drag(read, aircraft, GRAVITY if aircraft is None else aircraft.gravity, by)
+    if found is not None and abs(math.log(max(found[0], 1e-3))) > 2.0 * found[1]:
+        yield (
+            f"the thrust is {found[0]:.2g} times what the drag of the file and the energy ask for: of one engine only, "
+            "or in another unit?"
+        )

@@ -1,0 +1,59 @@
+"""Remarks of the check. Truth: what was put into the example's records, the standard atmosphere, the true airspeed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import casid as cs
+from casid.data_check.criteria import DataCriteria
+from casid.data_check.remarks import remarks
+from casid.model.aircraft import Aircraft
+from casid.model.dynamics import standard_density
+from casid.records.record import Record
+from problems.every_problem import DEMO
+
+
+def indicated(record: Record) -> Record:
+    ratio = np.sqrt(standard_density(record["altitude"]) / standard_density(np.array(0.0)))
+    return record.with_channels(V=record["V"] * ratio)
+
+
+def slower(record: Record) -> Record:
+    kept = np.arange(len(record)) < len(record) // 2
+    kept[::3] = True
+    parts = {name: values[kept] for name, values in record.channels.items()}
+    return Record(name=record.name, t=record.t[kept], channels=parts)
+
+
+CHANGES: dict[str, Callable[[Record], Record]] = {
+    "is V indicated": indicated,
+    "rho is 1.22": lambda r: r.with_channels(rho=np.full(len(r), 1.225)),
+    "bank angle is 0": lambda r: r.with_channels(phi=np.zeros(len(r))),
+    "sideslip angle is 0": lambda r: r.with_channels(beta=np.zeros(len(r))),
+    "sampling rate changes": slower,
+    "the thrust is 0.": lambda r: r.with_channels(thrust=0.5 * r["thrust"]),
+}
+
+
+@pytest.mark.parametrize("said", CHANGES)
+def test_what_does_not_fit_is_said(said: str) -> None:
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [cs.read_record(DEMO / f"{name}.csv") for name in ("m1", "m2")]
+    assert not remarks(records, aircraft, DataCriteria())
+    found = remarks([CHANGES[said](one) for one in records], aircraft, DataCriteria())
+    assert found and all(said in one for one in found), found
+
+
+def test_lengths_that_are_exchanged_are_no_unit_of_the_inertia() -> None:
+    """Chord and span of the example's file in each other's place; and a metric file whose derivatives are off."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [cs.read_record(DEMO / f"{name}.csv") for name in ("m1", "m2")]
+    turned = replace(
+        aircraft, moment_length_lateral=aircraft.moment_length_pitch, moment_length_pitch=aircraft.moment_length_lateral
+    )
+    (found,) = cs.check(records, turned).doubts
+    assert found.parameter == "lateral and pitch lengths"
