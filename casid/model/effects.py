@@ -23,6 +23,7 @@ def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
     shown = [e for kind in kinds for e in kind.candidates(aircraft) if _shows_in(e, measured)]
     if not aircraft.winged:
         shown = [e for e in shown if e.station not in _OF_A_WING and e.target not in (*SURFACES, "surfaces", "thrust")]
+        shown = [e for e in shown if e.amplitude is None]  # no surface drives an oscillation
     known = {(e.kind, e.target) for e in shown}
     return [e for e in shown if not _is_one_channel(e, measured, known)]
 

@@ -15,7 +15,7 @@ and the search continues from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +50,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen, smallest_sizes
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
@@ -151,7 +152,8 @@ def _grown(state: State, say: Say) -> State:
             break
         if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
-            catalogue = [one for one in catalogue if one.of_an_instrument or (nonlinear and not one.timed)]
+            kept = state.fit.flight.imitated_names
+            catalogue = [e for e in catalogue if e.of_an_instrument or e.name in kept or (nonlinear and not e.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
     accepted = swapped(accepted)
     return replace(accepted, rounds=(*accepted.rounds, *refused))
@@ -163,10 +165,11 @@ def with_gates_of_set(accepted: State, state: State) -> State:
     A cause that is too small to matter, or that is no longer in the model, has none.
     """
     there, new = _names(state.fit), state.rounds[len(accepted.rounds) :]
+    imitated = state.fit.flight.imitated_names  # nothing was missing where a number of the file took its place
 
     def judged(one: Round) -> Round:
         last = one.leader
-        asked = one.named and last.meaningful and last.candidate.name in there
+        asked = one.named and last.meaningful and last.candidate.name in there - imitated
         gates = explains(accepted.missing, state.missing, last, state.evidence) if asked else ()
         return replace(one, accepted_by=gates)
 
@@ -241,13 +244,29 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     rankings = (candidates, cautious, observed)
     chosen, refused = worth_trying(state.fit, rankings, switches, state.baseline.required)
     apart, sigmas = state.criteria.events.apart, state.criteria.significance.detectable
-    more = [c for c in _left_behind(state) if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
+    if unbalanced := _unbalanced(state, candidates, names):
+        chosen = unbalanced
+    left = [] if unbalanced else _left_behind(state)
+    more = [c for c in left if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
     return _Screening(
         chosen=[*chosen, *more],
         refused=refused,
         candidates=tuple(sorted([*candidates, *switches], key=lambda one: -one.net)),
         detectable={} if state.rounds else smallest_sizes(exactly, prints, candidates, sigmas),
     )
+
+
+def _unbalanced(state: State, candidates: Sequence[Candidate], names: Collection[str]) -> list[Candidate]:
+    """Causes that fitted numbers imitate, with the size by which these left their stated uncertainty; of several such
+    numbers also what changes the balance of steady flight as a whole. Empty where none left it."""
+    found = []
+    for effect, value, std in state.fit.flight.suspects(state.fit):
+        attached, statistic = Attached(effect=effect, values={"value": value}), (value / std) ** 2
+        one = Candidate(attached=attached, statistic=statistic, net=statistic, value=value, std=std, surviving=1.0)
+        found += [one] if effect.name in names else []
+    known = {one.name for one in found}
+    others = [one for one in candidates if one.attached.effect.balance and one.name not in known]
+    return [*found, *others[: state.criteria.numerics.naming.trials]] if len(found) > 1 else found
 
 
 def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:

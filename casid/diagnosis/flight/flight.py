@@ -53,7 +53,8 @@ class Flight:
                  (`NoiseModel.colour`)
     turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
     held         behaviour of inputs between recorded samples (`Batch.held`), for records that do not state it
-    horizon      time [s] over which a simulation is compared with a record, 0: the whole of it
+    closed_loop  whether a controller answers to every disturbance, so that predictions are compared with a record
+                 instead of a simulation of the whole of it
     every        number of recorded samples of which each sample is the mean
     unknown      inputs that were never recorded: nothing that depends on them is judged
     criteria     the thresholds for all decisions made with this flight
@@ -71,7 +72,7 @@ class Flight:
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     turning: Mapping[str, float] = field(default_factory=dict)
     held: float = 0.0
-    horizon: float = 0.0
+    closed_loop: bool = False
     every: int = 1
     unknown: tuple[str, ...] = ()
     criteria: Criteria = Criteria()
@@ -127,6 +128,15 @@ class Flight:
     def smallest_that_matters(self, effect: Effect) -> float | None:
         """The smallest size of an effect that matters; None if it is judged by its consequences."""
         return effect.smallest_that_matters(self.aircraft)
+
+    @property
+    def imitated_names(self) -> frozenset[str]:
+        """Names of effects that are a relative change of a fitted number of the file: none of an aeroplane."""
+        return frozenset()
+
+    def suspects(self, fit: Any) -> list[tuple[Effect, float, float]]:
+        """None: what numbers of a file imitate is told of these numbers."""
+        return []
 
     def channels_of(self, effect: Effect) -> tuple[str, ...]:
         """The readings that an effect of an instrument changes."""

@@ -70,8 +70,8 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
     begin = fit.motion.X[0] if start is None else start
     model, batch = fit.model, fit.batch
     N, R = batch.live.shape
-    if fit.flight.horizon and start is None:
-        return _read_along(fit, _in_windows(fit))
+    if fit.flight.closed_loop:
+        return _predicted(fit)
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
     (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(model))
@@ -83,18 +83,12 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
     return _read_along(fit, X)
 
 
-def _in_windows(fit: FlightFit) -> np.ndarray:
-    """(N, R, nx) states simulated over the flight's horizon again and again, from the most likely motion."""
-    batch, X = fit.batch, fit.motion.X.copy()
-    steps = max(1, round(fit.flight.horizon / float(np.median(batch.dt))))
-    (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(fit.disturbances, batch.held_at(fit.model))
-    last = len(X) - 1
-    for first in range(steps):  # sample number `first` of all windows at once
-        at = np.arange(first, last, steps)
-        X[at + 1] = fit.functions.step(X[at], U0[at], U1[at], fit.parameters, W0[at], W1[at], batch.dt[at])
-        begins = at + 1 if first == steps - 1 else []
-        X[begins] = fit.motion.X[begins]
-    return X
+def _predicted(fit: FlightFit) -> SimulatedRecords:
+    """What the filter predicts of each reading from those before it: innovations in units of the noise of a reading
+    take the place of its residual."""
+    noise = np.array([fit.noise.measurement[name] for name in fit.model.outputs])
+    residual = np.where(fit.seen, fit.white * noise, np.nan)
+    return SimulatedRecords(output=fit.batch.Z - residual, residual=residual)
 
 
 def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:

@@ -22,7 +22,8 @@ from casid.diagnosis.subject import OfAircraft, OfSystem
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of
-from casid.diagnosis.systems.rotorcraft import rotorcraft
+from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
+from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -129,7 +130,7 @@ def diagnose_rotorcraft(
     plant = rotorcraft(aircraft, fit_on, criteria)
     _check_measured(plant.base, held)
     stages.begin("refit of the model")
-    refitted = first_fit(plant)
+    plant, refitted = in_its_colour(plant, rotorcraft_fit(plant))
     stages.begin("simulation as given")
     given = fly_as_given(plant, held, refitted)
 

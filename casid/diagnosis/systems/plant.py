@@ -130,7 +130,9 @@ class Plant:
     channels  channels of the records that effects look at, beside inputs and readings
     build     makes the model with some symbolic effects, where these change more than equations and readings
     prepare   makes records ready for the model
-    horizon   time [s] over which a simulation is compared with a record, 0: the whole of it
+    colour    output -> (1-sigma, correlation time) of its innovations
+    closed_loop  whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
+    imitated  free number -> effect whose relative change it is
     every     number of recorded samples of which each sample is the mean
     """
 
@@ -148,7 +150,9 @@ class Plant:
     channels: tuple[str, ...] = ()
     build: Callable[[Sequence[Effect]], Model] | None = None
     prepare: Callable[[Sequence[Record]], Sequence[Record]] = tuple
-    horizon: float = 0.0
+    colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    closed_loop: bool = False
+    imitated: Mapping[str, Effect] = field(default_factory=dict)
     every: int = 1
     input_sigma: dict[str, float] = field(default_factory=dict)
     doubted: tuple[str, ...] = ()
@@ -188,7 +192,7 @@ class Plant:
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """Measurement noise, and `coloured` disturbances beside it."""
-        random = {"white": self.white, "inputs": self.input_sigma}
+        random = {"white": self.white, "inputs": self.input_sigma, "colour": self.colour}
         return NoiseModel(measurement=self.sigma, coloured=coloured or {}, **random)
 
     def model(self, effects: Sequence[Effect] = ()) -> Model:
@@ -270,8 +274,23 @@ class Plant:
         )
 
     def smallest_that_matters(self, effect: Effect) -> float | None:
-        """None: the size of an effect is judged by what it does."""
-        return None
+        """None: the size of an effect of a system is judged by what it does."""
+        return None if self.build is None or callable(effect.meaningful) else effect.meaningful
+
+    @property
+    def imitated_names(self) -> frozenset[str]:
+        """Names of effects that are a relative change of a fitted number."""
+        return frozenset(effect.name for effect in self.imitated.values())
+
+    def suspects(self, fit: FlightFit) -> list[tuple[Effect, float, float]]:
+        """(effect, value, stated 1-sigma) of every fitted number that left its stated uncertainty and is an effect."""
+        found = []
+        for name, make in self.imitated.items():
+            given, std = self.base.nominal[name], self.base.prior_std.get(name, np.inf)
+            change = fit[name] - given if any(slot.name == name for slot in fit.slots) else 0.0
+            if abs(change) > fit.criteria.significance.sigmas * std:
+                found.append((make, change / given, std / given))
+        return found
 
     def channels_of(self, effect: Effect) -> tuple[str, ...]:
         """The reading that an effect of an instrument changes."""

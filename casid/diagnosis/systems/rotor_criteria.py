@@ -11,12 +11,6 @@ from casid.criterion import number
 class RotorCriteria:
     """Records of aircraft with rotors: their rate, their noise and what is usual of a rotor."""
 
-    horizon: float = number(
-        0.5,
-        "time over which a simulation is compared with a record, from the most likely motion on",
-        "derived: a moment of a few per cent of that of a rotor has then turned a small multirotor over",
-        unit="s",
-    )
     rate: float = number(
         30.0,
         "rate to which records are averaged; what is faster in the log of a command is aliased",
@@ -28,6 +22,7 @@ class RotorCriteria:
         "1-sigma of the effectiveness of a rotor for which the file states none",
         "measured: normal flights of one airframe scatter by 2 to 5 % (CrazyPAD)",
     )
+    smallest: float = number(0.3, "smallest size of a state, in SI, whose initial value is taken as unknown")
     disturbed: float = number(0.03, "part of the weight at which the search for the size of disturbances begins")
     widest: float = number(100.0, "factor within which the sizes of disturbances are sought, from there")
     not_noise: float = number(0.3, "part of the variation of a reading above which it is motion and no noise")

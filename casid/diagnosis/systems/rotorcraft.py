@@ -9,7 +9,7 @@ likely one beside all parameters and a constant at every equation.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -18,22 +18,26 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.size import consequence
 from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
+from casid.diagnosis.flight.noise import colour_of
+from casid.diagnosis.systems.plant import Plant, PlantSizes, as_flight, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.aircraft import Aircraft
-from casid.model.causes import sensor_bias
+from casid.model.causes import rotor_delay, rotor_effectiveness, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 from casid.model.path import EQUATIONS, GROUND, INTEGRALS
 from casid.model.port import ModelPort as Port
-from casid.model.station import control, equation
+from casid.model.rotors import ALL, effectiveness
+from casid.model.station import Station, control, equation
 from casid.model.system import Model
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
@@ -85,7 +89,10 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     build = partial(_built, aircraft, outputs)
     base = build(())
     offsets = {f"bias_{name}": _usual_offset(name, aircraft) for name in outputs if name not in _WHERE}
-    base = replace(base, prior_std={**base.prior_std, **offsets})
+    guess = np.concatenate([base.guess(record) for record in ready])
+    seen = dict(zip(base.states, np.sqrt(np.mean(guess**2, axis=0)).tolist(), strict=True))
+    scale = {name: max(seen[name], criteria.rotors.smallest) for name in base.states}
+    base = replace(base, prior_std={**base.prior_std, **offsets}, state_scale=scale)
     free = tuple(name for name in base.parameters if name in base.prior_std)
     ports = (
         *(Port(kind="state derivative", name=name, words=_WORDS[name]) for name in _WORDS),
@@ -97,16 +104,16 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         white=_usual_disturbances(aircraft, criteria.rotors.disturbed),
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
-    noise = most_likely_noise(base, ready, free, by_band, criteria.rotors)
-    effects = [_in_all_records(e) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
-    return Plant(
+    every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
+    effects = [_in_all_records(e) for e in every]
+    plant = Plant(
         base=base,
         freed=free,
         ports=ports,
         records=ready,
-        sigma=dict(noise.measurement),
-        white=noise.white,
-        input_sigma=dict(noise.inputs),
+        sigma=dict(by_band.measurement),
+        white=by_band.white,
+        input_sigma=dict(by_band.inputs),
         terms_of={},
         criteria=for_systems(criteria, float(np.median([record.duration for record in ready]))),
         effects=effects,
@@ -114,8 +121,22 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         channels=tuple(name for name in ready[0].channels if name not in (*outputs, *base.inputs)),
         build=build,
         prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
-        horizon=criteria.rotors.horizon,
+        closed_loop=True,
+        imitated={effectiveness(name): rotor_effectiveness(name) for name in aircraft.rotors.names},
     )
+    return _with_noise(plant, by_band, criteria.rotors)
+
+
+def _with_noise(plant: Plant, by_band: NoiseModel, by: RotorCriteria) -> Plant:
+    """The plant with its most likely noise: about the file as given, and once more about its fit under that noise."""
+    values: Mapping[str, float] = {}
+    for again in (False, True):
+        at = replace(plant.base, nominal={**plant.base.nominal, **values})
+        noise = most_likely_noise(at, plant.records, plant.freed, by_band, by)
+        own = {"white": noise.white, "input_sigma": dict(noise.inputs)}
+        plant = replace(plant, sigma=dict(noise.measurement), **own)
+        values = values if again else first_fit(plant).derivatives
+    return plant
 
 
 def _usual_offset(channel: str, aircraft: Aircraft) -> float:
@@ -149,10 +170,11 @@ def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
 def most_likely_noise(
     model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, by: RotorCriteria
 ) -> NoiseModel:
-    """The noise of readings and process noise by coordinate ascent of the likelihood.
+    """The noise of readings and inputs, and process noise, by coordinate ascent of the likelihood.
 
-    At the `start`, the noise of the readings is that of their high band: a reading may have more, for a filter or a
-    slow update hides some of it, and hardly less.
+    A command is logged at another time than the one at which it acts, and more slowly than it changes. At the `start`,
+    the noise of the readings is that of their high band: a reading may have more, for a filter or a slow update hides
+    some of it, and hardly less.
     """
     linear = _smoothed(model, records, free, start)
     sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
@@ -160,7 +182,12 @@ def most_likely_noise(
     for i, (name, read) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
         bounds[name] = (by.least * read, max(by.not_noise * varies, read))
+    inputs = dict(start.inputs)
+    for name, value in inputs.items():  # at most all that varies
+        series = np.concatenate([record[Station.at(name).name] for record in records])
+        bounds[name] = by.least * value, max(float(np.std(series)), value)
     groups = [(white, names) for names in _ALIKE] + [(sigma, (name,)) for name in sigma]
+    groups += [(inputs, tuple(inputs))] if inputs else []
     lowest = _deviance(linear, start)
     for factor in by.factors:
         for _ in range(by.sweeps):
@@ -169,14 +196,33 @@ def most_likely_noise(
                 here = {name: table[name] for name in names}
                 for times in (factor, 1.0 / factor):
                     table.update({name: float(np.clip(value * times, *bounds[name])) for name, value in here.items()})
-                    found = _deviance(linear, replace(start, measurement=sigma, white=white))
+                    found = _deviance(linear, replace(start, measurement=sigma, white=white, inputs=inputs))
                     if found < lowest:
                         lowest = found
                         break
                     table.update(here)
             if before - lowest < by.gained:
                 break
-    return replace(start, measurement=sigma, white=white)
+    return replace(start, measurement=sigma, white=white, inputs=inputs)
+
+
+def first_fit(plant: Plant) -> FlightFit:
+    """The file with its numbers estimated, and the timing of its inputs, which no record tells to a sample."""
+    late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
+    return fit(as_flight(plant), (late,), plant.noise(), iterations=20)
+
+
+def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
+    """The plant and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
+    than a sample."""
+    for _ in range(fitted.criteria.numerics.fit.repeats):
+        before, colour = plant.colour, colour_of(fitted, plant.outputs)
+        plant = replace(plant, colour=colour)
+        fitted = fit(as_flight(plant), fitted.attached, plant.noise(), fitted, iterations=15)
+        stays = fitted.criteria.numerics.fit.noise_stays
+        if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
+            break
+    return plant, fitted
 
 
 def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], noise: NoiseModel) -> Linear:

@@ -33,6 +33,7 @@ def cg_offset(axis: str) -> Effect:
 
     return Effect(
         kind="cg_offset",
+        balance=True,
         target=axis,
         by_record=True,
         relative=True,
@@ -57,7 +58,8 @@ def mass(target: str = "") -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _MASS_MATTERS * aircraft.mass
 
-    return Effect(kind="mass", by_record=True, relative=True, station="mass", change=change, meaningful=matters)
+    more = {"by_record": True, "relative": True, "balance": True}
+    return Effect(kind="mass", station="mass", change=change, meaningful=matters, **more)
 
 
 @cause(

@@ -45,7 +45,8 @@ def _changes_of_thrust(aircraft: Airframe) -> Iterable[Effect]:
 def rotor_effectiveness(target: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         for one in _signals(path, target):
-            one.thrust = one.thrust * (1.0 + values["value"])
+            of_the_file = one.rotor.effectiveness * one.rotor.static_thrust(one.input)
+            one.thrust = one.thrust + values["value"] * of_the_file
 
     return Effect(
         kind="rotor_effectiveness",
@@ -56,6 +57,7 @@ def rotor_effectiveness(target: str) -> Effect:
         enters=None if target == ALL else station.control(f"thrust_{target}"),
         meaningful=0.05,
         limit=0.95,
+        balance=True,
     )
 
 
@@ -219,7 +221,7 @@ def rotor_swap(target: str) -> Effect:
         change = values["value"] * (known[second] - known[first])
         return {station.control(first): change, station.control(second): -change}
 
-    return Effect(kind="rotor_swap", target=target, series=series, meaningful=0.5, limit=1.5)
+    return Effect(kind="rotor_swap", target=target, series=series, meaningful=0.5, limit=1.5, balance=True)
 
 
 @cause(
@@ -247,6 +249,7 @@ def added_mass(target: str) -> Effect:
     return Effect(
         kind="added_mass",
         target=target,
+        balance=True,
         by_record=True,
         station="mass",
         change=change,
