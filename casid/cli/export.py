@@ -17,7 +17,7 @@ from casid.formats.export import export as written
 def export(
     aircraft: Annotated[Path, Parameter(name="AIRCRAFT")],
     *,
-    to: Literal["ardupilot-json", "gazebo", "matlab", "csv", "latex", "jsbsim"],
+    to: Literal["ardupilot-json", "gazebo", "matlab", "csv", "latex", "jsbsim", "rotorpy", "gym-json"],
     out: Annotated[Path | None, Parameter(name="--out")] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -30,7 +30,8 @@ def export(
     aircraft
         The aircraft file (TOML), such as the extended.toml of a diagnosis.
     to
-        SITL of ArduPilot, Gazebo's AdvancedLiftDrag, a struct of MATLAB and Simulink, tables, or JSBSim.
+        SITL of ArduPilot, Gazebo's AdvancedLiftDrag, a struct of MATLAB and Simulink, tables, or JSBSim. Of a
+        multirotor a frame of SITL, Gazebo's motor model, RotorPy, or a table for learning environments.
     out
         The file; default: named like the aircraft file, in the folder where you stand. A struct is written as .m or as
         .mat, by the ending.

@@ -14,6 +14,7 @@ from rich.prompt import FloatPrompt, InvalidResponse
 from rich.text import Text
 from tomlkit.items import Item
 
+from casid.cli.new_multirotor import multirotor_text
 from casid.cli.options import Flag
 from casid.errors import InputError
 from casid.keeping import whole_file
@@ -43,6 +44,8 @@ def new_aircraft(
     speed: float | None = None,
     altitude: float = 0.0,
     length: float | None = None,
+    rotors: int | None = None,
+    arm: float | None = None,
     overwrite: Flag = False,
 ) -> None:
     """Write a commented aircraft file from the least that is known; asks for what is missing on a terminal.
@@ -69,6 +72,10 @@ def new_aircraft(
         Altitude of the manoeuvres [m].
     length
         Length of the fuselage [m]; default: the span.
+    rotors
+        Number of rotors of a multirotor, which has no wing; it needs the mass and the arm alone.
+    arm
+        Distance of each rotor from the centre [m].
     overwrite
         Replace a file that is there.
     """
@@ -76,6 +83,9 @@ def new_aircraft(
         raise InputError(f"{target}: aircraft files are TOML; name the target so")
     if target.exists() and not overwrite:
         raise InputError(f"{target}: is there already; choose another name, or --overwrite")
+    if rotors is not None:
+        _write(target, multirotor_text(name, rotors, mass, arm))
+        return
     known = _answered({"mass": mass, "span": span, "chord": chord, "area": area, "speed": speed})
     if length is not None:
         known["length"] = length
@@ -83,9 +93,13 @@ def new_aircraft(
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{what} {value:g}: expected a positive number")
     _check_wing(known, altitude)
+    _write(target, _text(name, altitude, known))
+
+
+def _write(target: Path, text: str) -> None:
     with whole_file(target) as temporary:
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary.write_text(_text(name, altitude, known), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8")
     Aircraft.read(target)
     print(f"{target}: written; lines marked 'typical' are guesses")
 

@@ -14,6 +14,7 @@ from casid.formats.ardupilot import ardupilot_text
 from casid.formats.gazebo import gazebo_text
 from casid.formats.jsbsim.write import jsbsim_text
 from casid.formats.matlab import mat_of, matlab_text, struct_of
+from casid.formats.multirotor import MULTIROTOR, rotorpy_text, table_text
 from casid.formats.tables import csv_text, latex_text
 from casid.keeping import whole_file
 from casid.model.aircraft import Aircraft, given_aircraft
@@ -28,6 +29,8 @@ TARGETS: Mapping[str, tuple[tuple[str, ...], Callable[[Aircraft], Made]]] = Mapp
         "csv": ((".csv",), lambda a: (csv_text(a), ())),
         "latex": ((".tex",), lambda a: (latex_text(a), ())),
         "jsbsim": ((".xml",), jsbsim_text),
+        "rotorpy": ((".py",), rotorpy_text),
+        "gym-json": ((".json",), table_text),
     }
 )
 
@@ -40,9 +43,10 @@ def export(aircraft: Aircraft | str | Path, path: str | Path, *, to: str) -> tup
     aircraft
         The aircraft, or the name of its file, such as the extended one of a diagnosis.
     path
-        The file to write: .json, .sdf, .m or .mat, .csv, .tex, .xml. Its folder is made.
+        The file to write: .json, .sdf, .m or .mat, .csv, .tex, .xml, .py. Its folder is made.
     to
-        "ardupilot-json", "gazebo", "matlab", "csv", "latex" or "jsbsim".
+        "ardupilot-json", "gazebo", "matlab", "csv", "latex" or "jsbsim"; of a multirotor the first two, "rotorpy" or
+        "gym-json".
 
     Returns
     -------
@@ -73,6 +77,8 @@ def export(aircraft: Aircraft | str | Path, path: str | Path, *, to: str) -> tup
             target.parent.mkdir(parents=True, exist_ok=True)
             savemat(temporary, {"aircraft": struct}, appendmat=False, long_field_names=True, oned_as="row")
         return ()
+    if file.rotors is not None and not file.winged:
+        make = MULTIROTOR.get(to, make)
     text, left = make(file)
     with whole_file(target) as temporary:
         target.parent.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ Parameters = dict[str, Any]
 Change = Callable[[Parameters], None]
 
 
-def _rotor(i: int, **factors: float) -> Change:
+def weaker(i: int, **factors: float) -> Change:
     """Factors on thrust and torque of one rotor: RotorPy has one of each for all, so that its class is extended."""
 
     def change(parameters: Parameters) -> None:
@@ -75,7 +75,7 @@ class _Scene:
 
 def _effectiveness(s: _Scene) -> Hidden:
     i, value = s.rotor(), -float(s.rng.uniform(0.15, 0.35))
-    return Hidden(kind="rotor_effectiveness", target=f"m{i + 1}", value=value, parameters=_rotor(i, thrust=1.0 + value))
+    return Hidden(kind="rotor_effectiveness", target=f"m{i + 1}", value=value, parameters=weaker(i, thrust=1.0 + value))
 
 
 def _all_effectiveness(s: _Scene) -> Hidden:
@@ -135,13 +135,13 @@ def _bias(s: _Scene) -> Hidden:
 def _breaks(s: _Scene) -> Hidden:
     i, value = s.rotor(), -float(s.rng.uniform(0.2, 0.35))
     at = float(s.rng.uniform(5.0, 10.0))
-    change = _rotor(i, thrust=1.0 + value)
+    change = weaker(i, thrust=1.0 + value)
     return Hidden(kind="effectiveness_change", target=f"m{i + 1}", value=value, parameters=change, at=at)
 
 
 def _torque(s: _Scene) -> Hidden:
     i, value = s.rotor(), s.either(0.3, 0.5)
-    return Hidden(kind="rotor_torque", target=f"m{i + 1}", value=value, parameters=_rotor(i, torque=1.0 + value))
+    return Hidden(kind="rotor_torque", target=f"m{i + 1}", value=value, parameters=weaker(i, torque=1.0 + value))
 
 
 def _position(s: _Scene) -> Hidden:

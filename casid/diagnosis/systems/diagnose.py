@@ -139,7 +139,9 @@ def diagnose_rotorcraft(
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
     against = contradicted_parameters(plant.base, found.flight, criteria)
-    return concluded(found, [one for one in against if not one.parameter.startswith(OFFSET)])
+    stated, least = plant.base.prior_std, criteria.significance.sigmas
+    clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
+    return concluded(found, [one for one in clear if not one.parameter.startswith(OFFSET)])
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

@@ -1,0 +1,64 @@
+"""Diagnosis of multirotors in closed loop. Truth: RotorPy, which has no code of casid, and CrazyPAD's known damage."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import casid as cs
+from problems.rotors.crazypad import flights
+
+HERE = Path(__file__).resolve().parents[2]
+FOLDERS = (HERE.parent / "shared" / "data" / "crazypad", Path(os.environ.get("CASID_DATA", "")) / "crazypad")
+DATA = next((one for one in FOLDERS if one.is_dir()), None)
+
+
+def flown(thrust: float, seed: int = 7) -> tuple[cs.Aircraft, cs.Record]:
+    """A Crazyflie of RotorPy in closed loop, its fourth rotor with a part of its thrust."""
+    from problems.rotors.flown import Hidden, aircraft_file, fly, usual_parameters
+    from problems.rotors.sets import weaker
+
+    known = usual_parameters("crazyflie_params", 0.03)
+    hidden = None if thrust == 1.0 else Hidden(kind="", parameters=weaker(3, thrust=thrust))
+    record = fly(known, hidden, seed, name="flight", size=0.8, breeze=0.4)
+    return aircraft_file("quad", known), record
+
+
+@pytest.mark.slow
+def test_a_weak_rotor_is_named_with_its_size():
+    pytest.importorskip("rotorpy")
+    aircraft, record = flown(0.7)
+    found = cs.diagnose(aircraft, [record])
+    assert ("rotor_effectiveness", "m4") in {(one.kind, one.target) for one in found.causes}
+    named = next(one for one in found.causes if one.target == "m4")
+    assert named.value == pytest.approx(-0.3, abs=0.04)
+
+
+@pytest.mark.slow
+def test_nothing_is_named_of_a_flight_without_a_fault():
+    pytest.importorskip("rotorpy")
+    aircraft, record = flown(1.0)
+    found = cs.diagnose(aircraft, [record])
+    assert found.verdict == "adequate" and not found.causes
+    for name in ("m1", "m2", "m3", "m4"):
+        assert found.flight[f"effectiveness_{name}"].value == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(DATA is None, reason="CrazyPAD is not here; put it into CASID_DATA/crazypad")
+def test_a_cut_blade_takes_thrust_of_its_rotor():
+    """By weight and balance of moments in hover, which need no dynamics: M3 of E9 lost a sixth by 3 mm."""
+    assert DATA is not None
+    aircraft = cs.Aircraft.read(DATA / "crazyflie.toml")
+    values = {}
+    for name in ("normal_flight_E9_log00", "cut_propeller_M3_3mm_E9_log00"):
+        flights_of_one = flights(DATA / f"motor_{name}.csv.gz")
+        found = cs.diagnose(replace(aircraft, name=name), flights_of_one)
+        values[name] = [found.flight[f"effectiveness_m{i}"].value for i in range(1, 5)]
+    normal, cut = values.values()
+    change = [after / before - 1.0 for before, after in zip(normal, cut, strict=True)]
+    assert -0.22 < change[2] < -0.1
+    assert max(abs(change[i]) for i in (0, 1, 3)) < 0.1
