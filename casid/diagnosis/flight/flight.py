@@ -135,7 +135,7 @@ class Flight:
         return frozenset()
 
     def suspects(self, fit: Any) -> list[tuple[Effect, float, float]]:
-        """None: what numbers of a file imitate is told of these numbers."""
+        """None: what numbers of a file imitate is reported of these numbers."""
         return []
 
     def channels_of(self, effect: Effect) -> tuple[str, ...]:
