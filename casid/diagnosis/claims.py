@@ -82,7 +82,7 @@ def adequate(facts: Facts) -> bool:
 def grown(facts: Facts) -> str:
     """Return by how much the error on the held-out records grew; empty if it did not."""
     steps, limit = facts.budget.together, facts.criteria.worse
-    if steps.structure <= limit * max(steps.data_mended, steps.floor):  # a value without a number has grown
+    if steps.structure <= limit * max(steps.data_mended, steps.floor):  # true of NaN
         return ""
     return f"the error on held-out records grew from {times(steps.data_mended)} to {times(steps.structure)} the noise"
 
@@ -153,7 +153,7 @@ def account(facts: Facts) -> tuple[AccountStep, ...]:
     return account_of(
         facts.budget,
         {
-            "data": [f"{one.target}: {one.kind.removeprefix('data_').replace('_', ' ')}" for one in facts.mended],
+            "data": [f"{one.target}: {one.kind.removeprefix('data_').replace('_', ' ')}" for one in facts.corrected],
             "values": [
                 *(f"{one.row} times {one.factor:.2f}" for one in facts.factors),
                 *(one.change for one in named if one.parameter not in scaled),

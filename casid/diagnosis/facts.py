@@ -113,7 +113,7 @@ class Facts:
         Errors on the held-out records, and by record.
     criteria
         Thresholds of the simulation as given.
-    at_fault, `mended`
+    at_fault, corrected
         Faults of the data that could not be corrected, and corrections.
     impossible
         Numbers of the file that no aircraft has.
@@ -140,7 +140,7 @@ class Facts:
     budget: Budget
     criteria: GivenCriteria = GivenCriteria()
     at_fault: tuple[Finding, ...] = ()
-    mended: tuple[Finding, ...] = ()
+    corrected: tuple[Finding, ...] = ()
     impossible: tuple[Contradiction, ...] = ()
     causes: tuple[Cause, ...] = ()
     minor: tuple[Cause, ...] = ()

@@ -162,7 +162,7 @@ def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str
     parts = [
         flown(facts),
         accounted(facts, account),
-        several(facts.mended, facts.listed),
+        several(facts.corrected, facts.listed),
         headline(facts, found),
         moved(facts),
         differing(facts),

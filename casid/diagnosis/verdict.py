@@ -128,7 +128,7 @@ def facts_of(
         criteria=criteria.given,
         listed=criteria.numerics.naming.listed,
         at_fault=tuple(one for one in data if one.handled == "reported"),
-        mended=tuple(one for one in data if one.handled != "reported"),
+        corrected=tuple(one for one in data if one.handled != "reported"),
         impossible=tuple(map(impossible, doubts)),
         causes=found.causes,
         unexplained=tuple(_unexplained(found)),

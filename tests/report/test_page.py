@@ -222,7 +222,7 @@ def test_a_name_with_markup_is_only_text(
     write_report(named, tmp_path, provenance(seed=0) | {"command": ["casid", "diagnose", evil]})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     escaped = "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain {{ 7 * 7 }}"
-    assert page.count(escaped) >= 6 and not list(Tags(page).named("script"))
+    assert page.count(escaped) >= 6 and "<script>alert" not in page
 
 
 # -- in a browser ------------------------------------------------------------------------------------------------------
