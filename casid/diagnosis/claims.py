@@ -159,7 +159,7 @@ def account(facts: Facts) -> tuple[AccountStep, ...]:
                 *(one.change for one in named if one.parameter not in scaled),
             ],
             "structure": [one.title for one in facts.causes],
-            "noise": ["turbulence"] if facts.turbulent else [],
+            "noise": ["moving air"] if facts.turbulent else [],
         },
     )
 

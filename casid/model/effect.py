@@ -232,7 +232,8 @@ class Kind:
     make        the Effect for a target (none: "") and, where it `needs_term`, a term
     targets     valid targets; empty: it has none
     quantity    what its value is, with sign
-    unit        SI unit of the value; fields channel and term stand for the units of those
+    unit        SI unit of the value; fields channel and term stand for the units of those, gain for that of an angle
+                over the quantity `term`
     sentence    template; fields label, term, size, percent, target; [late|early] for either sign, then without it
     title       template of its short name; fields words (the kind), label, term, target
     terms       valid terms, where they are no monomials: body axes
@@ -274,7 +275,8 @@ class Kind:
         per = parse_term(term).unit if term and not self.terms else ""
         if self.unit == "{channel}*{term}":
             return _product(unit_of(target or ""), per)
-        return self.unit.format(channel=unit_of(target or ""), term=per)
+        fed = unit_of(term) if term and self.terms and "{gain}" in self.unit else ""
+        return self.unit.format(channel=unit_of(target or ""), term=per, gain="s" if fed == "rad/s" else "1")
 
     def term_named(self, term: str | None) -> str | None:
         """A valid term by its canonical name."""

@@ -494,6 +494,7 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     rotor_station(path)
     apply("rotors")
     air_data_station(path)
+    apply("air data")
     if path.aircraft.winged:
         _aerodynamic_forces(path, apply)
     else:

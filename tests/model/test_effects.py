@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import casadi as ca
@@ -11,11 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from casid.model import operators
 from casid.model.aircraft import EffectValue
-from casid.model.causes import configuration_change, effectiveness_change, gust, wind_shear
+from casid.model.causes import configuration_change, effectiveness_change, feedback, gust, wind_shear
+from casid.model.causes.controls import washed_out
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.effects import catalogue, effect_of
 from casid.model.path import OUTPUTS, STATES, disturbance_names
+from casid.model.system import Model
 from casid.model.vocabulary import KINDS, check_effect
 from casid.signals import SURFACES
 from problems.do328 import do328
@@ -57,7 +60,8 @@ def response(effects) -> tuple[ca.Function, np.ndarray, dict[str, int]]:
 
 def readings(t: np.ndarray) -> dict[str, np.ndarray]:
     """Something on every channel, recorded inputs included; surfaces of some fighter move at 140 deg/s."""
-    names = (*OUTPUTS, "delta_e", "delta_a", "delta_r", "thrust", "alphadot", "betadot")
+    rates = ("rate_p", "rate_q", "rate_r")
+    names = (*OUTPUTS, "delta_e", "delta_a", "delta_r", "thrust", "alphadot", "betadot", *rates)
     size = {name: 1.0 if name in SURFACES else 0.2 for name in names}
     return {name: size[name] * np.sin((2.0 + 0.1 * i) * t + i) for i, name in enumerate(names)}
 
@@ -359,3 +363,32 @@ def test_moving_air_keeps_its_direction_over_the_ground_while_the_aircraft_turns
         direction = from_body[20].apply(direction)
     expected = 0.5 * wind(t)[:, None] * direction
     np.testing.assert_allclose(level, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "fed"),
+    [
+        (feedback("delta_a", "phi"), lambda x, own: x["phi"]),
+        (washed_out("delta_r", "r"), lambda x, own: x["r"] - own),
+        (washed_out("delta_e", "q"), lambda x, own: x["q"] - own),
+    ],
+)
+def test_feedback_is_a_surface_that_also_follows_the_motion(effect: Effect, fed: Callable) -> None:
+    """The rates of the aircraft are those of a surface moved by gain times what is fed back; a washout forgets it."""
+    gain, memory, own = 0.4, 3.0, 0.02
+    plain, looped = aircraft_model(AIRCRAFT, effects=()), aircraft_model(AIRCRAFT, effects=[effect])
+    x = {name: 0.03 * (i + 1) for i, name in enumerate(plain.states)} | {"u": 60.0}
+    u = {name: 0.01 * (i + 1) for i, name in enumerate(plain.inputs)} | {"rho": 1.0, "thrust": 3000.0}
+    p = dict(looped.nominal) | {effect.name: gain, f"{effect.name}.time_constant": memory}
+    moved = u | {effect.target: u[effect.target] + gain * fed(x, own)}
+
+    def rates(model: Model, inputs: dict[str, float]) -> dict[str, float]:
+        function = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        state = [x.get(name, own) for name in model.states]
+        found = function(state, [inputs[n] for n in model.inputs], [p[n] for n in model.parameters], 0)
+        return dict(zip(model.states, found.full()[:, 0].tolist(), strict=True))
+
+    with_loop, by_hand = rates(looped, u), rates(plain, moved)
+    assert {name: with_loop[name] for name in plain.states} == pytest.approx(by_hand, rel=1e-12)
+    for name in set(with_loop) - set(by_hand):
+        assert with_loop[name] == pytest.approx((x[str(effect.term)] - own) / memory)

@@ -19,6 +19,8 @@ PUBLIC = {
     "dead_zone",
     "backlash",
     "effectiveness_change",
+    "feedback",
+    "stuck",
     "configuration_change",
     "sensor_bias",
     "sensor_scale",

@@ -138,6 +138,7 @@ class Regressors:
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
         motion = {name: X[..., i] for i, name in enumerate(self._states)}
         table |= {name: motion[name] for name in ("phi", "theta") if name in motion}
+        table |= {f"rate_{name}": motion[name] for name in "pqr" if name in motion}  # [rad/s]
         if all(name in motion for name in operators.TURNING):
             columns = zip(self._batch.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
             table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)

@@ -7,8 +7,10 @@ from casid.model.causes.controls import (
     backlash,
     dead_zone,
     effectiveness_change,
+    feedback,
     input_delay,
     rate_limit,
+    stuck,
 )
 from casid.model.causes.instruments import (
     SENSOR_GROUPS,
@@ -53,6 +55,7 @@ __all__ = [
     "configuration_change",
     "dead_zone",
     "effectiveness_change",
+    "feedback",
     "group_channels",
     "gust",
     "inertia",
@@ -73,6 +76,7 @@ __all__ = [
     "sensor_misalignment",
     "sensor_scale",
     "structural_mode",
+    "stuck",
     "table_increment",
     "thrust_asymmetry",
     "thrust_line",

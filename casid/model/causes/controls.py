@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 
 from casid.model import operators, station
-from casid.model.effect import Effect, Series, Values, cause
+from casid.model.airframe import Airframe
+from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.path import SignalPath
 from casid.model.rotors import thrust_of
 from casid.signals import SURFACES
 
+_TO_THE_END = 1e3  # s
+_LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
 
 
@@ -161,4 +166,132 @@ def effectiveness_change(surface: str) -> Effect:
         transfer=from_the_onset_on,
         meaningful=0.03,
         limit=1.5,
+    )
+
+
+@cause(
+    "stuck",
+    targets=SURFACES,
+    unit="1",
+    quantity="part of the command that is not followed, 1: none of it, from the onset on for a duration",
+    sentence="The {label} stays where it is and does not follow its command, {percent} of it.",
+)
+def stuck(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        onset, recorded = values["onset"], known[surface]
+        during = operators.step(t, onset) - operators.step(t, onset + values.get("duration", _TO_THE_END))
+        held = float(np.interp(onset, t, recorded))
+        return {station.control(surface): values["value"] * during * (held - recorded)}
+
+    return Effect(
+        kind="stuck",
+        target=surface,
+        timed=True,
+        recurring=True,
+        extent="duration",
+        grid=tuple({"duration": v} for v in (2.0, 5.0, _TO_THE_END)),
+        defaults={"duration": _TO_THE_END},
+        series=series,
+        meaningful=0.5,
+        limit=1.2,
+        lowest=0.0,
+    )
+
+
+# what a damper or an autopilot feeds to each surface: a rate or a flow angle through a washout, an attitude as it is
+_LOOPS = {"delta_e": ("q", "alpha", "theta"), "delta_a": ("p", "phi"), "delta_r": ("r", "beta")}
+_ATTITUDES, _RATES = ("phi", "theta"), ("p", "q", "r")
+
+
+def _loops(aircraft: Airframe) -> Iterable[Effect]:
+    """The usual loops. A rate without a washout is left out: derivatives in that rate reproduce it."""
+    for surface, quantities in _LOOPS.items():
+        yield from (feedback(surface, name) if name in _ATTITUDES else washed_out(surface, name) for name in quantities)
+
+
+_MOMENT_OF = {"delta_e": "Cm", "delta_a": "Cl", "delta_r": "Cn"}
+_SMALL_GAIN = 0.05  # of an attitude, and where the file does not tell a size
+_SMALL_PART = 0.1  # of the derivative that a loop adds to
+
+
+def _gain_that_matters(surface: str, quantity: str) -> Callable[[Airframe], float]:
+    """The gain that changes the derivative of the surface's moment in the quantity by a tenth."""
+
+    def size(aircraft: Airframe) -> float:
+        moment, speed = _MOMENT_OF[surface], aircraft.trim.get("V", 0.0)
+        own, power = (aircraft.derivatives.get(f"{moment}_{name}", 0.0) for name in (quantity, surface))
+        if quantity in _ATTITUDES or not (own and power and speed):
+            return _SMALL_GAIN
+        length = aircraft.rate_length_pitch if quantity == "q" else aircraft.rate_length_lateral
+        return _SMALL_PART * abs(own / power) * (length / speed if quantity in _RATES else 1.0)
+
+    return size
+
+
+def _fed_back(path: SignalPath, quantity: str, surface: str, added: Any) -> None:
+    """Add to a surface that acts, behind the air data that it may depend on."""
+    path.surface[surface] += added
+    path.regressor[surface] = path.surface[surface]
+
+
+def washed_out(surface: str, quantity: str) -> Effect:
+    """Feedback of the changes of a quantity: what it was before, over a time constant, is taken away."""
+    behind = f"{quantity}_fed_to_{surface}"
+
+    def of(path: SignalPath) -> Any:
+        return path.air[quantity] if quantity in path.air else path.state[quantity]
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.derivative[behind] = (of(path) - path.state[behind]) / values["time_constant"]
+        _fed_back(path, quantity, surface, values["value"] * (of(path) - path.state[behind]))
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        name = f"rate_{quantity}" if quantity in _RATES else quantity
+        fed = known[name] if name in known else np.zeros_like(t)  # the motion along one axis has none of the other
+        passed = fed - operators.lag(t, fed, values["time_constant"])
+        return {station.control(surface): values["value"] * passed}
+
+    return Effect(
+        kind="feedback",
+        target=surface,
+        term=quantity,
+        variant="washout",
+        enters=station.control(surface),
+        meaningful=_gain_that_matters(surface, quantity),
+        limit=_LARGEST_GAIN,
+        grid=tuple({"time_constant": v} for v in (1.0, 3.0)),
+        unsigned=("time_constant",),
+        units={"time_constant": "s"},
+        states={behind: quantity},
+        station="air data",
+        change=change,
+        series=series,
+    )
+
+
+@cause(
+    "feedback",
+    targets=SURFACES,
+    terms=("p", "q", "r", "alpha", "beta", "phi", "theta"),
+    candidates=_loops,
+    variants={"time_constant": washed_out},
+    unit="{gain}",
+    quantity="gain from the quantity to the surface; beside the command",
+    title="{label}: feedback of {term}",
+    sentence="The {label} also follows {term}, with a gain of {size}: a damper or autopilot that the model lacks.",
+)
+def feedback(surface: str, quantity: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        fed = path.air[quantity] if quantity in path.air else path.state[quantity]
+        _fed_back(path, quantity, surface, values["value"] * fed)
+
+    return Effect(
+        kind="feedback",
+        target=surface,
+        term=quantity,
+        enters=station.control(surface),
+        meaningful=_gain_that_matters(surface, quantity),
+        limit=_LARGEST_GAIN,
+        station="air data",
+        change=change,
     )
