@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,3 +52,17 @@ def test_of_records_flown_open_loop() -> None:
 def test_a_flight_that_diverges_has_none() -> None:
     aircraft = cs.Aircraft.read(DEMO / "aircraft.toml").with_derivatives({"Cm_alpha": 60.0, "Cm_q": 900.0})
     assert cs.theil(aircraft, [DEMO / "m1.csv"]) == {"m1": {}}
+
+
+def test_a_flight_begins_as_the_first_five_seconds_are_fitted() -> None:
+    """An unmeasured state at the start is that of the readings up to 5 s; later ones only weigh in the noise."""
+    record = cs.read_record(DEMO / "m1.csv")
+    record = replace(record, channels={n: v for n, v in record.channels.items() if n not in ("theta", "alpha")})
+
+    def moved(begin: float) -> float:
+        there = (record.t > begin) & (record.t < begin + 0.9)
+        spoilt = record.with_channels(q=record["q"] + np.where(there, 0.02, 0.0))
+        first, second = (cs.theil(DEMO / "aircraft.toml", [one])["m1"]["V"].rms for one in (record, spoilt))
+        return abs(first - second)
+
+    assert moved(5.05) < 0.1 * moved(4.05)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -84,11 +85,17 @@ def test_inflation_is_that_of_correlated_regressors():
     assert "a" in str(report) and "apart" not in weak.sentence and "from" in weak.sentence
 
 
+def pair_fit(correlation: float):
+    return solve(Problem(line(), [line_record(correlation)], free=["*"], noise={"q": 0.3}))
+
+
 def test_orthogonal_regressors_are_told_apart():
-    report = identifiability(solve(Problem(line(), [line_record(0.0)], free=["*"], noise={"q": 0.3})))
+    report = identifiability(pair_fit(0.0))
     assert not report.weak and not report.unseen and report.condition < 1.3
     assert "told apart from the others" in str(report)
     assert report.blends == {}
+    for less in (replace(report, unseen={"a": None}), replace(identifiability(pair_fit(0.999)), unseen={})):
+        assert bool(less.weak) != bool(less.unseen) and "told apart from the others" not in str(less)
 
 
 def test_a_sum_is_all_that_is_seen_of_two_that_enter_together():

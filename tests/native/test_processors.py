@@ -15,7 +15,7 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import actuator_lag
-from casid.native.processors import processors, side_by_side
+from casid.native.processors import processors, share_out, side_by_side
 from problems.do328 import do328
 
 
@@ -37,12 +37,28 @@ def test_results_come_in_the_order_of_the_tasks() -> None:
     assert processors() == 8
 
 
+@pytest.mark.parametrize(("asked", "used"), [("1", 1), ("3", 3), ("99", 8), ("0", 8), ("-1", 8), ("x", 8), ("", 8)])
+def test_fewer_processors_may_be_asked_for(monkeypatch: pytest.MonkeyPatch, eight: None, asked: str, used: int) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", asked)
+    assert processors() == used
+
+
 @pytest.mark.usefixtures("eight")
 def test_what_is_shared_out_inside_stays_within_its_part() -> None:
     assert side_by_side(lambda _: side_by_side(lambda _: processors(), range(2)), range(4)) == [[1, 1]] * 4
     assert side_by_side(lambda _: processors(), range(9)) == [1] * 9
     assert side_by_side(lambda _: processors(), [0]) == [8]
     assert side_by_side(lambda _: processors(), []) == []
+
+
+@pytest.mark.usefixtures("eight")
+@pytest.mark.parametrize("parts", [0, 1, 3, 8, 20])
+def test_every_part_is_in_one_stretch(parts: int) -> None:
+    """And no call is made for nothing."""
+    taken: list[tuple[int, int]] = []
+    share_out(parts, lambda first, last: taken.append((first, last)))
+    assert sorted(i for first, last in taken for i in range(first, last)) == list(range(parts))
+    assert len(taken) == min(parts, 8) and all(last > first for first, last in taken)
 
 
 @pytest.mark.usefixtures("eight")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from casid.records.noise import pooled_sigma, real_updates, resolution
+from casid.records.noise import isolated, pooled_sigma, real_updates, resolution
 from casid.records.noise_spectrum import high_band_holds
 from casid.records.record import Record
 from casid.records.thinning import spaced
@@ -98,3 +98,28 @@ def test_a_channel_that_changes_by_one_step_at_a_time_is_coarse_and_not_held() -
     assert real_updates(t, 0.1 * np.round(triangle / 0.1)).all()
     held = real_updates(t, (0.01 * np.round((triangle + 0.3 * np.sin(7.0 * t)) / 0.01))[np.arange(1000) // 10 * 10])
     assert held.sum() == 99
+
+
+@pytest.mark.parametrize("degree", [0, 1, 2, 3])
+def test_a_cubic_has_no_reading_that_stands_alone_and_any_step_off_it_has(degree: int) -> None:
+    """Off a cubic through its neighbours there is nothing but what was added: the one reading, whatever the slope."""
+    x = np.linspace(-1.0, 1.0, 200)
+    values = x**degree
+    assert not isolated(values + 1e-9 * np.cos(np.arange(200.0) ** 2), 8.0).any()
+    values[77] += 0.5
+    assert list(np.flatnonzero(isolated(values, 8.0))) == [77]
+
+
+@pytest.mark.parametrize(("steps", "alone"), [(1, False), (3, True)])
+def test_one_step_of_a_converter_is_no_spike_and_three_are(steps: int, alone: bool) -> None:
+    """A slow channel flickers by its last digit; three of them in one reading are more than that at 3 scatters."""
+    values = np.floor(np.arange(400.0) / 10.0)  # of 40 levels, whose step is therefore known
+    values[205] += steps
+    assert bool(isolated(values, 3.0)[205]) == alone
+
+
+@pytest.mark.parametrize(("count", "few"), [(63, True), (64, False)])
+def test_a_short_series_is_not_judged(count: int, few: bool) -> None:
+    values = 1e-3 * np.random.default_rng(5).standard_normal(count)
+    values[30] = 5.0
+    assert isolated(values, 8.0).any() != few
