@@ -22,9 +22,11 @@ def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         raise InputError(f"{path}: cannot be read: no such file")
     try:
         return load()
-    except (NotImplementedError, MemoryError):
+    except MemoryError:
         raise
     except Exception as error:  # a damaged file makes these libraries raise some twenty unrelated types
+        if isinstance(error, NotImplementedError) and path.suffix.lower() == ".mat":
+            raise  # of version 7.3, which is HDF5
         fault = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
 
