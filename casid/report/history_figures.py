@@ -9,7 +9,6 @@ from types import MappingProxyType
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter
 
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
@@ -250,6 +249,7 @@ def histories(diagnosis: Diagnosis) -> Picture:
         else f"{_WINDOW:.0f} s in which the two simulations differ most. "
     )
     return Picture(
+        histories=True,
         name="histories",
         figure=figure,
         title=f"Flown again: record {record.name}, which no fit has seen",
@@ -281,6 +281,7 @@ def flown_again(diagnosis: Diagnosis) -> Iterator[Picture]:
         )
         yield replace(
             picture,
+            histories=True,
             name=f"again-{r + 1}",
             title=f"{record.name}, which no fit has seen: measured and simulated",
             caption="Measured outputs, the model as given, with its parameters re-estimated, and extended by the named "
@@ -357,49 +358,3 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
         f"{diagnosis.best} explains of them, and what is left.",
     )
-
-
-def gain(diagnosis: Diagnosis) -> Picture:
-    """Residual over noise per channel on held-out records, as given and by the best model."""
-    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
-    old, new = misfit(before), misfit(after)
-    order = sorted(old, key=lambda o: new[o] / old[o], reverse=True)
-    figure = blank(0.31 * len(order) + 1.3)
-    ax = figure.subplots()
-    ax.axvline(1.0, color=MEASURED, lw=1.0, ls=":")
-    for y, channel in enumerate(order):
-        ax.plot([old[channel], new[channel]], [y, y], color=NOISE, lw=4, zorder=1, solid_capstyle="butt")
-        change = 100.0 * (new[channel] / old[channel] - 1.0)
-        ax.annotate(
-            f"{change:+.0f} %".replace("-", "−"), (1.01, y), xycoords=("axes fraction", "data"), va="center", fontsize=9
-        )
-    ax.plot([old[o] for o in order], range(len(order)), "o", color=BASELINE, label=AS_GIVEN)
-    ax.plot([new[o] for o in order], range(len(order)), "D", color=EXTENDED, ms=5, label=diagnosis.best)
-    ax.set_xscale("log")
-    ax.set_yticks(range(len(order)), [f"{label_of(o)} {o}" for o in order])
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    ax.tick_params(axis="x", which="both", labelsize=9.5, length=4)
-    # not 0.9 beside 1
-    ax.xaxis.set_minor_formatter(FuncFormatter(lambda x, _: f"{x:g}" if _few(ax) and f"{x:e}"[0] in "235" else ""))
-    ax.set_xlabel("r.m.s. residual / noise (dotted: only noise)")
-    ax.grid(axis="y", visible=False)
-    figure.legend(loc="outside upper center", ncols=2)
-    names, turbulent = ", ".join(before.fit.flight.names), diagnosis.turbulence.named
-    best = order[-1]
-    return Picture(
-        name="gain",
-        figure=figure,
-        title=f"Gain per channel on {names}, which no fit has seen",
-        caption=(
-            "R.m.s. of measured minus open-loop simulation over the noise; the number is its change."
-            + (" Gusts are new in every record: no open-loop simulation can repeat them." if turbulent else "")
-        ),
-        alt=f"Residual over noise per channel on held-out {names}, before and after; the largest change is that of "
-        f"{label_of(best)}, by {100.0 * (new[best] / old[best] - 1.0):+.0f} per cent.",
-    )
-
-
-def _few(ax: Axes) -> bool:
-    """Whether the logarithmic axis spans less than a decade, so that its minor ticks have room for numbers."""
-    low, high = ax.get_xlim()
-    return high / low < 10.0

@@ -33,7 +33,7 @@ from casid.report.claims import Claim, claims, numbered
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
 from casid.report.folder import provenance
-from casid.report.history_figures import PLANES, flown_again, gain, histories, residuals, tracks
+from casid.report.history_figures import PLANES, flown_again, histories, residuals, tracks
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
@@ -96,7 +96,6 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
             *(partial(_of_cause_numbered, diagnosis, n, seen) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
             partial(_of_the_unexplained, diagnosis),
             budget_,
-            partial(gain, diagnosis),
             partial(tracks, diagnosis),
             partial(histories, diagnosis),
             partial(residuals, diagnosis),
@@ -168,7 +167,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "gain": (
             "What it gains",
             "gain.html",
-            ("budget", "gain", "histories", "tracks_longitudinal", "tracks_lateral", "again"),
+            ("budget", "histories", "tracks_longitudinal", "tracks_lateral", "again"),
         ),
         "evidence": (
             "Evidence",

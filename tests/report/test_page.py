@@ -222,13 +222,16 @@ def test_a_name_with_markup_is_only_text(
     write_report(named, tmp_path, provenance(seed=0) | {"command": ["casid", "diagnose", evil]})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     escaped = "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain {{ 7 * 7 }}"
-    assert page.count(escaped) >= 6 and "<script>alert" not in page
+    assert page.count(escaped) >= 6 and "<script>alert(1)" not in page
+    assert all(set(tag) <= {"type"} for tag in Tags(page).named("script"))  # those that draw the figures, and no other
 
 
 # -- in a browser ------------------------------------------------------------------------------------------------------
 
 PROBE = """<script>addEventListener('load', () => { const d = document.documentElement;
-d.dataset.images = JSON.stringify([...document.images].map(i => [i.naturalWidth, i.clientWidth, i.clientHeight]));
+const seen = i => i.closest('figure.live')?.querySelector('canvas') ?? i;
+d.dataset.images = JSON.stringify(
+  [...document.images].map(i => [i.naturalWidth, seen(i).clientWidth, seen(i).clientHeight]));
 d.dataset.wide = d.scrollWidth - d.clientWidth; });</script>"""
 
 
@@ -254,7 +257,7 @@ def browse(page: Path, width: int, tmp_path: Path, *options: str) -> subprocess.
 
 @pytest.mark.parametrize("width", [1100, 500])
 def test_page_in_a_browser(folder: Path, tmp_path: Path, width: int) -> None:
-    """Nothing on the console, every image drawn, nothing wider than the window."""
+    """Nothing on the console, every image drawn or its curves in its place, nothing wider than the window."""
     if CHROMIUM is None:
         pytest.skip("no chromium on the PATH: the page was not looked at in a browser")
     probe = tmp_path / "probe.html"
