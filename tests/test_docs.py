@@ -19,7 +19,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 NOT_DRAWN = {"table_increment", *ROTORS}  # the Do 328 has no tables and no rotors
 
 
-@pytest.mark.parametrize("page", ["how-to", "kinds-of-model"])
+@pytest.mark.parametrize("page", ["how-to", "kinds-of-model", "not-given"])
 def test_code_of_a_page_runs_as_it_stands(page: str, capsys) -> None:
     """Of pages that say so. What the code prints is not judged, what it asserts is."""
     text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
