@@ -85,6 +85,7 @@ class Effect:
     constant     an offset, which a drift imitates: believed only when its reading is steady beside it
     late         the value is by how much [s] the reading is late
     recurring    an event that other records may repeat
+    stated       its size is judged against the stated uncertainty of a number of the file, and not against noise
     balance      it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     extent       the value that says how long it takes from its onset to its end
     either_sign  a gain early and a loss late resemble each other: both signs are tried
@@ -137,6 +138,7 @@ class Effect:
     constant: bool = False
     late: bool = False
     recurring: bool = False
+    stated: bool = False
     balance: bool = False
     extent: str | None = None
     either_sign: bool = False

@@ -16,12 +16,7 @@ import numpy as np
 
 import casid as cs
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.plant import as_flight, first_fit
-from casid.diagnosis.systems.rotorcraft import rotorcraft
-from casid.model.causes import inertia, rotor_lag
-from casid.model.effect import Effect
+from casid.diagnosis.systems.rotorcraft import first_fit, rotorcraft
 from casid.model.rotors import effectiveness
 
 _LEAST_ALTITUDE = 0.3  # m
@@ -64,27 +59,15 @@ def flights(path: Path) -> list[cs.Record]:
 
 
 def airframe(aircraft: cs.Aircraft, normal: Sequence[Sequence[cs.Record]]) -> cs.Aircraft:
-    """The aircraft file with what normal flights of one airframe say of it, each log fitted alone.
+    """The aircraft file with what normal flights of one airframe say of its rotors.
 
-    Logs with rates give the lag of the rotors and the moments of inertia; then all give the effectiveness of each
-    rotor. How far the next log may be from their mean, by the scatter of these few, is its standard deviation, and not
-    less than that of any rotor on average.
+    The flights of each log are fitted alone. Their mean is the effectiveness of a rotor; how far the next log may be
+    from it, by the scatter of these few, is its standard deviation, and not less than that of any rotor on average.
     """
     assert aircraft.rotors is not None
-    free = {"lag": rotor_lag("rotors"), **{name: inertia(name) for name in ("Ixx", "Iyy", "Izz")}}
-    rows = [_fitted(aircraft, one, [*free.values()]) for one in normal if "p" in one[0]]
-    if rows:
-        mean = dict(zip(free, np.median([[row[e.name] for e in free.values()] for row in rows], axis=0), strict=True))
-        lags = [replace(one, lag=max(one.lag + mean["lag"], 0.0)) for one in aircraft.rotors.each]
-        own = {name: getattr(aircraft.inertia, name) + mean[name] for name in free if name != "lag"}
-        aircraft = replace(
-            aircraft,
-            inertia=replace(aircraft.inertia, **own),
-            rotors=replace(aircraft.rotors, each=tuple(lags)),
-        )
-    assert aircraft.rotors is not None
-    found = [_fitted(aircraft, one, []) for one in normal]
-    values = np.array([[row[effectiveness(name)] for name in aircraft.rotors.names] for row in found])
+    names = [effectiveness(name) for name in aircraft.rotors.names]
+    found = [first_fit(rotorcraft(aircraft, one, Criteria())) for one in normal]
+    values = np.array([[one[name] for name in names] for one in found])
     scatter = values.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / len(values))
     std = np.maximum(scatter, np.sqrt(np.mean(scatter**2)))
     each = [
@@ -92,13 +75,3 @@ def airframe(aircraft: cs.Aircraft, normal: Sequence[Sequence[cs.Record]]) -> cs
         for one, m, s in zip(aircraft.rotors.each, values.mean(axis=0), std, strict=True)
     ]
     return replace(aircraft, rotors=replace(aircraft.rotors, each=tuple(each)))
-
-
-def _fitted(aircraft: cs.Aircraft, flown: Sequence[cs.Record], effects: Sequence[Effect]) -> dict[str, float]:
-    """Name -> value of what is fitted to the flights of one log, with `effects` beside the numbers of the rotors."""
-    plant = rotorcraft(aircraft, flown, Criteria())
-    found = first_fit(plant)
-    if effects:
-        begun = [Attached(effect=one, values={"value": 0.0 if one.linear else 0.03}) for one in effects]
-        found = fit(as_flight(plant), begun, plant.noise(), found, iterations=30)
-    return {slot.name: found[slot.name] for slot in found.slots}

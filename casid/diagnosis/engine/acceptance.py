@@ -37,7 +37,12 @@ from casid.model.station import Station, coefficient, reading
 
 
 def required_gain(effect: Effect, criteria: Criteria) -> float:
-    """Net likelihood-ratio statistic that a cause must reach to be named."""
+    """Net likelihood-ratio statistic that a cause must reach to be named.
+
+    Against a stated uncertainty it is that of a value beyond it: neither noise nor a choice of shapes enters.
+    """
+    if effect.stated:
+        return criteria.significance.sigmas**2
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 

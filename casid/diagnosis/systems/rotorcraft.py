@@ -122,7 +122,9 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         build=build,
         prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
         closed_loop=True,
-        imitated={effectiveness(name): rotor_effectiveness(name) for name in aircraft.rotors.names},
+        imitated={
+            effectiveness(name): replace(rotor_effectiveness(name), stated=True) for name in aircraft.rotors.names
+        },
     )
     return _with_noise(plant, by_band, criteria.rotors)
 
