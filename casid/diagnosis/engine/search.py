@@ -266,7 +266,9 @@ def _unbalanced(state: State, candidates: Sequence[Candidate], names: Collection
         found += [one] if effect.name in names else []
     known = {one.name for one in found}
     others = [one for one in candidates if one.attached.effect.balance and one.name not in known]
-    return [*found, *others[: state.criteria.numerics.naming.trials]] if len(found) > 1 else found
+    if len(found) == 1:  # what sits at the same place, or nothing
+        return [*found, *(one for one in others if one.attached.effect.target == found[0].attached.effect.target)]
+    return [*found, *others[: state.criteria.numerics.naming.trials]] if found else []
 
 
 def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
