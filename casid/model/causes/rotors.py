@@ -83,6 +83,7 @@ def rotor_torque(target: str) -> Effect:
     return Effect(
         kind="rotor_torque",
         target=target,
+        reads=("r",) if target == ALL else (),  # steady flight balances all torques, whatever their size
         by_record=True,
         station="rotors",
         change=change,
