@@ -20,7 +20,7 @@ from casid.errors import InputError
 from casid.model import operators
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import group_channels
-from casid.model.dynamics import aircraft_model, flight_inputs
+from casid.model.dynamics import aircraft_model, flight_inputs, force_inputs, pulled_alike
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
 from casid.model.path import INTEGRALS, aerodynamic_parameters
@@ -140,7 +140,8 @@ def apply_effects(
     bare_records = [flight_inputs(aircraft, _without_instrument_effects(r, undone), axes) for r in records]
     histories = [_histories(timed, record) for record in bare_records]
     stations = sorted({station for history in histories for station in history})
-    model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks))
+    bare_records, pull = pulled_alike(bare_records), force_inputs(records)
+    model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks, *pull))
     model = with_instruments(model, [(effect_of(v), v.value) for v in lags])
     ready = []
     for record, history in zip(bare_records, histories, strict=True):

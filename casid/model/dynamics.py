@@ -28,6 +28,7 @@ from casid.model.path import (
     aerodynamic_parameters,
     coefficient_names,
     disturbance_names,
+    external_force,
     fly,
     input_names,
 )
@@ -38,7 +39,7 @@ from casid.model.tables import Table
 from casid.model.terms import derivative_term
 from casid.records.given import given_record
 from casid.records.record import Record, check_radians
-from casid.signals import SURFACES, scale_of, unit_of
+from casid.signals import EXTERNAL_FORCE, FORCE_POINT, SURFACES, scale_of, unit_of
 
 
 def by_station(effects: Iterable[Effect]) -> dict[str, list]:
@@ -138,7 +139,8 @@ def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: di
     ay = c["ay"] - (p * q + c["rdot"]) * x + (p**2 + r**2) * y - (q * r - c["pdot"]) * z
     az = c["az"] - (p * r - c["qdot"]) * x - (q * r + c["pdot"]) * y + (p**2 + q**2) * z
     qS = path.air["qbar"] * aircraft.area
-    fx, fy, fz = path.mass * ax - c["thrust"], path.mass * ay, path.mass * az
+    pull, turn = external_force(c)
+    fx, fy, fz = path.mass * ax - c["thrust"] - pull[0], path.mass * ay - pull[1], path.mass * az - pull[2]
     Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
     L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
     M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
@@ -146,6 +148,7 @@ def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: di
     if not aircraft.inertia.symmetric:
         more = unsymmetric_moment(path.inertia, (p, q, r), (c["pdot"], c["qdot"], c["rdot"]))
         L, M, N = L + more[0], M + more[1], N + more[2]
+    L, M, N = L - turn[0], M - turn[1], N - turn[2]
     sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
     return {
         "CL": (fx * sa - fz * cos_a) / qS,
@@ -286,7 +289,7 @@ def aircraft_model(
     effects
         Symbolic effects to be parameters of the model; default those of the aircraft file.
     known
-        Disturbances that become inputs, because their time history is given.
+        Disturbances that become inputs, because their time history is given; the external force of records with one.
     turning
         Axis, q or r -> sign of the air's rotation about it by the gradient of its velocity (`air_rotation`). By the
         sense of the axes it is -1 and 1; some simulators have them otherwise. These are further states, behind all
@@ -510,10 +513,11 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     if axes not in MOVING:
         raise unknown("axes", str(axes), MOVING, "flight_inputs")
     check_radians(record)
-    _check_complete(record, (*SURFACES, "thrust", "rho", *(aircraft.rotors.inputs if aircraft.rotors else ())))
-    added = _acting_rotors(aircraft, record)
+    rotors, pull = aircraft.rotors.inputs if aircraft.rotors else (), force_inputs([record])
+    _check_complete(record, (*SURFACES, "thrust", "rho", *rotors, *pull))
     notes: list[str] = []
     n = len(record)
+    added = _acting_rotors(aircraft, record) | {name: np.zeros(n) for name in pull if name not in record}
     if not aircraft.winged:
         added |= {name: unwrapped(record[name]) for name in ("psi", "phi") if name in record}
         return record.with_channels(**added)
@@ -549,6 +553,19 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
     return record.with_channels(**added).with_notes(*notes)
+
+
+def force_inputs(records: Iterable[Record]) -> tuple[str, ...]:
+    """The inputs by which a model has a measured external force and its point; none where no record has a force."""
+    pulled = any(name in record for record in records for name in EXTERNAL_FORCE)
+    return (*EXTERNAL_FORCE, *FORCE_POINT) if pulled else ()
+
+
+def pulled_alike(records: Iterable[Record], beside: Iterable[Record] = ()) -> list[Record]:
+    """Records with the inputs of an external force, zero where they lack it, if one of them or of `beside` has one."""
+    records = list(records)
+    wanted = force_inputs([*records, *beside])
+    return [r.with_channels(**{name: np.zeros(len(r)) for name in wanted if name not in r}) for r in records]
 
 
 def _acting_rotors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:

@@ -22,7 +22,7 @@ from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
 from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
-from casid.signals import SURFACES
+from casid.signals import EXTERNAL_FORCE, FORCE_POINT, SURFACES
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 # nothing depends on them but the heading of a velocity over ground: states of a model that is asked for them as outputs
@@ -322,12 +322,28 @@ def aerodynamic_parameters(aircraft: Airframe) -> list[tuple[str, str, str]]:
     return rows
 
 
+def external_force(inputs: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
+    """Measured force of a tether, a tow or a load [N] and its moment about the reference point [N m], in body axes;
+    zero where the inputs have none."""
+    fx, fy, fz = force = [inputs.get(name, 0.0) for name in EXTERNAL_FORCE]
+    x, y, z = (inputs.get(name, 0.0) for name in FORCE_POINT)
+    return force, [y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
+
+
 def force_station(path: SignalPath) -> None:
-    """Body-axes aerodynamic force and moment about the reference point, [N] and [N m]; thrust along body x."""
+    """Body-axes force and moment about the reference point, [N] and [N m], of air and thrust, of rotors, and of what
+    else pulls."""
+    loads = [external_force(path.inputs)]
+    if path.aircraft.winged:
+        loads.append(wing_loads(path))
+    if path.aircraft.rotors is not None:
+        loads.append(rotor_loads(path))
+    path.force, path.moment = ([sum(parts) for parts in zip(*some, strict=True)] for some in zip(*loads, strict=True))
+
+
+def wing_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
+    """Aerodynamic force and moment about the reference point, with thrust along body x."""
     aircraft, C, air = path.aircraft, path.coefficient, path.air
-    if not aircraft.winged:
-        path.force, path.moment = rotor_loads(path)
-        return
     qS = air["qbar"] * aircraft.area
     if aircraft.force_axes == "wind":
         sa, cos_a = ca.sin(air["alpha"]), ca.cos(air["alpha"])
@@ -335,17 +351,13 @@ def force_station(path: SignalPath) -> None:
     else:
         X, Z = qS * C["CX"], qS * C["CZ"]
     thrust = path.surface["thrust"]
-    path.force = [X + thrust, qS * C["CY"], Z]
     lateral, pitch = aircraft.moment_length_lateral, aircraft.moment_length_pitch
-    path.moment = [
+    moment = [
         qS * lateral * C["Cl"],
         qS * pitch * C["Cm"] + aircraft.thrust_line_z * thrust,
         qS * lateral * C["Cn"],
     ]
-    if aircraft.rotors is not None:
-        force, moment = rotor_loads(path)
-        path.force = [own + more for own, more in zip(path.force, force, strict=True)]
-        path.moment = [own + more for own, more in zip(path.moment, moment, strict=True)]
+    return [X + thrust, qS * C["CY"], Z], moment
 
 
 def rigid_body_station(path: SignalPath) -> None:

@@ -13,9 +13,20 @@ from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of
 from casid.records.noise import time_scale
 from casid.records.table import RawTable, rows_of
-from casid.signals import CHANNELS, DEGREE, FLIGHT_LIMITS, RADIAN_LIMITS, SURFACES, is_control, label_of, unit_of
+from casid.signals import (
+    CHANNELS,
+    DEGREE,
+    EXTERNAL_FORCE,
+    FLIGHT_LIMITS,
+    FORCE_POINT,
+    RADIAN_LIMITS,
+    SURFACES,
+    is_control,
+    label_of,
+    unit_of,
+)
 
-INPUTS = (*SURFACES, "thrust", "rho")
+INPUTS = (*SURFACES, "thrust", "rho", *EXTERNAL_FORCE, *FORCE_POINT)
 MIN_SAMPLES = 50
 MIN_DURATION = 3.0  # s: from here on a record of any motion is taken
 MIN_PERIODS = 3.0  # of the motion: a shorter record is taken that has as many

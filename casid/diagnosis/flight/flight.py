@@ -19,7 +19,14 @@ from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
-from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
+from casid.model.dynamics import (
+    INTEGRATED,
+    aircraft_model,
+    flight_inputs,
+    force_inputs,
+    moved_coefficients,
+    pulled_alike,
+)
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
 from casid.model.path import aerodynamic_parameters, coefficient_names
@@ -219,6 +226,7 @@ class Flight:
         with BUILDING:
             if key not in self._models:
                 scope = {"axes": self.axes, "outputs": self.outputs, "turning": self.turning}
+                scope["known"] = force_inputs(self.records)
                 self._models[key] = aircraft_model(self.aircraft, effects=symbolic, equations=False, **scope)
         return self._models[key]
 
@@ -332,8 +340,10 @@ class Flight:
         Raises InputError if a record lacks inputs of the model or contains fewer than two of the outputs.
         """
         ready = [as_updated(flight_inputs(aircraft, record, self.axes), self.outputs) for record in records]
+        ready = pulled_alike(ready, self.records)
         ready = tuple(with_all(record, self.outputs, self.criteria.noise) for record in _averaged(ready, self.every))
-        built = {} if aircraft is self.aircraft else {"_models": {}, "_functions": {}}
+        same = aircraft is self.aircraft and force_inputs(ready) == force_inputs(self.records)
+        built = {} if same else {"_models": {}, "_functions": {}}
         return replace(self, aircraft=aircraft, records=ready, _regressors={}, **built)
 
 
@@ -378,7 +388,7 @@ def prepare(
     aircraft = aircraft.with_derivatives(offsets)
     modelled = aircraft_model(aircraft, axes=axes, equations=False).outputs
     moved = (*modelled, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
-    ready = [as_updated(flight_inputs(aircraft, record, axes), moved) for record in records]
+    ready = pulled_alike(as_updated(flight_inputs(aircraft, record, axes), moved) for record in records)
     outputs = tuple(o for o in moved if moves(ready, o, noise))
     edge, as_read = motion_edge(ready), ready
     every = _every(ready, outputs, edge, criteria) if average else 1

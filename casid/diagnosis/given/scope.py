@@ -25,7 +25,14 @@ from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
+from casid.model.dynamics import (
+    MOVING,
+    aircraft_model,
+    flight_inputs,
+    force_inputs,
+    has_aerodynamics,
+    moved_coefficients,
+)
 from casid.model.linearised import given_slopes
 from casid.model.plausible import Doubt
 from casid.model.system import Model
@@ -293,7 +300,8 @@ def _balance(aircraft: Aircraft, record: Record, nodes: float) -> np.ndarray:
     of what the history leaves is worth.
     """
     unpowered = flight_inputs(aircraft, record.with_channels(thrust=np.zeros(len(record))), "longitudinal")
-    model = aircraft_model(aircraft, axes="longitudinal", outputs=("ax",), effects=())
+    pull = force_inputs([record])
+    model = aircraft_model(aircraft, axes="longitudinal", outputs=("ax",), effects=(), known=pull)
     X, U = model.guess(unpowered), unpowered.matrix(model.inputs)
     ax = ca.Function("ax", [model.x, model.u], [ca.substitute(model.h, ca.vertcat(model.p, model.w), _known(model))])
     dragged = ax.map(len(record))(X.T, U.T).full()[0]
