@@ -20,9 +20,10 @@ from casid.errors import InputError
 from casid.model import operators
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import group_channels
-from casid.model.dynamics import aircraft_model, flight_inputs, force_inputs, pulled_alike
+from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.model.measured_force import force_inputs, pulled_alike
 from casid.model.path import INTEGRALS, aerodynamic_parameters
 from casid.model.rotors import with_values
 from casid.model.system import Model

@@ -18,6 +18,7 @@ from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
+from casid.model.measured_force import external_force, force_inputs
 from casid.model.path import (
     AIR_STATES,
     GROUND,
@@ -28,7 +29,6 @@ from casid.model.path import (
     aerodynamic_parameters,
     coefficient_names,
     disturbance_names,
-    external_force,
     fly,
     input_names,
 )
@@ -39,7 +39,7 @@ from casid.model.tables import Table
 from casid.model.terms import derivative_term
 from casid.records.given import given_record
 from casid.records.record import Record, check_radians
-from casid.signals import EXTERNAL_FORCE, FORCE_POINT, SURFACES, scale_of, unit_of
+from casid.signals import SURFACES, scale_of, unit_of
 
 
 def by_station(effects: Iterable[Effect]) -> dict[str, list]:
@@ -553,19 +553,6 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
         added |= _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
     return record.with_channels(**added).with_notes(*notes)
-
-
-def force_inputs(records: Iterable[Record]) -> tuple[str, ...]:
-    """The inputs by which a model has a measured external force and its point; none where no record has a force."""
-    pulled = any(name in record for record in records for name in EXTERNAL_FORCE)
-    return (*EXTERNAL_FORCE, *FORCE_POINT) if pulled else ()
-
-
-def pulled_alike(records: Iterable[Record], beside: Iterable[Record] = ()) -> list[Record]:
-    """Records with the inputs of an external force, zero where they lack it, if one of them or of `beside` has one."""
-    records = list(records)
-    wanted = force_inputs([*records, *beside])
-    return [r.with_channels(**{name: np.zeros(len(r)) for name in wanted if name not in r}) for r in records]
 
 
 def _acting_rotors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:

@@ -20,9 +20,10 @@ import numpy as np
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
 from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
+from casid.model.measured_force import external_force
 from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
-from casid.signals import EXTERNAL_FORCE, FORCE_POINT, SURFACES
+from casid.signals import SURFACES
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
 # nothing depends on them but the heading of a velocity over ground: states of a model that is asked for them as outputs
@@ -320,14 +321,6 @@ def aerodynamic_parameters(aircraft: Airframe) -> list[tuple[str, str, str]]:
     for coefficient, terms in aircraft.terms.items():
         rows += [(coefficient, f"{coefficient}_{term}", term) for term in terms]
     return rows
-
-
-def external_force(inputs: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
-    """Measured force of a tether, a tow or a load [N] and its moment about the reference point [N m], in body axes;
-    zero where the inputs have none."""
-    fx, fy, fz = force = [inputs.get(name, 0.0) for name in EXTERNAL_FORCE]
-    x, y, z = (inputs.get(name, 0.0) for name in FORCE_POINT)
-    return force, [y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
 
 
 def force_station(path: SignalPath) -> None:

@@ -25,15 +25,9 @@ from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
-from casid.model.dynamics import (
-    MOVING,
-    aircraft_model,
-    flight_inputs,
-    force_inputs,
-    has_aerodynamics,
-    moved_coefficients,
-)
+from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
 from casid.model.linearised import given_slopes
+from casid.model.measured_force import force_inputs
 from casid.model.plausible import Doubt
 from casid.model.system import Model
 from casid.model.terms import derivative_term
