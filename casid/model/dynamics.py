@@ -515,8 +515,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     check_radians(record)
     rotors, pull = aircraft.rotors.inputs if aircraft.rotors else (), force_inputs([record])
     _check_complete(record, (*SURFACES, "thrust", "rho", *rotors, *pull))
-    notes: list[str] = []
-    n = len(record)
+    notes, n = list[str](), len(record)
     added = _acting_rotors(aircraft, record) | {name: np.zeros(n) for name in pull if name not in record}
     if not aircraft.winged:
         added |= {name: unwrapped(record[name]) for name in ("psi", "phi") if name in record}
