@@ -26,7 +26,7 @@ from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, 
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.onsets import Intervals
 from casid.diagnosis.engine.search import State
-from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
+from casid.diagnosis.engine.size import meaningful_share, missing_size, plausible, plausible_size
 from casid.diagnosis.engine.structure import is_induced_drag, is_usual
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, deviation, sure, unlike_derivatives, variation
@@ -380,9 +380,9 @@ def still_missing(
 
     Candidates are the inputs `left` and one oscillation. The statistic of each must exceed the criterion for a missing
     input, the part of turbulence that is misfit (`required`), and what the approximate shapes of the `causes` leave.
-    Its size must exceed a `share` of the variation at its port; by default the share from which a cause matters.
+    Its size must matter; `share` is another share of the variation at its port than that from which a cause matters.
     """
-    by, share = evidence.criteria.naming, evidence.criteria.size.share if share is None else share
+    by, least = evidence.criteria.naming, 1.0 if share is None else share / evidence.criteria.size.share
     rough = sum((by.approximate if one.onset_s else by.left_to_others) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
@@ -390,5 +390,5 @@ def still_missing(
     left = [m for m in left if m.place.name not in evidence.fit.flight.unknown]
     found = [*left, *missing_oscillation(evidence)]
     return sorted(
-        (m for m in found if m.gain > enough and missing_share(evidence.fit, m) > share), key=lambda m: -m.gain
+        (m for m in found if m.gain > enough and missing_size(evidence.fit, m) > least), key=lambda m: -m.gain
     )

@@ -17,7 +17,7 @@ from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, part_of_a_fitted_record, with_events
 from casid.diagnosis.engine.probability import Probabilities, probabilities
 from casid.diagnosis.engine.search import State
-from casid.diagnosis.engine.size import missing_share
+from casid.diagnosis.engine.size import missing_size
 from casid.diagnosis.engine.structure import is_usual
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
@@ -79,7 +79,7 @@ def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
     """Readings at which a drift is missing that matters as a bias of its size would."""
     by = fitted.criteria
     drifts = [m for m in missing if m.place.kind == "reading" and m.gain > by.verdict.missing]
-    return {m.place.name for m in drifts if missing_share(fitted, m) > by.size.share}
+    return {m.place.name for m in drifts if missing_size(fitted, m) > 1.0}
 
 
 def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[MissingInput], of_causes: Trace) -> Trace:
@@ -87,10 +87,10 @@ def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[Missi
     by, told = kept.evidence.criteria, {m.station for m in unexplained}
     found = list(of_causes.decisions)
     for m in left:
-        share = missing_share(kept.fit, m)
+        size = missing_size(kept.fit, m)
         gates = [
             at_least("gain of an input of any shape", m.gain, by.verdict.missing, "verdict.missing"),
-            at_least("share of the variation at its port", share, by.size.share, "size.share"),
+            at_least("size, of what matters", size, 1.0, "size.share"),
             at_least("left beside causes, slow noise and turbulence", float(m.station in told), 1.0),
         ]
         known = m.place.name in kept.fit.flight.unknown

@@ -79,7 +79,9 @@ def aircraft_of(flown: Flown) -> Aircraft:
 def _besides(flown: Flown) -> tuple[Hidden, ...]:
     """What is true of strips beside what was hidden: weather, and the terms that a linear file lacks."""
     terms = []
-    for coefficient, term in flown.curved:
+    # A tail in the slipstream of its propeller, whose thrust hardly varies apart from speed.
+    slipstream = (("Cm", "Tc"), ("Cm", "delta_e*Tc"), ("Cn", "Tc"), ("Cn", "delta_r*Tc"))
+    for coefficient, term in (*flown.curved, *(slipstream if flown.plane.propellers else ())):
         if term.endswith("dot"):
             terms.append(Hidden(kind="unsteady_aero", target=coefficient, value=0.0))
         terms.append(Hidden(kind="aero_term", target=coefficient, term=parse_term(term).name, value=0.0))

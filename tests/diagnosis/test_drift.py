@@ -11,6 +11,7 @@ from diagnosis_flights import flights
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED, REFUSED, Trace
 from casid.diagnosis.diagnose import of_data
+from casid.diagnosis.engine.size import missing_size
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, drifts
 from casid.diagnosis.flight.fit import fit
@@ -19,6 +20,16 @@ from casid.diagnosis.flight.noise import as_slow_as_left
 from casid.diagnosis.judgement import drifting, traced
 from casid.model.causes import sensor_bias
 from problems.do328 import do328
+
+
+def test_a_drift_matters_as_a_bias_does_however_much_the_reading_varies() -> None:
+    """A rate gyro whose zero runs off by twice a bias that matters, in a flight that turns 20 times as fast."""
+    least = sensor_bias("q").smallest_that_matters(do328()) or 0.0
+    flight = prepare(do328(), flights(seed=5, count=2, duration_s=8.0, size=3.0))
+    fitted = fit(flight, (), flight.noise(), iterations=2)
+    for part in (0.5, 2.0):
+        missing = MissingInput(station="reading_q", gain=9e3, size=0.1, history=ramp(part * least))
+        assert (missing_size(fitted, missing) > 1.0) == (part > 1.0)
 
 
 @pytest.mark.parametrize("channel", ["q", "alpha", "ay"])

@@ -25,7 +25,7 @@ import numpy as np
 
 from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import meaningful_share, missing_share, plausible, plausible_size
+from casid.diagnosis.engine.size import meaningful_share, missing_size, plausible, plausible_size
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
 from casid.diagnosis.evidence.missing_input import MissingInput
@@ -253,11 +253,11 @@ def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     criteria = seen.criteria
     more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
     worse = [m for m in seen.after if m.gain > (1.0 + criteria.doubt.left) * seen.was[m.station] + more]
-    shares = {m.place.words: missing_share(seen.evidence.fit, m) for m in worse}
-    if not shares:
+    sizes = {m.place.words: missing_size(seen.evidence.fit, m) for m in worse}
+    if not sizes:
         return []
-    most = max(shares, key=lambda place: shares[place])
-    return [at_most(f"share newly missing at {most}", shares[most], criteria.size.share, "size.share")]
+    most = max(sizes, key=lambda place: sizes[place])
+    return [at_most(f"size newly missing at {most}, of what matters", sizes[most], 1.0, "size.share")]
 
 
 def _is_sure(seen: _Seen) -> list[Gate]:

@@ -121,9 +121,6 @@ def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
 def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
     """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, or over a velocity for the
     air.
-
-    For a reading that hardly varies the share is limited: it matters only if the drift is as large, at some time, as a
-    bias that matters.
     """
     if fitted.flight.sizes is not None:
         return fitted.flight.sizes.missing_share(fitted, missing)
@@ -135,5 +132,15 @@ def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
         return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
     channel = place.name
     series = fitted.read[..., fitted.model.outputs.index(channel)]
-    as_bias = missing.largest / (sensor_bias(channel).smallest_that_matters(fitted.flight.aircraft) or np.inf)
-    return min(missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12), criteria.share * as_bias)
+    return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
+
+
+def missing_size(fitted: FlightFit, missing: MissingInput) -> float:
+    """Size of a latent input, in units of the smallest that matters: of a share, or of a bias for a reading.
+
+    A drift and a bias of one size matter alike, however much the reading varies.
+    """
+    if fitted.flight.sizes is None and missing.place.kind == "reading":
+        bias = sensor_bias(missing.place.name).smallest_that_matters(fitted.flight.aircraft)
+        return missing.largest / (bias or np.inf)
+    return missing_share(fitted, missing) / fitted.criteria.size.share
