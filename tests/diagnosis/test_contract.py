@@ -6,7 +6,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from problems.random_systems.contract import broken, diagnosed, refuses_copies
+from casid.diagnosis.diagnose import diagnose
+from problems.blind.independent import aircraft_of, records_of
+from problems.independent.effects import CASES
+from problems.independent.flights import fly_set
+from problems.random_systems.contract import broken, diagnosed, general, refuses_copies
 from problems.random_systems.world import HELD_OUT, KINDS, TRUTHS, draw
 
 _PER_TEST = 10
@@ -25,6 +29,14 @@ def test_no_result_says_more_than_it_knows(first: int) -> None:
 @pytest.mark.parametrize("first", range(_QUICK, _CAMPAIGN, 10 * _PER_TEST))
 def test_no_result_of_a_campaign_says_more_than_it_knows(first: int) -> None:
     assert not _broken(range(first, first + 10 * _PER_TEST))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", [case for case in CASES if case not in ("clean-2", "clean-3", "clean-4")][:12])
+def test_no_result_of_an_aircraft_says_more_than_it_knows(case: str) -> None:
+    """A dozen sets of a simulator that shares no code with casid."""
+    given = fly_set(case, 4101)
+    assert not general(diagnose(aircraft_of(given), list(records_of(given))))
 
 
 def _broken(seeds: Sequence[int]) -> dict[int, list[str]]:
