@@ -45,17 +45,21 @@ _SAME = 0.005  # a change that is no per cent
 
 @dataclass(frozen=True, kw_only=True)
 class Gained:
-    """The error of all channels together, before and after; and the change of every channel that got worse, and of
-    every one that got better, worst first."""
+    """The error of every record, before and after; and the change of every channel that got worse, and of every one
+    that got better, worst first."""
 
-    together: str
+    by_record: str
     worse: str
     better: str
 
 
 def gained(diagnosis: Diagnosis) -> Gained:
     """Of the open-loop simulation, from the file as given to the best model."""
-    steps, ratio, labels = diagnosis.budget.together, diagnosis.rms_ratio, diagnosis.budget.labels
+    ratio, labels = diagnosis.rms_ratio, diagnosis.budget.labels
+    errors = ", ".join(
+        f"{one.record}{' (held out)' if one.held_out else ''} {_multiple(one.as_given)} → {_multiple(one.left)}"
+        for one in diagnosis.budget.by_record
+    )
     gusts = " Gusts are new in every record, so that its error need not shrink." if diagnosis.turbulence.named else ""
 
     def told(channels: Sequence[str]) -> str:
@@ -64,18 +68,14 @@ def gained(diagnosis: Diagnosis) -> Gained:
         )
 
     return Gained(
-        together=(
-            f"On {', '.join(diagnosis.budget.records)}, which no fit has seen, the simulation is off by "
-            f"{_times(steps.as_given)} the noise with the {diagnosis.part.source} as given, and by "
-            f"{_times(steps.structure)} the noise with the {diagnosis.best}.{gusts}"
-        ),
+        by_record=f"Times the noise as given, and with the {diagnosis.best}: {errors}.{gusts}",
         worse=told([o for o in ratio if ratio[o] > 1.0 + _SAME]),
         better=told([o for o in ratio if ratio[o] < 1.0 - _SAME]),
     )
 
 
-def _times(ratio: float) -> str:
-    return f"{digits(ratio, 2)} times" if math.isfinite(ratio) else "more than any multiple of"
+def _multiple(ratio: float) -> str:
+    return digits(ratio, 2) if math.isfinite(ratio) else "∞"
 
 
 _MOST = 3  # causes, and places where something is unexplained, that have pictures of their own

@@ -166,7 +166,7 @@ def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judg
     folder: Path, diagnosis: Diagnosis
 ) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "Unseen data", "Not judged")]
+    heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "By record", "Not judged")]
     at = [page.index(head) for head in heads]
     first = page.index('id="figure-tracks_')
     assert at == sorted(at) and at[-1] < first
