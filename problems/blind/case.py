@@ -28,14 +28,23 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
 # kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file;
 # what only `problems.independent` or `problems.strips` have
 NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
-NOT_DRAWN += ("wing_bending", "slow_change")
+NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck")
 ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
 ROTORS += ("rotor_inflow", "added_mass", "body_drag", "battery_sag")
 NOT_DRAWN += ROTORS  # of an aeroplane; `problems.rotors` has the generator
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "controls": ("actuator_lag", "input_delay", "rate_limit", "dead_zone", "backlash", "effectiveness_change"),
+        "controls": (
+            "actuator_lag",
+            "input_delay",
+            "rate_limit",
+            "dead_zone",
+            "backlash",
+            "effectiveness_change",
+            "feedback",
+            "stuck",
+        ),
         "sensors": (
             "sensor_bias",
             "sensor_scale",
