@@ -45,7 +45,7 @@ def test_a_quick_direction_counts_as_it_is_beside_slow_noise() -> None:
 
 
 def trial(kind: str, gain: float, fingerprint: np.ndarray) -> Trial:
-    effect = SimpleNamespace(key=(kind, "q", None), regressor=None, of_an_instrument=True)
+    effect = SimpleNamespace(key=(kind, "q", None), regressor=None, of_an_instrument=True, stated=False)
     return Trial(
         candidate=SimpleNamespace(attached=SimpleNamespace(effect=effect)),  # pyright: ignore
         std=1.0,
