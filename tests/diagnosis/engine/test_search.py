@@ -87,7 +87,8 @@ def test_no_cause_of_a_set_is_named_with_a_gate_that_failed(left: float, passes:
 
     def state(missing: dict[str, float], named: Sequence[Attached]) -> State:
         inputs = tuple(SimpleNamespace(station=station, gain=gain) for station, gain in missing.items())
-        found = SimpleNamespace(slots=(), attached=tuple(named))
+        flight = SimpleNamespace(imitated_names=frozenset())
+        found = SimpleNamespace(slots=(), attached=tuple(named), flight=flight)
         rounds = tuple(
             Round(candidates=(), trials=(trial_of(one, gain),), equivalents=(), named=True)
             for one, gain in zip(named, (6e4, 2e5), strict=False)
