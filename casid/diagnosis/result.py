@@ -222,6 +222,11 @@ class Diagnosis:
         return isinstance(self.part, OfAircraft)
 
     @property
+    def of_aeroplane(self) -> bool:
+        """Whether an aircraft without rotors was diagnosed: its coefficients have figures and tables of their own."""
+        return isinstance(self.part, OfAircraft) and self.part.file.rotors is None
+
+    @property
     def aircraft(self) -> Aircraft:
         """The aircraft as given."""
         return self._aircraft_part().file

@@ -89,7 +89,7 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
     with settings():
         figure = blank(_ROW * len(order) + 1.3)
         ax = figure.subplots()
-        states = diagnosis.aircraft.relative_uncertainty if diagnosis.of_aircraft else 0.0
+        states = diagnosis.aircraft.relative_uncertainty if diagnosis.of_aeroplane else 0.0
         stated = 100.0 * (states or diagnosis.criteria.prior.unstated)
         ax.axvspan(-stated, stated, color=NOISE, lw=0)
         ax.axvline(0.0, color=MEASURED, lw=1.0)

@@ -89,7 +89,7 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
     seen = reconstruct(diagnosis)
     ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
     budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)
-    if not diagnosis.of_aircraft:
+    if not diagnosis.of_aeroplane:
         makers = [budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
     else:
         makers = [
@@ -115,7 +115,7 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
                 found = make()
                 several = [found] if isinstance(found, Picture) or found is None else list(found)
                 table |= {picture.name: picture for picture in several if picture is not None}
-    lead = _lead(diagnosis, table) if diagnosis.of_aircraft else next(iter(table), "")
+    lead = _lead(diagnosis, table) if diagnosis.of_aeroplane else next(iter(table), "")
     return {name: table[name] for name in dict.fromkeys([lead, *table]) if name in table}
 
 
@@ -242,7 +242,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     made_with = provenance() if made_with is None else made_with
     following, failed = NextFlights(proposals=(), beyond=()), list[str]()
     with noting(failed, "next flight"):
-        following = next_flights(diagnosis) if diagnosis.of_aircraft else following
+        following = next_flights(diagnosis) if diagnosis.of_aeroplane else following
     shown = pictures(diagnosis, failed) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
     for one in following.proposals:
@@ -281,7 +281,7 @@ def _context(
     figures = figures_of(drawn, _by_figure(claimed))
     return {
         "name": diagnosis.part.name,
-        "of_aircraft": diagnosis.of_aircraft,
+        "of_aircraft": diagnosis.of_aeroplane,
         "colour": COLOURS[diagnosis.verdict],
         "account": diagnosis.opening,
         "headline": _headline(diagnosis),
@@ -324,13 +324,13 @@ def _sections(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> list[Secti
             figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
         )
         for anchor, (title, template, names) in _SECTIONS.items()
-        if diagnosis.of_aircraft or anchor not in _OF_AIRCRAFT
+        if diagnosis.of_aeroplane or anchor not in _OF_AIRCRAFT
     ]
     return [one for one in every if one.figures or one.template != "figures.html"]
 
 
 def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    of_aircraft = {"envelope": envelope_table, "limited": limited} if diagnosis.of_aircraft else {}
+    of_aircraft = {"envelope": envelope_table, "limited": limited} if diagnosis.of_aeroplane else {}
     return {name: make(diagnosis) for name, make in of_aircraft.items()} | {
         "held_out": tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, diagnosis.best),
         "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),

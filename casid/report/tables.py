@@ -274,16 +274,16 @@ def derivatives(diagnosis: Diagnosis) -> ReportTable:
     return ReportTable(
         head=(
             "parameter",
-            "aircraft file" if diagnosis.of_aircraft else of,
+            "aircraft file" if diagnosis.of_aeroplane else of,
             f"{witness} ± 1σ",
             "deviation",
             "in σ",
             "",
         ),
         rows=rows,
-        caption=f"{'Derivatives per rad. ' if diagnosis.of_aircraft else ''}{witness.capitalize()}: estimates from the "
-        "records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and differences "
-        f"between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the {of} states, or a "
-        "tenth where it states none, and beyond 3σ.",
+        caption=f"{'Derivatives per rad. ' if diagnosis.of_aeroplane else ''}{witness.capitalize()}: estimates from "
+        "the records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and "
+        f"differences between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the "
+        f"{of} states, or a tenth where it states none, and beyond 3σ.",
         numeric=True,
     )
