@@ -118,7 +118,7 @@ class _WorkerLostError(Exception):
 
 
 def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished]:
-    context = multiprocessing.get_context("spawn")
+    context, others = multiprocessing.get_context("spawn"), set(multiprocessing.active_children())
     with _environment(_ONE_THREAD), ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin_worker) as pool:
         waiting, running = iter(tasks.items()), dict[Future, str]()
 
@@ -139,6 +139,10 @@ def _pool(tasks: Mapping[str, Task], work: Work, jobs: int) -> Iterator[Finished
                 fill()
         except BrokenProcessPool:
             raise _WorkerLostError(list(running.values())) from None
+        except BaseException:  # a signal, or whoever takes the results has left: what is under way is of no use
+            for worker in set(multiprocessing.active_children()) - others:
+                worker.kill()
+            raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
 

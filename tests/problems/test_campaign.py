@@ -124,6 +124,15 @@ def test_ctrl_c_keeps_what_was_finished(tmp_path: Path, program: Path) -> None:
     assert squares(folder) == TRUTH
 
 
+def test_a_signal_does_not_wait_for_what_is_under_way(tmp_path: Path, program: Path) -> None:
+    """Tasks of ten minutes each."""
+    with start(program, tmp_path / "c", seconds=600.0) as process:
+        until_some_are_finished(process, 0)
+        time.sleep(2.0)  # the workers are at it
+        process.send_signal(signal.SIGINT)
+        assert "KeyboardInterrupt" in process.communicate(timeout=20)[1]
+
+
 @pytest.mark.parametrize("seconds", [0.0, 0.1, 0.4])
 def test_workers_say_nothing_of_ctrl_c(tmp_path: Path, program: Path, seconds: float) -> None:
     """A terminal sends it to all processes, those that still import among them; the parent alone speaks."""
