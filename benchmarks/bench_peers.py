@@ -1,7 +1,7 @@
 """How much faster is an estimation than with the tools that people use, at the same optimum?
 
 Question     seconds of scipy with numpy, scipy with solve_ivp, CasADi with IPOPT, acados, opty, pyomo.dae, rockit
-             against ours
+             against ours; on small problems also jax with diffrax and optimistix, and CasADi's other solvers
 Set-up       stable Do 328, 1001 samples or the first SAMPLES of them, 16 moment derivatives from 0.7 x truth, known
              noise, initial state under a prior (problems/peers/common.py). Theirs and ours in turn in one process,
              medians of processor time (all run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on
@@ -10,25 +10,29 @@ Set-up       stable Do 328, 1001 samples or the first SAMPLES of them, 16 moment
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
              `away` is the distance in standard deviations; pyomo and opty integrate otherwise, so it is not nil there.
 
-    python benchmarks/bench_peers.py [--peers NAME ...] [--samples SAMPLES] [--repeats 3] [--json FILE]
+    python benchmarks/bench_peers.py [--problems NAME ...] [--peers NAME ...] [--samples SAMPLES] [--repeats 3]
+        [--json FILE]
 """
 
 from __future__ import annotations
 
 from casid.cli.start import run_script
 
+from dataclasses import replace
 from statistics import median
 
 from casid.errors import InputError, unknown
-from casid.estimation import Fit, solve
+from casid.estimation import Fit, Problem, solve
 from problems.bench.table import parser, processor_seconds, processor_seconds_of, publish
 from problems.peers.acados import acados
 from problems.peers.casadi import casadi_ipopt_gn
-from problems.peers.common import TRUTH, our_problem, task
+from problems.peers.common import Task, our_problem, task
+from problems.peers.jax import jax_diffrax
 from problems.peers.opty import opty
 from problems.peers.pyomo import pyomo
 from problems.peers.rockit import rockit
 from problems.peers.scipy import scipy_ivp, scipy_rk4
+from problems.peers.small import SMALL
 
 PEERS = {
     "scipy_rk4": scipy_rk4,
@@ -38,8 +42,11 @@ PEERS = {
     "opty": opty,
     "pyomo": pyomo,
     "rockit": rockit,
+    "jax_diffrax": jax_diffrax,
 }
-COMPILED = ("acados",)  # once per process, before its time counts
+GENERAL = ("scipy_rk4", "scipy_ivp", "casadi_ipopt_gn", "jax_diffrax")  # the others know the Do 328 alone
+EXPLICIT = ("scipy_rk4", "casadi_ipopt_gn")  # which do not follow a stiff motion
+COMPILED = ("acados", "jax_diffrax")  # once per process, before its time counts
 # standard deviations that a peer may be away: ours and theirs integrate alike, or only to the order of the method
 SAME = {
     "scipy_rk4": 1e-3,
@@ -49,56 +56,70 @@ SAME = {
     "opty": 0.2,
     "pyomo": 0.05,
     "rockit": 1e-3,
+    "jax_diffrax": 0.1,
 }
 NEEDS = {
     "acados": "acados with acados_template, with ACADOS_SOURCE_DIR and LD_LIBRARY_PATH as its documentation says",
     "opty": "pip install 'casid[bench]', which builds cyipopt against libipopt",
     "pyomo": "pip install 'casid[bench]', and an executable 'ipopt' on the path",
     "rockit": "pip install rockit-meco",
+    "jax_diffrax": "pip install diffrax optimistix",
 }
 OURS_PER_TURN, WARM = 5, 12
 
 
 def main() -> None:
     options = parser(__doc__)
+    options.add_argument("--problems", nargs="+", default=["do328"], metavar="NAME", help=f"do328, {', '.join(SMALL)}")
     options.add_argument("--peers", nargs="+", default=list(PEERS), metavar="NAME", help=", ".join(PEERS))
-    options.add_argument("--samples", type=int, default=1001, help="a multiple of 25, and one")
+    options.add_argument("--samples", type=int, default=1001, help="of the Do 328: a multiple of 25, and one")
     options.add_argument("--repeats", type=int, default=3, help="turns; the median counts")
     given = options.parse_args()
     for name in given.peers:
         if name not in PEERS:
             raise unknown("peer", name, PEERS, "--peers")
-    problem = our_problem(given.samples)
-    for _ in range(WARM):
-        fit = solve(problem)
     rows = []
-    for name in given.peers:
-        row = _compare(name, given.samples, given.repeats, fit)
-        if row is not None:
-            rows.append(row)
+    for name in given.problems:
+        if name == "do328":
+            problem, data, peers = our_problem(given.samples), task(given.samples), given.peers
+        elif name in SMALL:
+            problem, data = SMALL[name]()
+            peers = [p for p in given.peers if p in GENERAL and not (data.stiff and p in EXPLICIT)]
+        else:
+            raise unknown("problem", name, ("do328", *SMALL), "--problems")
+        for _ in range(WARM):
+            fit = solve(problem)
+        for peer in peers:
+            row = _compare(name, peer, (problem, data), given.repeats, fit)
+            if row is not None:
+                rows.append(row)
+                print(row, flush=True)
     publish(rows, given.json)
 
 
-def _compare(name: str, samples: int, repeats: int, fit: Fit) -> dict[str, str | float] | None:
+def _compare(
+    problem: str, name: str, pair: tuple[Problem, Task], repeats: int, fit: Fit
+) -> dict[str, str | float] | None:
     """One row; None when the peer's package is missing."""
-    theirs, ours, data = [], [], task(samples)
+    theirs, ours, (own, data) = [], [], pair
     try:
         if name in COMPILED:
             PEERS[name](data)
         for _ in range(repeats):
-            ours += processor_seconds_of(lambda: solve(our_problem(samples)).covariance, OURS_PER_TURN)
+            ours += processor_seconds_of(lambda: solve(replace(own)).covariance, OURS_PER_TURN)
             begin = processor_seconds()
             parameters, cost = PEERS[name](data)
             theirs.append(processor_seconds() - begin)
     except ModuleNotFoundError as error:
         print(f"{name}: {error}, left out; install {NEEDS.get(name, name)}; see CONTRIBUTING.md, Benchmarks")
         return None
-    away = max(abs(p - fit[n].value) / fit[n].std for n, p in zip(TRUTH, parameters, strict=True))
+    away = max(abs(p - fit[n].value) / fit[n].std for n, p in zip(own.parameters, parameters, strict=True))
     if not fit.converged or not away < SAME[name]:
         raise InputError(
             f"{name}: ends {away:.2g} standard deviations from our optimum, cost {cost} against {fit.cost}"
         )
     return {
+        "problem": problem,
         "peer": name,
         "seconds": median(theirs),
         "ours_seconds": median(ours),

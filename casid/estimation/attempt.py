@@ -24,7 +24,6 @@ from casid.estimation.transcriptions.transcription import MultipleShooting, Sing
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
 _WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
-_REFINING = 60  # evaluations, at least, for steps as fine as the data are worth
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
@@ -79,7 +78,6 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
     objective = build_objective(problem, method, solver.effort)
     outcome, fine = solver.minimise(objective), False
     if isinstance(method, Stepping):
-        solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
         end = integrated(objective, outcome, method, solver)
         objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
     objective, outcome = _freed(objective, outcome, solver)

@@ -38,6 +38,7 @@ _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 # faster, by half steps too, so that the two agree on a motion that is none
 _GROWING = 1.0
 _SMALL_DEFECT = 1e-6  # of the states
+_REFINING = 60  # evaluations, at least
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
 _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviations, and the solution by no more
@@ -57,6 +58,7 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
     """The solution on a motion that is integrated well enough: with more steps where the data are worth them."""
     if method.substeps is not None or objective.problem.model.period is not None:
         return Integrated(objective=objective, outcome=outcome, method=method)
+    solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
     found = _judged(_finely(objective, outcome, method, solver))
     if found.outcome.converged or not isinstance(found.method, Collocation) or solver.left <= 0.0:
         return found

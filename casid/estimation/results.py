@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import FullNoise
-from casid.estimation.solvers.point import Point
+from casid.estimation.solvers.point import ObjectiveValue, Point
 from casid.estimation.solvers.status import CONVERGED, Results, Stage, Status
 from casid.estimation.transcriptions.transcription import SingleShooting
 from casid.estimation.uncertainty import Uncertainty
@@ -44,7 +44,7 @@ def final_status(problem: Problem, status: Status, point: Point, errors: Uncerta
     )
     if status.stage is Stage.AT_START:
         status = replace(status, remedy=elsewhere)
-    elif _ran_away(problem, errors):
+    elif ran_away(problem, errors.value):
         reason = "the simulation runs away from the measured motion"
         status = Status(result=Results.DEPARTED, reason=reason, remedy=elsewhere)
     elif status.stage is Stage.SINGULAR:
@@ -99,15 +99,15 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> St
     return Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
 
 
-def _ran_away(problem: Problem, errors: Uncertainty) -> bool:
-    """Whether the simulated outputs are beyond anything that was measured."""
+def ran_away(problem: Problem, value: ObjectiveValue, times: float = _BEYOND) -> bool:
+    """Judge whether simulated outputs are further from the readings than so many `times` their root mean square."""
     if not problem.simulated:
         return False
-    levels, squares = errors.value.noise.levels, errors.value.squares
+    levels, squares = value.noise.levels, value.squares
     if isinstance(levels, FullNoise):
         return not np.isfinite(squares).all()
     measured = np.sqrt(levels.magnitude / np.maximum(levels.present, 1))
-    return bool((~(levels.rms(squares) <= _BEYOND * measured) & (measured > 0.0)).any())
+    return bool((~(levels.rms(squares) <= times * measured) & (measured > 0.0)).any())
 
 
 def _ran_off(problem: Problem, point: Point) -> list[str]:

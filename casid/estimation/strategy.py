@@ -28,7 +28,7 @@ import numpy as np
 from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
 from casid.estimation.integration import Stepping, doubt_of_steps, is_implicit
 from casid.estimation.problem import Problem
-from casid.estimation.results import idle_parameters
+from casid.estimation.results import idle_parameters, ran_away
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
@@ -41,6 +41,7 @@ from casid.estimation.transcriptions.transcription import Collocation, MultipleS
 _DAMPED, _NEWTON = 10, 10
 _TRIED = 60  # evaluations of an attempt from another start
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
+_NOWHERE = 1.0  # of the readings: a simulation further from them than zero follows nothing
 _NEAR = 0.1  # standard deviations between two ends of one minimum
 _NODES = 20_000  # of a record: with more samples, several share a state
 
@@ -212,6 +213,8 @@ def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -
     reached = end.attempt if np.isfinite(end.attempt.misfit) else as_motion(end.attempt)
     if not start.misfit < reached.misfit - _EQUAL:
         return end
+    if reached is not end.attempt and ran_away(problem, start.outcome.value, _NOWHERE):
+        return end  # neither is a motion along the records, so that their likelihoods compare nothing
     status = end.attempt.outcome.status
     if status.converged:
         status = _another("the start is more likely than the minimum that was found")

@@ -5,35 +5,36 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from problems.peers.common import Task, outputs, rates
+from problems.peers.common import Task
 
 INTERVAL = 25
 
 
 def casadi_ipopt_gn(task: Task) -> tuple[np.ndarray, float]:
-    """(parameters (16,), cost). The same intervals and steps as ours; building the programme is part of it."""
+    """(parameters, cost). The same intervals and steps as ours; building the programme is part of it."""
     n, steps = len(task.t), len(task.t) - 1
+    size, width, count = len(task.x0), task.U.shape[1], len(task.start)
     segments = steps // INTERVAL
     if segments * INTERVAL != steps:
         raise ValueError(f"{steps} steps are no multiple of {INTERVAL}")
-    x, u, p = ca.SX.sym("x", 8), ca.SX.sym("u", 10), ca.SX.sym("p", 16)
+    x, u, p = ca.SX.sym("x", size), ca.SX.sym("u", 2 * width), ca.SX.sym("p", count)
     h = float(task.t[1] - task.t[0])
 
     def f(x: ca.SX, u: ca.SX) -> ca.SX:
-        return ca.vertcat(*rates(ca.vertsplit(x), ca.vertsplit(u), ca.vertsplit(p), ca))
+        return ca.vertcat(*task.rates(ca.vertsplit(x), ca.vertsplit(u) if width else [], ca.vertsplit(p), ca))
 
-    first, last = u[:5], u[5:]
+    first, last = u[:width], u[width:]
     middle = (first + last) / 2
     k1 = f(x, first)
     k2 = f(x + h / 2 * k1, middle)
     k3 = f(x + h / 2 * k2, middle)
     k4 = f(x + h * k3, last)
     step = ca.Function("step", [x, u, p], [x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)])
-    output = ca.Function("output", [x], [ca.vertcat(*outputs(ca.vertsplit(x), ca))])
+    output = ca.Function("output", [x], [ca.vertcat(*task.outputs(ca.vertsplit(x), ca))])
     simulate = step.mapaccum(INTERVAL).map(segments)
 
-    scale = ca.DM([144.0, 5.0, 5.0, 0.2, 0.1, 0.1, 0.3, 0.1])
-    P, S = ca.MX.sym("P", 16), ca.MX.sym("S", 8, segments)
+    scale = ca.DM(task.scale)
+    P, S = ca.MX.sym("P", count), ca.MX.sym("S", size, segments)
     nodes = ca.repmat(scale, 1, segments) * S
     both = np.hstack([task.U[:-1], task.U[1:]]).T
     after = simulate(nodes, both, ca.repmat(P, 1, steps))
@@ -53,4 +54,4 @@ def casadi_ipopt_gn(task: Task) -> tuple[np.ndarray, float]:
     )
     start = ca.vertcat(task.start, ca.vec(ca.DM(task.X[:-1:INTERVAL].T) / ca.repmat(scale, 1, segments)))
     found = solver(x0=start, lbg=0, ubg=0)
-    return np.asarray(found["x"]).ravel()[:16], float(found["f"])
+    return np.asarray(found["x"]).ravel()[:count], float(found["f"])

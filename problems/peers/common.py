@@ -31,8 +31,9 @@ IXX, IYY, IZZ, IXZ = 103e3, 158e3, 240e3, 12.5e3
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Task:
-    """t (N,) [s], U (N, 5) inputs, Z (N, 5) outputs, sigma (5,); x0 (8,) and its std: prior of the initial state;
-    X (N, 8) the trajectory that the measurements suggest; start (16,)."""
+    """t (N,) [s], U (N, m) inputs, Z (N, o) outputs, sigma (o,); x0 (n,) and its std: prior of the initial state;
+    X (N, n) the trajectory that the measurements suggest; start (p,); scale (n,) of the states; `rates` of x, u, p and
+    the functions of a module, `outputs` of x and these."""
 
     t: np.ndarray
     U: np.ndarray
@@ -42,6 +43,10 @@ class Task:
     x0_std: np.ndarray
     X: np.ndarray
     start: np.ndarray
+    scale: np.ndarray
+    rates: Callable[..., list[Any]]
+    outputs: Callable[..., list[Any]]
+    stiff: bool = False
 
 
 @cache
@@ -70,6 +75,9 @@ def task(samples: int = 1001) -> Task:
         x0_std=np.array([INITIAL_STD[n] for n in STATES]),
         X=X,
         start=START_FACTOR * np.array(list(TRUTH.values())),
+        scale=np.array([144.0, 5.0, 5.0, 0.2, 0.1, 0.1, 0.3, 0.1]),
+        rates=rates,
+        outputs=outputs,
     )
 
 
@@ -127,5 +135,5 @@ def arcsin(m: ModuleType | Any) -> Callable[[Any], Any]:
 
 def whitened(task: Task, X: np.ndarray, x0: np.ndarray) -> np.ndarray:
     """Residuals of a simulated trajectory (N, 8), then those of the prior; half their squared norm is the cost."""
-    y = np.stack(outputs(list(X.T), np), axis=1)
+    y = np.stack(task.outputs(list(X.T), np), axis=1)
     return np.concatenate([((y - task.Z) / task.sigma).ravel(), (x0 - task.x0) / task.x0_std])

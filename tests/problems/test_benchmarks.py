@@ -9,8 +9,11 @@ import casadi as ca
 import numpy as np
 import pytest
 
+import casid as cs
 from problems.bench.table import exponent
+from problems.peers.casadi import casadi_ipopt_gn
 from problems.peers.common import INPUTS, STATES, TRUTH, our_problem, outputs, rates, task
+from problems.peers.small import SMALL
 
 
 def test_equations_of_the_peers_are_those_of_the_model():
@@ -42,6 +45,16 @@ def test_a_peer_reaches_our_optimum_and_a_missing_one_is_said(load_script, monke
     assert row["peer"] == "casadi_ipopt_gn" and row["cost"] == pytest.approx(row["ours_cost"], rel=1e-8)
     assert row["ratio"] == pytest.approx(row["seconds"] / row["ours_seconds"])
     assert row["away"] < 1e-3
+
+
+@pytest.mark.parametrize("name", ["short_period", "lotka_volterra"])
+def test_the_small_problems_have_one_optimum_for_all(name):
+    """casid's own, and that of IPOPT with equations written by hand."""
+    problem, data = SMALL[name]()
+    fit = cs.solve(problem)
+    parameters, cost = casadi_ipopt_gn(data)
+    assert fit.converged and cost == pytest.approx(fit.cost, rel=1e-7)
+    np.testing.assert_allclose(parameters, list(fit.values.values()), rtol=1e-5)
 
 
 def test_exponent_of_a_power_law():

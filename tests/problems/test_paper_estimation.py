@@ -14,7 +14,7 @@ from casid.estimation.transcriptions.steps import dynamics_function, rk4, sample
 from casid.model.feedback import SampledFeedback
 from problems.do328 import MOMENT_DERIVATIVES
 from problems.paper import truth as paper_truth
-from problems.paper.cases import Condition
+from problems.paper.cases import Condition, conditions
 from problems.paper.estimation import (
     ESTIMATORS,
     estimate,
@@ -220,3 +220,14 @@ def test_claims_counted_in_the_printed_table() -> None:
     assert (third[2].holds, third[2].cells) == (4, 4)
     assert (fourth[1].holds, fourth[1].cells) == (4, 4)
     assert set(s for _, _, s in published()) >= {*DERIVATIVE_STATISTICS, *MATCHES}
+
+
+@pytest.mark.parametrize("estimator", ["output", "combined"])
+def test_an_end_that_is_no_motion_is_not_left_for_a_start_that_is_none(estimator):
+    """Case H, manoeuvre 1, with the second kind of nonlinearity: the aircraft is unstable, so that neither the start nor
+    where the iteration stops follows the record in one piece. The segments of the end do, and do not depart."""
+    condition = next(c for c in conditions(["H"], [1]) if (c.variant, c.seed) == (2, 2))
+    flight = fly(condition)
+    fit = estimate(flight, estimator, "multiple-open")
+    assert not departed(fit.predictions[condition.name][:, : len(OUTPUTS)])
+    assert fit.values != pytest.approx(start_values(flight), rel=1e-3)

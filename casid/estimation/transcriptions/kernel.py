@@ -286,7 +286,7 @@ class KernelOffer(Generic[K]):
         self.spent = 0.0
         self._name, self._make, self._load = name, write, load
         self._kernel: K | None = None
-        self._settled = False
+        self._settled = self._looked = self._cached = False
         self._source: tuple[str, float] | None = None
 
     def get(self) -> K | None:
@@ -302,7 +302,9 @@ class KernelOffer(Generic[K]):
             _say(self._name, str(error))
             self._settled = True
             return None
-        if compile_first() or self.spent >= price or cached_library(source, FLAGS) is not None:
+        if not self._looked:  # once: to look through the cache takes as long as a small simulation
+            self._looked, self._cached = True, cached_library(source, FLAGS) is not None
+        if compile_first() or self.spent >= price or self._cached:
             library = compile_library(source, FLAGS)
             self._kernel, self._settled = None if library is None else self._load(str(library)), True
         return self._kernel
