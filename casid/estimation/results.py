@@ -151,7 +151,9 @@ def _no_number_at_start(problem: Problem) -> str:
         found = function.map(len(record))(
             X.T, U.T, np.tile(p[:, None], len(record)), np.tile(calm[:, None], len(record))
         )
-        bad = np.argwhere(~np.isfinite(found.full().T))
+        numbers = np.isfinite(found.full().T)
+        numbers[:, len(model.states) :] |= ~np.isfinite(problem.outputs_of(record))  # what is not read does not matter
+        bad = np.argwhere(~numbers)
         if len(bad):
             k, i = bad[0]
             at = {"x": X[k], "u": U[k], "p": p, "w": calm}

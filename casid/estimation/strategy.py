@@ -34,6 +34,7 @@ from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.status import Results, Stage, Status
 from casid.estimation.solvers.timed import Timed, timed
+from casid.estimation.transcriptions.kernel import compiling_until
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
 # evaluations for each iteration that Automatic() may take: of damped steps, and of Newton's by parameter, of which as
@@ -57,7 +58,9 @@ class Ending:
 def ending(problem: Problem, method: Transcription, solver: Solver, begin: float) -> Ending:
     """The solution of a problem, see above, with its integration checked; the solver's seconds count from `begin`.
     Raises as the solver does."""
-    end = _ending(problem, method, solver, timed(solver, begin))
+    clock = timed(solver, begin)
+    with compiling_until(clock.deadline):
+        end = _ending(problem, method, solver, clock)
     attempt = end.attempt
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
     if not doubt or attempt.outcome.status.stage is Stage.COARSE:  # said already

@@ -18,80 +18,55 @@ from problems.peers.common import Task
 Pair = tuple[Problem, Task]
 
 
-def _pair(
-    name: str,
-    parts: tuple[Any, Any],
-    truth: dict[str, float],
-    start: Sequence[float],
-    t: np.ndarray,
-    begin: tuple[np.ndarray, np.ndarray],
-    sigma: np.ndarray,
-    u: np.ndarray | None = None,
-    stiff: bool = False,
-) -> Pair:
-    """The same for casid and for the others; every state is read, and the initial one has a prior."""
-    (rates, outputs), (x0, x0_std), n = parts, begin, len(begin[0])
-    U = np.zeros((len(t), 0)) if u is None else u[:, None]
-    p = list(truth.values())
+def _pair(name: str, truth: dict[str, float], start: list[float], given: dict[str, Any]) -> Pair:
+    """Pose the same for casid and for the others; every state is read, and the initial one has a prior. `given` are the
+    fields of a Task but for motion, readings, start and scale."""
+    t, U, rates, p = given["t"], given["U"], given["rates"], list(truth.values())
     X = solve_ivp(
         lambda at, x: rates(x, [np.interp(at, t, c) for c in U.T], p, np),
         (t[0], t[-1]),
-        x0,
+        given["x0"],
         "Radau",
         t,
         rtol=1e-10,
         atol=1e-13,
-        max_step=np.inf if stiff else float(t[1] - t[0]),
+        max_step=float(t[1] - t[0]) if U.size else np.inf,
     ).y.T
-    Z = np.stack(outputs(list(X.T), np), axis=1)
-    Z = Z + sigma * np.random.default_rng(1).standard_normal(Z.shape)
-    states, seen, inputs = [f"x{i}" for i in range(n)], [f"y{i}" for i in range(len(sigma))], ["u"] * U.shape[1]
-    scale = np.abs(X).max(axis=0)
+    Z = X + given["sigma"] * np.random.default_rng(1).standard_normal(X.shape)
+    task = Task(**given, Z=Z, X=X, start=np.array(start), scale=np.abs(X).max(axis=0), outputs=_everything)
+    return _posed(name, truth, task), task
+
+
+def _posed(name: str, truth: dict[str, float], task: Task) -> Problem:
+    """As casid takes it."""
+    states, inputs = [f"x{i}" for i in range(len(task.x0))], ["u"] * task.U.shape[1]
+    seen = [f"y{i}" for i in range(len(states))]
+
+    def slopes(s: Any) -> dict[str, Any]:
+        x, u, p = ([getattr(s, n) for n in names] for names in (states, inputs, truth))
+        return dict(zip(states, task.rates(x, u, p, np), strict=True))
+
     model = define_model(
         name,
         states=states,
         inputs=inputs,
         parameters=truth,
         outputs=seen,
-        dynamics=lambda s: dict(
-            zip(
-                states,
-                rates(
-                    [getattr(s, x) for x in states], [getattr(s, v) for v in inputs], [getattr(s, k) for k in truth], np
-                ),
-                strict=True,
-            )
-        ),
-        output=lambda s: dict(zip(seen, outputs([getattr(s, x) for x in states], np), strict=True)),
-        state_scale=dict(zip(states, scale, strict=True)),
-        guess=lambda _, X=X: X,
+        dynamics=slopes,
+        output=lambda s: {y: getattr(s, x) for y, x in zip(seen, states, strict=True)},
+        state_scale=dict(zip(states, task.scale, strict=True)),
+        guess=lambda _: task.X,
     )
-    channels = dict(zip(seen, Z.T, strict=True)) | dict(zip(inputs, U.T, strict=True))
-    problem = Problem(
+    channels = dict(zip(seen, task.Z.T, strict=True)) | dict(zip(inputs, task.U.T, strict=True))
+    known = (dict(zip(states, values, strict=True)) for values in (task.x0, task.x0_std))
+    return Problem(
         model,
-        [Record(name=name, t=t, channels=channels)],
+        [Record(name=name, t=task.t, channels=channels)],
         free=["*"],
-        start=dict(zip(truth, start, strict=True)),
-        noise=dict(zip(seen, sigma, strict=True)),
-        initial_state=InitialState(
-            value=dict(zip(states, x0, strict=True)), std=dict(zip(states, x0_std, strict=True))
-        ),
+        start=dict(zip(truth, task.start, strict=True)),
+        noise=dict(zip(seen, task.sigma, strict=True)),
+        initial_state=InitialState(**dict(zip(("value", "std"), known, strict=True))),
     )
-    task = Task(
-        t=t,
-        U=U,
-        Z=Z,
-        sigma=sigma,
-        x0=x0,
-        x0_std=x0_std,
-        X=X,
-        start=np.array(start),
-        scale=scale,
-        rates=rates,
-        outputs=outputs,
-        stiff=stiff,
-    )
-    return problem, task
 
 
 def _everything(x: Sequence[Any], _: ModuleType | Any) -> list[Any]:
@@ -108,9 +83,9 @@ def short_period() -> Pair:
     def rates(x: Sequence[Any], u: Sequence[Any], p: Sequence[Any], _: Any) -> list[Any]:
         return [p[0] * x[0] + x[1] + p[1] * u[0], p[2] * x[0] + p[3] * x[1] + p[4] * u[0]]
 
-    begin = np.zeros(2), np.array([0.01, 0.02])
-    start = [0.7 * v for v in truth.values()]
-    return _pair("short period", (rates, _everything), truth, start, t, begin, np.array([0.004, 0.008]), u=elevator)
+    given = {"t": t, "U": elevator[:, None], "sigma": np.array([0.004, 0.008]), "rates": rates}
+    given |= {"x0": np.zeros(2), "x0_std": np.array([0.01, 0.02])}
+    return _pair("short period", truth, [0.7 * v for v in truth.values()], given)
 
 
 @cache
@@ -122,8 +97,9 @@ def lotka_volterra() -> Pair:
     def rates(x: Sequence[Any], _: Sequence[Any], p: Sequence[Any], __: Any) -> list[Any]:
         return [p[0] * x[0] - p[1] * x[0] * x[1], p[3] * x[0] * x[1] - p[2] * x[1]]
 
-    begin, start = (np.array([1.0, 1.0]), np.array([0.2, 0.2])), [0.95 * v for v in truth.values()]
-    return _pair("Lotka-Volterra", (rates, _everything), truth, start, t, begin, np.array([0.1, 0.1]))
+    given = {"t": t, "U": np.zeros((len(t), 0)), "sigma": np.array([0.1, 0.1]), "rates": rates}
+    given |= {"x0": np.ones(2), "x0_std": np.array([0.2, 0.2])}
+    return _pair("Lotka-Volterra", truth, [0.95 * v for v in truth.values()], given)
 
 
 @cache
@@ -136,9 +112,9 @@ def robertson() -> Pair:
         r1, r2, r3 = 0.04 * k[0] * x[0], 3e7 * k[1] * x[1] * x[1], 1e4 * k[2] * x[1] * x[2]
         return [r3 - r1, r1 - r2 - r3, r2]
 
-    begin = np.array([1.0, 0.0, 0.0]), np.array([1e-3, 1e-9, 1e-3])
-    sigma = np.array([0.01, 1e-6, 0.01])
-    return _pair("Robertson", (rates, _everything), truth, [1.3, 0.8, 1.2], t, begin, sigma, stiff=True)
+    given = {"t": t, "U": np.zeros((len(t), 0)), "sigma": np.array([0.01, 1e-6, 0.01]), "rates": rates, "stiff": True}
+    given |= {"x0": np.array([1.0, 0.0, 0.0]), "x0_std": np.array([1e-3, 1e-9, 1e-3])}
+    return _pair("Robertson", truth, [1.3, 0.8, 1.2], given)
 
 
 SMALL = {"short_period": short_period, "lotka_volterra": lotka_volterra, "robertson": robertson}

@@ -224,8 +224,8 @@ def test_claims_counted_in_the_printed_table() -> None:
 
 @pytest.mark.parametrize("estimator", ["output", "combined"])
 def test_an_end_that_is_no_motion_is_not_left_for_a_start_that_is_none(estimator):
-    """Case H, manoeuvre 1, with the second kind of nonlinearity: the aircraft is unstable, so that neither the start nor
-    where the iteration stops follows the record in one piece. The segments of the end do, and do not depart."""
+    """Case H, manoeuvre 1, with the second kind of nonlinearity: the aircraft is unstable, so that neither the start
+    nor where the iteration stops follows the record in one piece. The segments of the end do, and do not depart."""
     condition = next(c for c in conditions(["H"], [1]) if (c.variant, c.seed) == (2, 2))
     flight = fly(condition)
     fit = estimate(flight, estimator, "multiple-open")
