@@ -229,6 +229,9 @@ class Read:
 Handled = Literal["excluded", "corrected", "reported"]
 
 
+OF_THE_FILE = ("file_sign",)  # kinds of explanations that are values of the aircraft file
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
     """A fault of the data.
@@ -276,6 +279,15 @@ class Finding:
     sentence: str
     odds: float | None = None
     indistinguishable_from: tuple[Mapping[str, str], ...] = ()
+
+    @property
+    def puts_in_doubt(self) -> bool:
+        """Whether nothing that rests on these data can be judged.
+
+        Data for which a value of the aircraft file is as good an explanation are judged by that value.
+        """
+        of_the_file = any(one["kind"] in OF_THE_FILE for one in self.indistinguishable_from)
+        return self.handled == "reported" and not of_the_file
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `data` in diagnosis.json.

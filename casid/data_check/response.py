@@ -20,6 +20,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import Read, Reading
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
+from casid.model.causes import accelerometer_position
 from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
@@ -176,7 +177,7 @@ def accelerometer(axis: str, value: float) -> Alternative:
     """The accelerometer at a distance [m] from the c.g. along an axis: an error that a diagnosis corrects."""
     x, y, z = (value * float(axis == one) for one in "xyz")
     return Alternative(
-        kind="accelerometer_position", target=axis, reading=Reading(place=(x, y, z)), value=value, unit="m"
+        kind=accelerometer_position(axis).kind, target=axis, reading=Reading(place=(x, y, z)), value=value, unit="m"
     )
 
 

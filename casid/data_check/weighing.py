@@ -13,17 +13,17 @@ from scipy import optimize
 from casid.data_check.axes import frames
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.levels import level_terms, trimmed_density
-from casid.data_check.reading import AS_RECORDED, FORCES, Read, Reading, Smooth, smooth
+from casid.data_check.reading import AS_RECORDED, FORCES, OF_THE_FILE, Read, Reading, Smooth, smooth
 from casid.data_check.relations import RELATIONS, FileUnit, Relation, agreement, file_units
 from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, accelerometer, alternatives
 from casid.model.aircraft import Aircraft
+from casid.model.causes import accelerometer_position
 from casid.model.plausible import lift_in_trim
 from casid.records.record import Record
 from casid.signals import GRAVITY, SURFACES
 
-_OF_THE_FILE = ("file_sign",)
 _TURNED = frozenset(("data_sign", "data_swap", "axes"))
-INSTRUMENT_ERRORS = ("accelerometer_position",)
+INSTRUMENT_ERRORS = (accelerometer_position("x").kind,)
 _FARTHEST = 3.0  # 1-sigmas of the place of an accelerometer
 
 Term = Callable[[Read], float | None]
@@ -153,7 +153,7 @@ class Weighing:
                 return
             self.units = []
             settled |= _surfaces_of(best.alternative)
-            best = self._or_else_the_record(best, _OF_THE_FILE)
+            best = self._or_else_the_record(best, OF_THE_FILE)
             if best is not None:
                 found.append(best)
                 self._take(best)
@@ -389,7 +389,7 @@ def _clash(one: Weighed, other: Weighed) -> bool:
 
 def _surfaces_of(alternative: Alternative) -> set[str]:
     """Surfaces that an alternative concerns, be it of the records or of the file."""
-    if alternative.kind in _OF_THE_FILE:
+    if alternative.kind in OF_THE_FILE:
         return {surface for surface in SURFACES if alternative.target.endswith(surface)}
     return set(alternative.channels)
 
@@ -412,7 +412,7 @@ def described(alternative: Alternative) -> str:
     """An alternative in a few words."""
     if alternative.kind == "data_swap":
         return f"{alternative.target.replace('+', ' and ')} interchanged"
-    if alternative.kind in _OF_THE_FILE:
+    if alternative.kind in OF_THE_FILE:
         return f"{alternative.target} of the aircraft file has the wrong sign"
     if alternative.kind == "data_sign":
         return f"{alternative.target} reversed"

@@ -127,7 +127,7 @@ def facts_of(
         budget=found.budget,
         criteria=criteria.given,
         listed=criteria.numerics.naming.listed,
-        at_fault=tuple(one for one in data if one.handled == "reported"),
+        at_fault=tuple(one for one in data if one.puts_in_doubt),
         corrected=tuple(one for one in data if one.handled != "reported"),
         impossible=tuple(map(impossible, doubts)),
         causes=found.causes,
