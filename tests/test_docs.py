@@ -66,7 +66,7 @@ ROOT = DOCS.parent
 # number of the demonstration or of the rates -> what it stands beside, on every page that has it
 SAME = {
     "lag of the demonstration [s]": r"lag of\s+(0\.1\d*) s",
-    "error as given": r"as\s+given\s+is\s+off\s+by\s+(\d+)\s+times\s+the\s+noise",
+    "error as given": r"it\s+is\s+off\s+by\s+(\d+)\s+times\s+the\s+noise",
     "error that is left": r"(\d\.\d) times the[\s>]+noise is left",
     "statistic of the lag": r"lag has (\d{5})\b",
     "statistic of the delay": r"delay (\d{5})\b",
@@ -100,9 +100,12 @@ def test_a_number_is_the_same_on_every_page(what: str) -> None:
 
 
 @pytest.mark.slow
-def test_numbers_of_the_demonstration_are_those_that_it_gives(tmp_path: Path) -> None:
-    """Of the command that the pages follow, to the digits that they print."""
+def test_numbers_of_the_demonstration_are_those_that_it_gives(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the command that the pages follow, to the digits that they print; its sentences and gates word by word."""
     from casid.cli.diagnose import demo
+    from casid.cli.why import why
 
     demo(out=tmp_path / "demo")
     told = json.loads((tmp_path / "demo" / "diagnosis.json").read_text(encoding="utf-8"))
@@ -117,3 +120,16 @@ def test_numbers_of_the_demonstration_are_those_that_it_gives(tmp_path: Path) ->
         assert row is not None
         one = by_step[step]
         assert (f"{one['from']:.1f}", f"{one['to']:.1f}", f"{100 * one['share']:.0f}") == row.groups()
+    quoted = re.search(r"(?:^> .*\n)+", page, re.MULTILINE)
+    assert quoted is not None and " ".join(quoted[0].replace("\n> ", " ")[2:].split()) == told["sentence"]
+    assert f"statistic in the final model is {lag['statistic']:.0f}." in page
+    assert f"{len(told['decisions'])} decisions were recorded" in page
+    rows = [(f"{one['statistic']:.0f}", f"{one['value']:.3f}") for one in told["ranking"][:5]]
+    assert re.findall(r"^\| [a-z -]+ \| (\d{5,6}) \| (\S+) \S+ \|$", page, re.MULTILINE) == rows
+    pages = page + (DOCS / "reading-a-verdict.md").read_text(encoding="utf-8")
+    records = re.findall(r"^```(?:text)?\n((\w+\(\w+\)): \w+, round .*?)```", pages, re.MULTILINE | re.DOTALL)
+    assert len(records) == 4
+    for record, cause in records:
+        capsys.readouterr()
+        why(tmp_path / "demo", cause)
+        assert record in capsys.readouterr().out, cause
