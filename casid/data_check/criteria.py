@@ -132,7 +132,7 @@ class DataCriteria:
         0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
     )
     airspeed: float = number(
-        0.03, "difference of airspeeds, as a part, up to which they are one", "measured: position errors reach 0.02"
+        0.03, "difference of airspeeds, as a part, up to which they are one", "chosen: above the usual position errors"
     )
     left: float = number(
         2.0,
