@@ -41,6 +41,14 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"\delta(t) = \delta_\mathrm{rec}(t)\,\bigl(1 + v\,[t \ge t_0]\bigr)",
         r"$t_0$ is the onset.",
     ),
+    "stuck": (
+        r"\delta = \delta_\mathrm{rec} + v\,(\delta_\mathrm{rec}(t_0) - \delta_\mathrm{rec})\,[t_0 \le t < t_1]",
+        r"$t_0$ is the onset, $t_1$ the end.",
+    ),
+    "feedback": (
+        r"\delta = \delta_\mathrm{rec} + v\,(y - y_w),\quad T\,\dot y_w = y - y_w",
+        r"$y$ is what is fed back; $y_w = 0$ without the washout of time constant $T$.",
+    ),
     "sensor_bias": (r"z = y + v", r"$z$ is read where $y$ is true."),
     "sensor_scale": (r"z = (1 + v)\,y", r"$z$ is read where $y$ is true."),
     "sensor_delay": (r"z(t) = y(t - v)", r"$z$ is read where $y$ is true."),

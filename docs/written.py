@@ -31,6 +31,8 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "dead_zone": {"target": "delta_e", "value": 0.006},
     "backlash": {"target": "delta_r", "value": 0.01},
     "effectiveness_change": {"target": "delta_a", "value": -0.5, "onset": 8.0},
+    "stuck": {"target": "delta_a", "value": 1.0, "onset": 8.0, "duration": 5.0},
+    "feedback": {"target": "delta_r", "term": "r", "value": 0.3, "time_constant": 3.0},
     "sensor_bias": {"target": "q", "value": 0.4 * DEG},
     "sensor_scale": {"target": "alpha", "value": 0.1},
     "sensor_delay": {"target": "beta", "value": 0.1},
@@ -100,7 +102,10 @@ def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) ->
 
 
 def _unit(unit: str) -> str:
-    return unit.replace("{channel}", "the unit of the channel").replace("{term}", "the unit of the term") or "1"
+    words = {"{channel}": "the unit of the channel", "{term}": "the unit of the term", "{gain}": "s or 1"}
+    for field, said in words.items():
+        unit = unit.replace(field, said)
+    return unit or "1"
 
 
 def _rates(kind: str, blind: list[dict[str, str]]) -> list[str]:

@@ -89,7 +89,7 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: cs.Record(name="m", t=T, channels={"u": U}, hold="linaer"), "did you mean 'linear'"),
     (lambda o: o.record["alfa"], "did you mean 'alpha'"),
     (lambda o: arrays(channels={"alpha": np.degrees(U)}), "write the header as 'alpha [deg]'"),
-    (lambda o: arrays(units={"alpha": "degs"}), "unknown unit 'degs'"),
+    (lambda o: arrays(units={"alpha": "dge"}), "unknown unit 'dge'"),
     (lambda o: arrays(units={"alfa": "deg"}), "did you mean 'alpha'"),
     (lambda o: cs.Record.from_arrays("m1", T[:9], {"delta_e": U[:9]}), "too few to identify anything"),
     (lambda o: cs.Record.from_frame({"t": T}), "takes a pandas DataFrame"),

@@ -16,6 +16,7 @@ from typing import Any
 from casid.arguments import a_path, given, is_path, table_of
 from casid.errors import InputError, unknown
 from casid.records.toml_file import read_toml
+from casid.signals import is_unit
 
 _WEIGHT = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,2})?"
 _TERM = re.compile(rf"\s*(?:({_WEIGHT})\s*\*)?\s*([^*]+?)\s*(?::\s*([^:*]+?))?\s*(?:\*\s*({_WEIGHT}))?\s*", re.ASCII)
@@ -163,7 +164,9 @@ def _terms(value: Any, where: str) -> tuple[ColumnTerm, ...]:
 def _term(item: Any, where: str) -> ColumnTerm:
     text = str(item) if isinstance(item, int) and not isinstance(item, bool) else item
     match = _TERM.fullmatch(text) if isinstance(text, str) else None
-    if not match or (match[1] and match[4]):
+    name = match[2] if match else ""
+    odd = name.startswith(":") or (":" in name and bool(match and match[3]) and not is_unit(match[3] or ""))
+    if not match or odd or (match[1] and match[4]):
         raise InputError(
             f"{where}: {item!r:.40} is not a column; expected NAME:unit or NUMBER:unit, with a weight as in '12:deg*-1'"
         )

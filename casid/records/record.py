@@ -17,7 +17,7 @@ from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.table import RawTable
-from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, unit_of
+from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, si_factor, unit_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -515,6 +515,8 @@ def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, s
             raise unknown("channel", str(channel), [n for n, _ in bare.values()], f"{where}: units")
         if not isinstance(unit, str):
             raise InputError(f"{where}: units: '{channel}' is {given(unit)}; expected a unit in quotes, like 'deg'")
+        if unit and channel in CHANNELS:
+            si_factor(unit, channel, f"{where}: units")
     headers = [_header(*bare[header], units, where) for header in columns]
     table = RawTable(source=where, names=tuple(headers), values=np.stack(list(columns.values()), axis=1), hold=hold)
     names = [name for name, _ in bare.values()]
