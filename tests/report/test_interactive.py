@@ -112,6 +112,7 @@ const wait = () => new Promise((done) => setTimeout(done, 100));
 window.addEventListener("load", () => setTimeout(async () => {
   const told = { faults: window.faults };
   try {
+    for (let k = 0; k < 40 && !document.querySelector("figure.live"); k++) await wait();
     const figure = document.querySelector("figure.live"), plots = figure.plots, over = plots[0].over;
     const box = over.getBoundingClientRect();
     told.panels = plots.length;
@@ -119,6 +120,12 @@ window.addEventListener("load", () => setTimeout(async () => {
     const pixels = (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
     const inked = (canvas) => pixels(canvas).some((v) => v);
     told.inked = [...figure.querySelectorAll("canvas")].every(inked);
+    const cut = () => [...figure.querySelectorAll("canvas")].map((c) => {
+      const margin = c.getContext("2d").getImageData(0, 0, 2, c.height).data;
+      return margin.some((v) => v);
+    });
+    told.cut = cut();
+    told.lefts = plots.map((p) => p.bbox.left);
     told.before = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
     const at = (type, share, more) => new MouseEvent(type,
       { bubbles: true, clientX: box.left + share * box.width, clientY: box.top + 20, ...more });
@@ -133,6 +140,8 @@ window.addEventListener("load", () => setTimeout(async () => {
     await wait();
     told.cursors = plots.map((p) => p.cursor.idx);
     told.zoomed = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
+    told.cut.push(...cut());
+    told.lefts.push(...plots.map((p) => p.bbox.left));
     figure.querySelector("[aria-label='later']").click();
     await wait();
     told.panned = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
@@ -154,24 +163,54 @@ window.addEventListener("load", () => setTimeout(async () => {
 """
 
 
-@needs_uplot
-@needs_browser
-@pytest.mark.parametrize("width", [1400, 420])
-def test_in_a_browser_it_draws_zooms_pans_and_asks_for_nothing(tmp_path: Path, width: int) -> None:
-    file = page(tmp_path)
+def read_in_a_browser(file: Path, width: int) -> dict:
+    """What the reader found in a page; the page is changed."""
     file.write_text(file.read_text(encoding="utf-8").replace("<head>", f"<head>{_READER}"), encoding="utf-8")
     options = [
         "--headless",
         "--no-sandbox",
         "--disable-gpu",
         f"--window-size={width},2400",
-        "--virtual-time-budget=8000",
+        "--virtual-time-budget=12000",
     ]
-    command = [str(browser()), *options, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", file.as_uri()]
+    command = [str(browser()), *options, f"--user-data-dir={file.parent / 'profile'}", "--dump-dom", file.as_uri()]
     dumped = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
     found = re.search(r'<pre id="told">(.*?)</pre>', dumped, re.S)
     assert found, dumped[-2000:]
-    told = json.loads(html.unescape(found[1]))
+    return json.loads(html.unescape(found[1]))
+
+
+@needs_uplot
+@needs_browser
+@pytest.mark.parametrize("size", [1.0, 12_000.0, 1.7e9])
+def test_labels_have_room_and_panels_stay_aligned(tmp_path: Path, size: float) -> None:
+    """No ink at the edge of a canvas, and one left edge for all panels, also of a quantity of many digits."""
+    t = np.linspace(0.0, 20.0, 401)
+    with settings():
+        figure = blank(4.0)
+        for axis, scale in zip(figure.subplots(2, 1, sharex=True), (1.0, size), strict=True):
+            axis.plot(t, scale * np.sin(t))
+            axis.set_ylabel(f"{scale:g}")
+    script, _ = interactive.library() or ("", "")
+    own = (Path(interactive.__file__).parent / "templates" / "interactive.js").read_text(encoding="utf-8")
+    file = tmp_path / "page.html"
+    file.write_text(
+        '<!doctype html><html><head><meta charset="utf-8"></head><body><figure class="has-curves">'
+        f'<div class="curves" hidden></div><script type="application/json">{interactive.data_of(figure)}</script>'
+        f"</figure><script>{script}\n{own}</script></body></html>",
+        encoding="utf-8",
+    )
+    told = read_in_a_browser(file, 1400)
+    assert told["faults"] == [] and told["panels"] == 2
+    assert not any(told["cut"])
+    assert told["lefts"][0] == told["lefts"][1] and told["lefts"][2] == told["lefts"][3]
+
+
+@needs_uplot
+@needs_browser
+@pytest.mark.parametrize("width", [1400, 420])
+def test_in_a_browser_it_draws_zooms_pans_and_asks_for_nothing(tmp_path: Path, width: int) -> None:
+    told = read_in_a_browser(page(tmp_path), width)
     assert told["faults"] == [] and told["requests"] == []
     assert told["panels"] == told["canvases"] == 4 and told["inked"]
     (before,), (zoomed,), (panned,), (whole,) = (

@@ -5,6 +5,9 @@
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
   const curve = (s) => Array.from(new Int16Array(bytes(s.y)),
     (c) => c === -32768 ? null : c === -32767 ? undefined : s.low + s.step * (c + 32000));
+  const FONT = "11px system-ui", TICK_AND_GAP = 18;
+  const ruler = document.createElement("canvas").getContext("2d");
+  ruler.font = FONT;
   const number = (u, v) => v == null ? "" : Number(v.toPrecision(5)).toString();
 
   function shade(panel) {
@@ -31,7 +34,16 @@
   function build(figure, place) {
     const told = JSON.parse(figure.querySelector("script[type='application/json']").textContent);
     const plots = [];
-    let busy = false;
+    let busy = false, room = 46;
+    /* Room for the widest label of all panels: with one width their times stay below each other. */
+    const roomFor = (u, labels) => {
+      const widest = Math.max(0, ...(labels || []).map((one) => one == null ? 0 : ruler.measureText(one).width));
+      if (widest + TICK_AND_GAP > room) {
+        room = Math.ceil(widest + TICK_AND_GAP);
+        queueMicrotask(() => plots.forEach((one) => one.redraw(true, true)));
+      }
+      return room;
+    };
     const everywhere = (min, max) => {
       if (busy) return;
       busy = true;
@@ -76,7 +88,7 @@
           x: { time: false, distr: panel.log[0] ? 3 : 1 },
           y: { distr: panel.log[1] ? 3 : 1, range: (u, min, max) => whole(u) ? [low, high] : padded(min, max, panel.log[1]) },
         },
-        axes: [{ size: 26, font: "11px system-ui" }, { size: 46, font: "11px system-ui" }],
+        axes: [{ size: 26, font: FONT }, { size: roomFor, font: FONT }],
         legend: { live: true },
         hooks: {
           drawClear: [shade(panel)],
