@@ -271,7 +271,8 @@ class Flight:
     def with_noise_above(self, left: Sequence[Record]) -> Flight:
         """The flight with the noise of doubted outputs raised according to `left`, the residuals of every record.
 
-        Residuals in the octave above the motion (`motion_edge`) are counted, at most as much as was measured there.
+        Residuals in the octave above the motion (`motion_edge`) are counted, at most as much as was measured there,
+        which stands alone where a simulation that departed left no residuals of a channel.
         This assumes that the noise has the same density below that octave, and that the residuals in it are no fault.
         """
         edge = motion_edge(self.records)
@@ -280,7 +281,7 @@ class Flight:
         raised = {}
         for name in self.doubted:
             both = (that_have(records, name, self.criteria.noise) for records in (left, self.records))
-            density = min(density_sigma(records, name, (edge, 2.0 * edge)) for records in both)
+            density = min((density_sigma(of, name, (edge, 2.0 * edge)) for of in both if of), default=0.0)
             if density > self.criteria.noise.density_ratio * self.sigma[name]:
                 raised[name] = density
         return replace(self, sigma=self.sigma | raised)

@@ -82,6 +82,14 @@ def test_the_high_band_of_filtered_noise_is_far_too_low() -> None:
     assert ratios(flight).max() < 0.15
 
 
+def test_a_simulation_that_departed_leaves_the_noise_to_the_records() -> None:
+    """No residual of any record is finite: the octave above the motion has the noise's density, and is all there is."""
+    flight = prepare(do328(), measured(50.0, 5.0, 0.0, count=1))
+    none = [r.with_channels(**{o: np.full(len(r), np.nan) for o in flight.outputs}) for r in flight.records]
+    found = ratios(flight.with_noise_above(none))
+    assert np.isfinite(found).all() and found.min() > 1.0 / _FACTOR
+
+
 def test_a_noise_that_the_file_states_leaves_that_of_the_others_to_the_fit() -> None:
     """Truth: the noise that was flown. The level and colour of the other channels are estimated with the model."""
     stated = replace(do328(), noise={"alpha": NOISE["alpha"]})
