@@ -21,6 +21,7 @@ from casid.model.vocabulary import effect_unit
 from problems.blind.case import Hidden
 from problems.blind.do328 import plane
 
+CRITERIA = Path(__file__).resolve().parent / "criteria.md"  # `python docs/written.py` writes it anew
 RESULTS = Path(__file__).resolve().parent.parent / "problems" / "blind" / "results.csv"
 DEG = np.pi / 180.0
 # An example of each kind on the Do 328: target, value, term, further parameters, onset [s]
@@ -77,7 +78,7 @@ def write(folder: Path) -> None:
         f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
         encoding="utf-8",
     )
-    (folder / "criteria.md").write_text("\n".join(_criteria_page()), encoding="utf-8")
+    CRITERIA.write_text(criteria_page(), encoding="utf-8")
 
 
 def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) -> str:
@@ -195,7 +196,12 @@ def _draw(t: np.ndarray, change: dict[str, np.ndarray], file: Path) -> None:
     plt.close(figure)
 
 
-def _criteria_page() -> Iterator[str]:
+def criteria_page() -> str:
+    """Write the table of all criteria; it is kept in the repository, where readers of a clone find it."""
+    return "\n".join(_criteria_lines()) + "\n"
+
+
+def _criteria_lines() -> Iterator[str]:
     yield "# Every number that decides"
     yield ""
     yield "Vary one with `casid diagnose --criteria my.toml`, or `cs.diagnose(..., criteria=...)`."
@@ -205,3 +211,7 @@ def _criteria_page() -> Iterator[str]:
     for one in listed(Criteria()):
         cells = (f"`{one.name}`", one.value, one.unit or "1", one.meaning, one.evidence)
         yield "| " + " | ".join(str(cell).replace("|", "/").replace("\n", " ") for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    CRITERIA.write_text(criteria_page(), encoding="utf-8")

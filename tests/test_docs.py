@@ -43,6 +43,12 @@ def test_every_cause_has_an_equation() -> None:
     assert all(formula.count("{") == formula.count("}") and "v" in formula for formula, _ in equations.values())
 
 
+def test_the_page_of_criteria_is_that_of_their_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS))  # the page's writer imports the equations beside it
+    page = (DOCS / "criteria.md").read_text(encoding="utf-8")
+    assert page == load("written").criteria_page(), "run: python docs/written.py"
+
+
 def test_every_cause_is_drawn_or_said_not_to_be() -> None:
     text = (DOCS / "written.py").read_text(encoding="utf-8")
     drawn = {kind for kind in KINDS if f'"{kind}": {{"target"' in text}
