@@ -50,7 +50,7 @@ class EstimationError(CasidError):
     """
 
 
-_MOST_NAMES = 60  # that a message lists
+_MOST_NAMES = 30  # that a message lists
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:

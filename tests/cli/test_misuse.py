@@ -64,7 +64,7 @@ MISUSES: list[tuple[str, str]] = [
     ("check {d}", "folder"),
     ("check {r} --from 100", "from 100 s on"),
     ("check {r} --to -5", "before -5 s"),
-    ("check {d}/units.csv", "row of units"),
+    ("check {d}/units.csv", "does not fit channel"),
     ("convert {r}", "TARGET"),
     ("convert", "SOURCE"),
     ("estimat x", "estimate"),
@@ -93,7 +93,7 @@ MISUSES: list[tuple[str, str]] = [
     ("new-aircraft {d}/plane.toml --mass 1 --span 1 --chord 1 --area 1 --speed 1", "there already"),
     # broken files
     ("check {d}/empty.csv", "empty"),
-    ("check {d}/text.csv", "not a number"),
+    ("check {d}/text.csv", "sample of an input is missing"),
     ("check {d}/back.csv", "runs back"),
     ("check {d}/short.csv", "too few"),
     ("check {d}/ragged.csv", "ragged"),

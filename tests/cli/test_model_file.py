@@ -56,7 +56,7 @@ def test_a_fault_of_the_users_own_system_is_found(tmp_path: Path, capsys: pytest
     assert [(c["kind"], c["target"]) for c in written["causes"]] == [("sensor_bias", "out")]
     assert written["causes"][0]["value"] == pytest.approx(0.3, abs=0.01)
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "out: sensor bias" in page and "area" in page and "On m2, which no fit has seen" in page
+    assert "out: sensor bias" in page and "area" in page and "m2 (held out)" in page
     assert 'id="figure-budget"' in page and 'id="figure-again-1"' in page  # the budget, and the held-out record
     assert "verdict: explained" in (tmp_path / "out" / "diagnosis.txt").read_text()
 

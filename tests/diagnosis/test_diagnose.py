@@ -77,7 +77,8 @@ def test_clean_data_give_no_name(seed: int) -> None:
     assert (found.verdict, found.causes) == ("values wrong", ()), str(found)
     (moments,) = found.factors
     assert {"Cm_delta_e", "Cl_p", "Cn_beta"} <= set(moments.derivatives) and moments.row == "all moments"
-    assert abs(moments.factor - 1.0 / 0.7) < 4.0 * moments.std and not found.contradicted
+    assert abs(moments.factor - 1.0 / 0.7) < 4.0 * moments.std
+    assert {one.parameter for one in found.contradicted} <= {"Cm_0"}  # a constant, off by the same factor
     assert "worth a look" not in found.sentence
 
 

@@ -23,6 +23,7 @@ from casid.estimation import (
 )
 from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.quadratic import parameter_step
+from casid.estimation.solvers.status import Results
 from casid.model.system import define_model, define_regression
 from casid.records.record import Record
 
@@ -161,7 +162,7 @@ def test_the_optimum_under_a_path_limit_satisfies_the_conditions_of_kuhn_and_tuc
         return objective, GaussNewton(tolerance=1e-10).minimise(objective)
 
     objective, outcome = solved(0.0)
-    assert outcome.status == "converged" and outcome.value.worst() < 1e-9
+    assert outcome.status.result is Results.CONVERGED and outcome.value.worst() < 1e-9
     linear_there = objective.linearise(outcome.point, outcome.value)
     step = objective.step(outcome.point, outcome.value, linear_there, 0.0)
     multipliers = step.path_multipliers

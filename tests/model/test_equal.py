@@ -12,7 +12,8 @@ from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from problems.do328 import do328
 
-PAIRS = [effect for kind in KINDS.values() if not kind.targets and (effect := kind.make("")).equal is not None]
+ALONE = [kind.make("") for kind in KINDS.values() if not (kind.targets or kind.terms)]
+PAIRS = [effect for effect in ALONE if effect.equal is not None]
 
 
 @pytest.mark.parametrize("effect", PAIRS, ids=lambda effect: effect.name)

@@ -169,7 +169,8 @@ def _by_record(as_given: View, best: View, sigma: np.ndarray, *, held_out: bool)
         if not shared or record not in as_given.records:
             continue
         outputs, noise, every = best.fit.model.outputs, best.fit.noise.measurement, best.fit.flight.every
-        variance = np.nanmean(np.where(best.fit.seen[:, r], sigma[:, r] ** 2, np.nan), axis=0)
+        seen = best.fit.seen[:, r]
+        variance = np.sum(np.where(seen, sigma[:, r] ** 2, 0.0), axis=0) / np.maximum(seen.sum(axis=0), 1)
         expected = [variance[outputs.index(name)] / noise[name] ** 2 for name in shared]
         yield RecordError(
             record=record,

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.data_check.relations import file_units
+from casid.data_check.relations import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows
@@ -553,9 +553,9 @@ def borne_out(
     derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
     """
     ratios = _ratios(aircraft, flight, criteria or Criteria(), slopes)
-    kept = []
+    kept, known = [], dict.fromkeys((*FILE_UNITS, *file_units(aircraft)))
     for doubt in doubts:
-        units = [unit for unit in file_units(aircraft) if unit.parameter == doubt.parameter]
+        units = [unit for unit in known if unit.parameter == doubt.parameter]
         refuted = [_refuted(unit.scale_of, ratios) for unit in units]
         if not (units and all(refuted)):
             kept.append(doubt)
