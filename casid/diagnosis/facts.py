@@ -15,7 +15,7 @@ import numpy as np
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import GivenCriteria
-from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.evaluation import FlightFit, by_rows, scaled_inverse
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
 from casid.diagnosis.given.scope import NotJudged
@@ -213,32 +213,32 @@ def determined_pairs(
     is reported if the records determine it much better than either value, and if the change of the value shows on a
     reading.
     """
-    index = {slot.name: i for i, slot in enumerate(fit.slots) if fit.prior_weight[i] > 0.0 and slot.name in given}
-    unsure = {name: i for name, i in index.items() if _of_stated(fit, i, i) > 1.0 - criteria.from_records}
+    index = {slot.name: i for i, slot in enumerate(fit.slots)}
+    stated = {one.parameter: one.stated_std for one in changed if one.stated_std > 0.0}
+    covariance, unsure = _of_stated(fit, stated), 1.0 - criteria.from_records
     found: dict[tuple[str, str], Combination] = {}
-    for one in (one for one in changed if max(one.effect.values(), default=0.0) > 1.0):
+    for one in changed:
+        if one.parameter not in stated or max(one.effect.values(), default=0.0) <= 1.0:
+            continue
         pairs = []
-        for name, j in unsure.items():
-            if name == one.parameter or one.parameter not in unsure:
-                continue
-            i = unsure[one.parameter]
-            both = np.array([[_of_stated(fit, a, b) for b in (i, j)] for a in (i, j)])
-            variance, directions = np.linalg.eigh(both)
-            if variance[0] < (1.0 - criteria.from_records) * np.diagonal(both).min():
+        for name in stated.keys() - {one.parameter}:
+            at = [index[one.parameter], index[name]]
+            variance, directions = np.linalg.eigh(covariance[np.ix_(at, at)])
+            if variance[1] > unsure and variance[0] < unsure * np.diagonal(covariance)[at].min():
                 pairs.append((float(variance[0]), name, directions[:, 0]))
-        variance, name, along = min(pairs, key=lambda pair: pair[0], default=(np.inf, "", np.zeros(2)))
+        variance, name, along = min(pairs, key=lambda pair: pair[:2], default=(np.inf, "", np.zeros(2)))
         key = (min(one.parameter, name), max(one.parameter, name))
-        if key not in found and variance < 1.0 - criteria.from_records:
-            stated = fit.prior_weight[[index[one.parameter], index[name]]] ** -0.5
-            found[key] = _combined(
-                one, (name, given[name], fit[name]), along, stated, math.sqrt(variance), criteria.worse
-            )
+        if key not in found and variance < unsure:
+            both, std = np.array([stated[one.parameter], stated[name]]), math.sqrt(variance)
+            found[key] = _combined(one, (name, given[name], fit[name]), along, both, std, criteria.worse)
     return tuple(found.values())
 
 
-def _of_stated(fit: FlightFit, i: int, j: int) -> float:
-    """Covariance of two values in units of their stated uncertainties."""
-    return float(fit.covariance[i, j] * math.sqrt(fit.prior_weight[i] * fit.prior_weight[j]))
+def _of_stated(fit: FlightFit, stated: Mapping[str, float]) -> np.ndarray:
+    """(slots, slots) Covariance of the values by the records and their stated uncertainties, in units of the latter."""
+    unit = np.array([stated.get(slot.name, 1.0) for slot in fit.slots])
+    columns = by_rows(fit.columns) * unit
+    return scaled_inverse(columns.T @ columns + np.diag([float(slot.name in stated) for slot in fit.slots]))
 
 
 def _combined(
@@ -251,7 +251,7 @@ def _combined(
     """
     name, was, now = other
     given, extended = np.array([one.given, was]), np.array([one.extended, now])
-    powers = along / stated * given
+    powers = along / stated * extended  # of relative changes, where the records determine the direction
     unlike = np.abs(powers).max() / max(np.abs(powers).min(), 1e-300)
     if unlike < worse and (extended * given > 0.0).all():
         sign = 1.0 if powers[0] * powers[1] > 0.0 else -1.0

@@ -131,3 +131,27 @@ def test_a_diagnosis_of_a_system_cannot_be_saved_and_says_what_can(tmp_path: Pat
     with pytest.raises(InputError, match="write"):
         clean.result.save(tmp_path / "found.casid")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_ratio_is_told_where_its_members_are_not_determined() -> None:
+    """A thrust coefficient over a mass: the truth has 0.9 of the ratio that the model states. Truth: k / m."""
+    model = cs.define_model(
+        "heave",
+        states=("w",),
+        inputs=("speed",),
+        outputs=("w",),
+        parameters={"k": 2.0, "m": 1.3, "drag": 0.3},
+        dynamics=lambda s: {"w": s.k * s.speed / s.m - s.drag * s.w},
+        output=lambda s: {"w": s.w},
+    )
+    rng, t, records = np.random.default_rng(3), np.arange(0.0, 20.0, 0.05), []
+    for name in ("m1", "m2"):
+        speed = np.repeat(rng.uniform(-1.0, 1.0, 20), 20)
+        w, push = np.zeros(len(t)), 0.9 * 2.0 / 1.3
+        for i in range(len(t) - 1):  # exact for a speed that is held
+            w[i + 1] = w[i] * np.exp(-0.3 * 0.05) + push * speed[i] * (1.0 - np.exp(-0.3 * 0.05)) / 0.3
+        channels = {"speed": speed, "w": w + 0.01 * rng.normal(size=len(t))}
+        records.append(cs.Record(name=name, t=t, channels=channels, hold="held"))
+    found = cs.diagnose(model, records[:1], records[1:])
+    (one,) = found.combinations
+    assert set(one.parameters) == {"k", "m"} and "k / m" in one.sentence and "0.9" in one.sentence, one.sentence
