@@ -84,9 +84,12 @@ class Desk:
 
 
 def build(target: Path) -> Path:
-    """The wheel, one top-level package and small."""
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", str(target), str(REPO)]
-    subprocess.run(command, check=True)
+    """The wheel, one top-level package and small; built by a pip of its own, since an environment may have none."""
+    environment = target / "build"
+    subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True)
+    python = environment / ("Scripts" if os.name == "nt" else "bin") / "python"
+    command = [str(python), "-m", "pip", "wheel", "--quiet", "--disable-pip-version-check", "--no-deps"]
+    subprocess.run([*command, "--wheel-dir", str(target), str(REPO)], check=True)
     (wheel,) = target.glob("casid-*.whl")
     return wheel
 
