@@ -11,23 +11,32 @@ Set-up       one diagnosis in a process of its own for each row, whose largest m
 Expectation  the hidden effect is the only cause named, or none; anything else is an error, whatever the time.
 
     python benchmarks/bench_diagnosis.py [demo cold clean lag gust turbulence two growth six half_hour] [--json FILE]
+    python benchmarks/bench_diagnosis.py tail [--only GLOB ...] [--out DIR] [--tree DIR] [--json FILE]
 
-`growth` is the lag in records of 7, 14, 28 and 56 s; without arguments all but `half_hour`.
+`growth` is the lag in records of 7, 14, 28 and 56 s; without arguments all but `half_hour` and `tail`. `tail` is 24
+sets of all generators and of real flights (`problems/bench/tail.py`), each with its page: a line for each, and for all
+the median, the 90 % quantile and the worst. It can be interrupted; the same command goes on. `--tree` names a clone of
+another commit, whose package diagnoses the same records.
 """
 
 from __future__ import annotations
 
 from casid.cli.start import run_script
 
+import json
+import math
 import multiprocessing
 import os
 import pickle
 import resource
+import subprocess
 import tempfile
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -42,6 +51,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.effects import catalogue
 from casid.records.readers import read_records
 from casid.records.record import Record
+from problems.bench import tail
 from problems.bench.table import exponent, parser, processor_seconds, publish
 from problems.blind import do328 as blind_do328
 from problems.blind.case import RECORDS, Hidden
@@ -93,13 +103,22 @@ CASES: Mapping[str, tuple[Case, ...]] = MappingProxyType(
         "half_hour": (Case(hidden="lag", seconds=100.0, records=18),),
     }
 )
-_NOT_UNASKED = "half_hour"
+_NOT_UNASKED, _TAIL = "half_hour", "tail"
+_FAST = Case(hidden="lag", seconds=45.0, rate_hz=100.0, records=2)  # read faster than its motion needs
 
 
 def main() -> None:
     options = parser(__doc__)
     options.add_argument("cases", nargs="*", metavar="case", help=f"of {', '.join(CASES)}")
+    options.add_argument("--only", nargs="+", default=["*"], metavar="GLOB", help="of the sets of `tail`")
+    options.add_argument(
+        "--out", type=Path, default=Path("out/tail"), metavar="DIR", help="where `tail` keeps its work"
+    )
+    options.add_argument("--tree", type=Path, default=Path(), metavar="DIR", help="clone of the commit that diagnoses")
     given = options.parse_args()
+    if given.cases == [_TAIL]:
+        publish(_tail(given.only, given.out.resolve(), given.tree.resolve()), given.json)
+        return
     for name in given.cases:
         if name not in CASES:
             raise unknown("case", name, CASES)
@@ -116,6 +135,27 @@ def main() -> None:
     ]
     if wrong:
         raise InputError(f"not named as hidden: {'; '.join(wrong)}")
+
+
+def _tail(only: Sequence[str], out: Path, tree: Path) -> list[dict[str, Any]]:
+    """The rows of `tail`, and of all sets the quantiles of what was measured."""
+    commit = subprocess.check_output(["git", "describe", "--always", "--dirty"], cwd=tree, text=True).strip()
+    sets = {**tail.SETS, "fast": lambda: (*_flown(_FAST), (), {})}
+    rows = []
+    for name in (one for one in sets if any(fnmatchcase(one, glob) for glob in only)):
+        folder = out / name.replace(" ", "-")
+        tail.flown_into(folder, name, sets[name])
+        kept = folder / f"{commit}.json"
+        if not kept.exists():
+            kept.write_text(json.dumps(tail.measured(folder, tree)), encoding="utf-8")
+        found = json.loads(kept.read_text(encoding="utf-8"))
+        print(f"{name}: {found.get('processor_s', math.nan):.1f} s, {found.get('stages')}", flush=True)
+        rows.append({"set": name} | {k: v for k, v in found.items() if k != "stages"})
+    done = [row for row in rows if "processor_s" in row]
+    for title, part in (("median", 0.5), ("90 %", 0.9), ("worst", 1.0)):
+        numbers = ("processor_s", "without_page_s", "seconds", "largest_mb", "fits", "evaluations")
+        rows.append({"set": title} | {n: float(np.quantile([r[n] for r in done], part)) for n in numbers if done})
+    return rows
 
 
 def _alone(name: str, case: Case) -> dict[str, Any]:

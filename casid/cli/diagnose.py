@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -58,6 +59,7 @@ def diagnose(
     axes: Axes | None = None,
     out: Folder = Path("out/diagnosis"),
     quick: Flag = False,
+    seconds: float | None = None,
     criteria: Path | None = None,
     as_recorded: Flag = False,
     believe: Files | None = None,
@@ -87,6 +89,9 @@ def diagnose(
         Folder for the results.
     quick
         Thin the records to 25 Hz.
+    seconds
+        Time for the verdict: no further cause is tried after it, and what was not tried is listed. Ctrl-C ends the
+        search in the same way; a second one ends without results.
     criteria
         TOML file with other numbers to decide by.
     as_recorded
@@ -119,15 +124,16 @@ def diagnose(
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     made_with = provenance() | {"criteria": by.changes}
+    course = Course(stages=_COURSE, limit=math.inf if seconds is None else seconds / (1.0 - dict(_COURSE)["report"]))
     if system is not None:
-        diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by)
-        _write(diagnosed, _of_system, made_with, out, as_json)
+        diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by, seconds=seconds)
+        _write(diagnosed, _of_system, made_with, out, as_json, course)
         return
     file = aircraft or DEMO / "aircraft.toml"
-    choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False}
+    choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False, "seconds": seconds}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     results = partial(_of_aircraft, file=file, shapes=shapes)
-    _write(diagnosed, results, made_with, out, as_json, Course(stages=_COURSE))
+    _write(diagnosed, results, made_with, out, as_json, course)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -170,7 +176,7 @@ def _write(
     made_with: Mapping[str, Any],
     out: Path,
     as_json: bool,
-    course: Course | None = None,
+    course: Course,
 ) -> None:
     """Run a diagnosis into its folder: the results are there before anything is drawn."""
     with progress(quiet=as_json, course=course) as stage:

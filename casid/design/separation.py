@@ -10,17 +10,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from casid.design.experiment import Experiment
 from casid.design.manoeuvres import Manoeuvre, flyable
 from casid.errors import EstimationError, InputError
-from casid.estimation.transcriptions.steps import cached, output_function, sample_derivatives, step_function
+from casid.estimation.transcriptions.steps import (
+    cached,
+    output_function,
+    sample_derivatives,
+    share_cache,
+    step_function,
+)
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects, default_free
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of
+from casid.model.system import Model
 from casid.native.threads import single_threaded
 from casid.records.record import Record
 
@@ -69,15 +77,24 @@ class _Flights:
     rivals: Rivals
     records: Sequence[Record]
     _made: dict[tuple[str, float], Applied] = field(default_factory=dict)
+    _models: dict[str, Model] = field(default_factory=dict)
+
+    def flying(self, records: Sequence[Record]) -> _Flights:
+        """The same rivals on other records."""
+        return replace(self, records=records, _made={})
 
     def of(self, value: EffectValue) -> Applied:
         """The aircraft with one of the effects, and the records made ready for it."""
-        key = effect_of(value).name, value.value
-        if key not in self._made:
+        name = effect_of(value).name
+        if (name, value.value) not in self._made:
             aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
-            channels = tuple(self.rivals.noise)
-            self._made[key] = apply_effects(aircraft, self.records, self.rivals.axes, channels)
-        return self._made[key]
+            like, channels = self._models.get(name), tuple(self.rivals.noise)
+            applied = apply_effects(aircraft, self.records, self.rivals.axes, channels, like)
+            if like is not None:
+                share_cache(applied.model, like)
+            self._models.setdefault(name, applied.model)
+            self._made[name, value.value] = applied
+        return self._made[name, value.value]
 
     @property
     def sigma(self) -> np.ndarray:
@@ -180,9 +197,9 @@ def _half_square(left: np.ndarray, sigma: np.ndarray) -> float:
 def _within_limits(rivals: Rivals, experiment: Experiment, choice: Sequence[Manoeuvre]) -> tuple[list[float], _Flights]:
     """Amplitude and flight of every manoeuvre: as large as surface and limits allow, by the aircraft with the first."""
     sizes, outputs = [experiment.surfaces[one.surface] for one in choice], list(rivals.noise)
+    rest, flights = experiment.record({}, "rest"), _Flights(rivals=rivals, records=())
     while True:
-        records = tuple(_commanded(experiment, one, size) for one, size in zip(choice, sizes, strict=True))
-        flights = _Flights(rivals=rivals, records=records)
+        flights = flights.flying(tuple(map(partial(_commanded, rest), choice, sizes)))
         used = [_used(experiment, outputs, flown) for flown in flights.truth]
         if all(part < 1.0 + _SLACK for part in used):
             return sizes, flights
@@ -200,10 +217,10 @@ def _used(experiment: Experiment, outputs: Sequence[str], flown: np.ndarray) -> 
     return float(np.max(parts, initial=0.0))
 
 
-def _commanded(experiment: Experiment, one: Manoeuvre, amplitude: float) -> Record:
-    """The inputs of a manoeuvre, and what instruments read at rest."""
-    record = experiment.record({}, f"{one.surface}, {one.words}")
-    return record.with_channels(**{one.surface: record[one.surface] + amplitude * one.moves})
+def _commanded(rest: Record, one: Manoeuvre, amplitude: float) -> Record:
+    """The inputs of a manoeuvre, and what instruments read at `rest`."""
+    moved = rest.with_channels(**{one.surface: rest[one.surface] + amplitude * one.moves})
+    return replace(moved, name=f"{one.surface}, {one.words}")
 
 
 def _start(applied: Applied, r: int) -> np.ndarray:

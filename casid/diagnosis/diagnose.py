@@ -8,9 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
 
-from casid.arguments import require
+from casid.arguments import number, require
 from casid.data_check.check import channels_of, check
 from casid.data_check.reading import Finding
+from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace, at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import baseline_of
@@ -25,6 +26,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.subject import OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.systems.library import Library
+from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
@@ -50,6 +52,7 @@ def diagnose_aircraft(
     *,
     as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
+    seconds: float | None = None,
 ) -> Diagnosis:
     """Diagnose an aircraft file with flight records.
 
@@ -70,6 +73,8 @@ def diagnose_aircraft(
         are trusted as recorded.
     axes
         Scope: "longitudinal", "lateral" or "full"; by default the largest that the records support.
+    seconds
+        Time after which the search for causes ends; by default it ends by itself.
 
     Raises
     ------
@@ -81,8 +86,8 @@ def diagnose_aircraft(
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:
-        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft)
-    stages = Stages(report)
+        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, seconds)
+    stages, limit = Stages(report), TimeLimit(seconds)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
@@ -94,11 +99,12 @@ def diagnose_aircraft(
     with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
         scope = scope_of(aircraft, mended, criteria, axes)
         known = attached_effects(scope.flight)
-        flight = with_noise_level(scope.flight, known)
+        flight = replace(with_noise_level(scope.flight, known), limit=limit)
         stages.begin("simulation as given")
         given = fly_as_given(flight, scope.held, known)
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
+        report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
 
         def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
@@ -207,6 +213,7 @@ def diagnose(
     *,
     as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
+    seconds: float | None = None,
 ) -> Diagnosis: ...
 
 
@@ -221,6 +228,7 @@ def diagnose(
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
+    seconds: float | None = None,
 ) -> Diagnosis: ...
 
 
@@ -233,6 +241,7 @@ def diagnose(
     *,
     as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
+    seconds: float | None = None,
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
@@ -264,6 +273,10 @@ def diagnose(
         For a model: names of states with exact equations, and of exact inputs and outputs.
     library
         For a model: the causes that are considered; by default all that any system may have.
+    seconds
+        Time [s] after which no further cause is tried, so that the verdict is there at about that time, but not before
+        the file is re-estimated; by default the search ends by itself. What was not tried is listed in `not_judged`.
+        Ctrl-C ends the search in the same way.
 
     Returns
     -------
@@ -285,17 +298,21 @@ def diagnose(
     >>> print(found)  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
+    if seconds is not None:
+        seconds = number(seconds, "diagnose: seconds", positive=True)
     for name in others:
         raise unknown("argument", name, _ARGUMENTS, "diagnose")
     if isinstance(simulation, Model):
         if axes is not None or as_recorded is not False:
             raise InputError("axes and as_recorded are for an aircraft; a Model takes ports, exact and library")
         return diagnose_system(
-            simulation, records, hold_out, report, criteria, ports=ports, exact=exact, library=library
+            simulation, records, hold_out, report, criteria, ports=ports, exact=exact, library=library, seconds=seconds
         )
     if ports is not None or exact or library is not None:
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")
-    return diagnose_aircraft(simulation, records, hold_out, report, criteria, as_recorded=as_recorded, axes=axes)
+    return diagnose_aircraft(
+        simulation, records, hold_out, report, criteria, as_recorded=as_recorded, axes=axes, seconds=seconds
+    )
 
 
 _ARGUMENTS = tuple(name for name in inspect.signature(diagnose).parameters if name != "others")

@@ -27,6 +27,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
 from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import flight_values
+from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.kinematics.kinematics import in_other_air
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
@@ -240,7 +241,7 @@ def judged(
     stages
         Takes the time of each stage.
     """
-    begun, criteria = state.baseline, state.criteria
+    begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")
     kept = keep(held, state)
@@ -266,7 +267,8 @@ def judged(
         part=added,
         causes=causes,
         minor=minor,
-        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking],
+        not_tried=tuple(NotJudged(what=what, because=limit.because) for what in limit.left_out),
+        ranking=state.rounds[0].candidates[: criteria.numerics.naming.ranking] if state.rounds else (),
         rounds=state.rounds,
         as_given=given.fitted,
         refitted=refitted,
@@ -282,14 +284,14 @@ def judged(
         unexplained=tuple(unexplained),
         kinematic=tuple(begun.kinematics.ranked),
         turbulence=begun.turbulence,
-        detectable=state.rounds[0].detectable,
+        detectable=state.rounds[0].detectable if state.rounds else {},
         seconds=stages.seconds,
         seconds_of_processor=stages.of_processor,
         held_out_is_new=part_of_a_fitted_record(held, begun.flight.records),
         explanations=belief.explanations,
         believed=belief.there,
         entered=belief.entered,
-        nothing=belief.nothing,
+        nothing=None if limit.left_out else belief.nothing,
         trace=traced(kept, left, unexplained, trace_of_search(state, causes, minor, refused)),
     )
 

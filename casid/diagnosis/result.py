@@ -51,8 +51,8 @@ class Diagnosis:
     ----------
     part
         What only an aircraft has, or only a system; see `aircraft`, `extended_aircraft` and `system`.
-    not_judged
-        What these records or this file leave open, and why.
+    not_judged, not_tried
+        What these records or this file leave open, and why; with what the search did not try, which is also alone.
     data
         Faults of the data.
     remark
@@ -117,6 +117,7 @@ class Diagnosis:
     values_told: str = ""
     remark: str = ""
     not_judged: tuple[NotJudged, ...] = ()
+    not_tried: tuple[NotJudged, ...] = ()
     data: tuple[Finding, ...] = ()
     contradicted: tuple[Contradiction, ...] = ()
     factors: tuple[Factor, ...] = ()

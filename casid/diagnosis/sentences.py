@@ -14,7 +14,7 @@ from casid.diagnosis.claims import times
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.budget import AccountStep, Budget
+from casid.diagnosis.given.budget import AccountStep, AsGiven, Budget
 from casid.diagnosis.given.contradicted import Contradiction, Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
@@ -58,14 +58,18 @@ def missing_beside(missing: MissingInput, fitted: Sequence[str]) -> str:
     return f"Something more is missing: it enters at {_where(missing, fitted)}."
 
 
-def unexplained(missing: MissingInput, share: float, fitted: Sequence[str]) -> str:
-    """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port."""
+def unexplained(missing: MissingInput, share: float, fitted: Sequence[str], cut_short: bool = False) -> str:
+    """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port.
+
+    A search that was `cut_short` cannot tell of the whole catalogue.
+    """
     if missing.place.kind == "wind":
         size = f", {missing.rms:.2g} m/s"
     else:
         size = f", {100 * share:.0f} % of it" if share <= 1.0 else f", {share:.2g} times its variation"
     where = _where(missing, fitted, size)
-    return f"The simulation misses something that no cause in the catalogue explains; it enters at {where}."
+    tried = "none of the causes that were tried" if cut_short else "no cause in the catalogue"
+    return f"The simulation misses something that {tried} explains; it enters at {where}."
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:
@@ -97,6 +101,16 @@ def flown(facts: Facts) -> str:
         return f"The simulation as given does not fly {where}, which no fit has seen: {reason}."
     error = times(facts.budget.together.as_given)
     return f"The simulation as given flies {where}, which no fit has seen, with {error} the noise."
+
+
+def so_far(given: AsGiven, data: Sequence[Finding], most: int) -> str:
+    """The sentence of what is known before any fit: the data, and the simulation as given on the held-out records."""
+    found, view = several(data, most) or "no fault of the data was found", given.held
+    ratios = {name: one.rms / one.noise for name, one in view.channels.items()}
+    error = math.sqrt(math.fsum(one**2 for one in ratios.values()) / max(len(ratios), 1))
+    worst = sorted(ratios, key=lambda name: -ratios[name])[:2]
+    told = ", ".join(f"{name} {times(ratios[name])}" for name in worst)
+    return f"so far: {found}; as given, {', '.join(view.records)} is flown with {times(error)} the noise ({told})"
 
 
 def accounted(facts: Facts, account: Sequence[AccountStep]) -> str:

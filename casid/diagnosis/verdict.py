@@ -136,7 +136,7 @@ def facts_of(
         factors=factors,
         changed=changed,
         combinations=determined_pairs(fit, changed, given, criteria.given),
-        not_judged=tuple(not_judged),
+        not_judged=(*found.not_tried, *not_judged),
         fewest_readings=fewest_readings(fit),
         turbulent=found.turbulence.records if found.turbulence.named else (),
     )
@@ -153,7 +153,7 @@ def _unexplained(found: Diagnosis) -> Iterator[str]:
             yield sentences.missing_beside(missing, fitted)
         else:
             fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
-            yield sentences.unexplained(missing, missing_share(fit, missing), fitted)
+            yield sentences.unexplained(missing, missing_share(fit, missing), fitted, bool(found.not_tried))
 
 
 @contextmanager

@@ -120,20 +120,22 @@ def default_free(applied: Applied) -> list[str]:
 
 
 def apply_effects(
-    aircraft: Aircraft, records: Sequence[Record], axes: str | None = None, outputs: Iterable[str] | None = None
+    aircraft: Aircraft,
+    records: Sequence[Record],
+    axes: str | None = None,
+    outputs: Iterable[str] | None = None,
+    like: Model | None = None,
 ) -> Applied:
     """Model and records of an aircraft file, its effects in force.
 
     axes     see `axes_of`, the default; outputs  default: every modelled channel that some record has, heading and
-             altitude only when an effect is about them
+             altitude only when an effect is about them; like  the model of this aircraft with the same effects, of
+             other sizes: its expressions are taken
     Raises InputError when a record cannot feed the model, when nothing that it models is measured, and for two
     symbolic effects of one kind and target.
     """
     axes = axes or axes_of(records)
-    bare = aircraft_model(aircraft, axes=axes, effects=())
-    asked = {channel for value in aircraft.effects for channel in effect_of(value).reads}
-    modelled = (*bare.outputs, *(name for name in INTEGRALS if name in asked))
-    chosen = tuple(outputs) if outputs is not None else _measured(modelled, records)
+    chosen = tuple(outputs) if outputs is not None else _measured(_modelled(aircraft, axes), records)
     dt = min(record.dt for record in records)
     symbolic, timed, lags, undone = _sorted(aircraft, dt)
     masks = {_mask(effect_of(value)): value for value in (*symbolic, *lags) if value.records}
@@ -142,8 +144,12 @@ def apply_effects(
     histories = [_histories(timed, record) for record in bare_records]
     stations = sorted({station for history in histories for station in history})
     bare_records, pull = pulled_alike(bare_records), force_inputs(records)
-    model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks, *pull))
-    model = with_instruments(model, [(effect_of(v), v.value) for v in lags])
+    if like is None:
+        model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks, *pull))
+        model = with_instruments(model, [(effect_of(v), v.value) for v in lags])
+    else:
+        sizes = {effect_of(v).name: v.value for v in (*symbolic, *lags)}
+        model = replace(like, nominal={**like.nominal, **sizes})
     ready = []
     for record, history in zip(bare_records, histories, strict=True):
         added = {station: history.get(station, np.zeros(len(record))) for station in stations}
@@ -159,6 +165,13 @@ def apply_effects(
         _timed=tuple(timed),
         _undone=tuple(undone),
     )
+
+
+def _modelled(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
+    """The channels of the model, heading and altitude only when an effect is about them."""
+    asked = {channel for value in aircraft.effects for channel in effect_of(value).reads}
+    outputs = aircraft_model(aircraft, axes=axes, effects=()).outputs
+    return (*outputs, *(name for name in INTEGRALS if name in asked))
 
 
 def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Model:

@@ -38,7 +38,7 @@ from casid.signals import label_of
 _RATE_HZ = 25.0
 _LONGEST = 10.0  # s
 _LIMITED = ("alpha", "beta", "az", "ay")
-_MOST, _TRIED = 3, 6  # questions answered, and asked: each takes about 5 s of processor time
+_TRIED, _ASKED = 2, 6  # questions that a flight is sought for until one is found, and all: a search takes seconds
 _DEFLECTION = np.radians(3.0)  # rad, of a surface that the records did not move
 
 
@@ -59,20 +59,23 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlights:
-    """What to fly next, `proposals`, and in words the questions that no manoeuvre of one surface answers, `beyond`."""
+    """What to fly next, `proposals`, and in words the questions for which no flight was sought or found, `beyond`."""
 
     proposals: tuple[Proposal, ...]
     beyond: tuple[str, ...]
 
 
 def next_flights(diagnosis: Diagnosis) -> NextFlights:
-    """A proposal for each question that a manoeuvre can answer, within the limits of what the records flew."""
+    """A proposal for the first question that a manoeuvre can answer, within the limits of what the records flew."""
     flown = [thinned(record, _RATE_HZ) for record in diagnosis.refitted.fit.flight.records]
     aircraft, limits = _at_trim(diagnosis.extended_aircraft, flown), _limits(flown)
     noise = diagnosis.noise
     found: list[Proposal] = []
     beyond: list[str] = []
-    for said, first, second in islice(_questions(diagnosis), _TRIED):
+    for asked, (said, first, second) in enumerate(islice(_questions(diagnosis), _ASKED)):
+        if found or asked >= _TRIED:
+            beyond.append(f"{said} `{_command(first, second)}` looks for a flight that does.")
+            continue
         try:
             rivals, experiment = level_rivals(aircraft, first, second, limits, noise)
             best, before = separating_manoeuvre(rivals, experiment), separation(rivals, flown).log_odds
@@ -83,8 +86,6 @@ def next_flights(diagnosis: Diagnosis) -> NextFlights:
             found.append(_separating(len(found) + 1, said, (rivals, best), before, limits))
         else:
             beyond.append(f"{said} No movement of one surface from level flight within these limits separates them.")
-        if len(found) == _MOST:
-            break
     found += _for_untold(diagnosis, aircraft, limits, len(found))
     return NextFlights(proposals=tuple(found), beyond=tuple(beyond))
 
@@ -174,7 +175,6 @@ def _other(diagnosis: Diagnosis, other: Mapping[str, Any]) -> EffectValue | None
 
 def _separating(number: int, said: str, of: tuple[Rivals, NextFlight], before: float, limits: Limits) -> Proposal:
     rivals, best = of
-    asked = " ".join(f"'{effect_of(one).name}={one.value:.4g}'" for one in (rivals.first, rivals.second))
     return Proposal(
         open=said,
         fly=manoeuvre_in_words(best),
@@ -185,10 +185,16 @@ def _separating(number: int, said: str, of: tuple[Rivals, NextFlight], before: f
             f"the same measure, {digits(before, 2)}. This counts noise alone and assumes no prior knowledge of the "
             "derivatives. The model discrepancy, for which a verdict allows, reduces both."
         ),
-        command=f"casid design --aircraft extended.toml --separate {asked}",
+        command=_command(rivals.first, rivals.second),
         picture=separated(best, rivals, number),
         record=best.flown,
     )
+
+
+def _command(first: EffectValue, second: EffectValue) -> str:
+    """The command that designs a flight between two effects."""
+    asked = " ".join(f"'{effect_of(one).name}={one.value:.4g}'" for one in (first, second))
+    return f"casid design --aircraft extended.toml --separate {asked}"
 
 
 def _in_words(limits: Limits, names: Sequence[str]) -> str:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 _TELLS = 0.1  # part of the work that must be done before it tells how long the rest takes
+_GROWS = 1.5  # factor by which a time that was told may grow; beyond it none is told
 
 
 @dataclass(eq=False, kw_only=True)
@@ -21,54 +22,61 @@ class Course:
     Attributes
     ----------
     stages
-        (name, part of the time) in the order in which they begin. Some may be skipped. A stage that is not among them
-        adds one, as long as the present one was expected to be.
+        (name, part of the time) in the order in which they begin. Some may be skipped; others take none of the time.
+    limit
+        Time that the work may take in all [s].
     """
 
     stages: Sequence[tuple[str, float]]
+    limit: float = math.inf
     _rest: list[tuple[str, float]] = field(init=False)
-    _done: list[float] = field(default_factory=list, init=False)
+    _done: float = field(default=0.0, init=False)
+    _now: float = field(default=0.0, init=False)
+    _least: float = field(default=math.inf, init=False)
 
     def __post_init__(self) -> None:
         self._rest = list(self.stages)
 
     def begin(self, stage: str) -> None:
-        """A stage begins, and what stands before it is over."""
+        """Take a stage as begun, and the one before it as over; those between are skipped."""
         names = [name for name, _ in self._rest]
         if stage in names:
-            del self._rest[: names.index(stage)]
-            self._done.append(self._rest.pop(0)[1])
-        else:
-            self._done.append(self._done[-1] if self._done else 0.0)
-
-    def step(self) -> str:
-        """Of how many: "3/12"."""
-        return f"{len(self._done)}/{len(self._done) + len(self._rest)}"
+            at = names.index(stage)
+            self._done, self._now = self._done + self._now, self._rest[at][1]
+            self._rest = self._rest[at + 1 :]
 
     def in_all(self, elapsed: float) -> float:
-        """Seconds that the whole is expected to take, at the beginning of a stage after `elapsed` [s]; NaN as long as
-        too little is done to tell."""
-        done = sum(self._done[:-1])
-        whole = sum(self._done) + sum(part for _, part in self._rest)
-        return elapsed * whole / done if done >= _TELLS * whole else math.nan
+        """Seconds that the whole is expected to take, at the beginning of a stage after `elapsed` [s].
+
+        NaN as long as too little is done to tell, and once it takes much longer than was told.
+        """
+        whole = self._done + self._now + sum(part for _, part in self._rest)
+        if self._done < _TELLS * whole:
+            return math.nan
+        expected = min(elapsed * whole / self._done, max(self.limit, elapsed))
+        if expected > _GROWS * self._least:
+            return math.nan
+        self._least = min(self._least, expected)
+        return expected
 
     def line(self, stage: str, elapsed: float) -> str:
-        """What is said as a stage begins: "3/12  refit of the file, roughly 40 s in all"."""
+        """The words as a stage begins: "refit of the file, about 40 s in all"."""
+        self.begin(stage)
         expected = self.in_all(elapsed)
-        told = f", roughly {float(f'{expected:.1g}' if expected < 10 else f'{expected:.2g}'):g} s in all"
-        return f"{self.step():>5}  {stage}{told if math.isfinite(expected) else ''}"
+        told = f", about {float(f'{expected:.1g}' if expected < 10 else f'{expected:.2g}'):g} s in all"
+        return f"{stage}{told if math.isfinite(expected) and expected > elapsed else ''}"
 
 
 @contextmanager
 def progress(quiet: bool = False, course: Course | None = None) -> Iterator[Callable[[str], None]]:
-    """Gives a function that is told the name of every stage as it begins; `quiet`: it says nothing."""
+    """Give a function that takes the name of every stage as it begins, or a sentence with a colon, which stays.
+
+    If `quiet` it says nothing.
+    """
     console, start = Console(), time.perf_counter()
 
     def line(stage: str) -> str:
-        if course is None:
-            return stage
-        course.begin(stage)
-        return course.line(stage, time.perf_counter() - start)
+        return stage if course is None or ":" in stage else course.line(stage, time.perf_counter() - start)
 
     if quiet:
         yield lambda stage: None
@@ -79,4 +87,11 @@ def progress(quiet: bool = False, course: Course | None = None) -> Iterator[Call
     columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=None)
-        yield lambda stage: bar.update(task, description=line(stage))
+
+        def say(stage: str) -> None:
+            if ":" in stage:
+                bar.console.print(stage)
+            else:
+                bar.update(task, description=line(stage))
+
+        yield say

@@ -65,7 +65,7 @@ class Outcome:
         return len(self.result.causes) - int(self.fault is not None and self.found)
 
 
-def _flown(system: System, seed: int, clean: bool) -> tuple[Fault | None, list[Record]]:
+def flown(system: System, seed: int, clean: bool) -> tuple[Fault | None, list[Record]]:
     """What is hidden, and the records; another fault where the system runs off with the first."""
     for attempt in range(_ATTEMPTS):
         fault = None if clean else system.draw(seed, attempt)
@@ -78,6 +78,6 @@ def _flown(system: System, seed: int, clean: bool) -> tuple[Fault | None, list[R
 
 def outcome(system: System, seed: int, clean: bool = False) -> Outcome:
     """Draw, fly and diagnose."""
-    fault, records = _flown(system, seed, clean)
+    fault, records = flown(system, seed, clean)
     result = diagnose(system.model(), records, ports=system.ports(), library=system.library)
     return Outcome(system=system.name, seed=seed, fault=fault, result=result)

@@ -206,7 +206,7 @@ def try_cause(
     """
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
     if seen is not None and not seen.passed:
-        return _given_up(base, candidate, seen), evidence, {}
+        return given_up(base, candidate, seen), evidence, {}
     interval: Intervals = {}
     # At size zero the other values of an effect have no influence and could not be estimated.
     alone = attached.effect.linear and set(attached.values) == {"value"}
@@ -216,7 +216,7 @@ def try_cause(
         fitted = fit(base.flight, begin, noise, base, iterations=iterations, tolerance=3.0, give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
-        return _given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
+        return given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
     if attached.effect.timed:
         wider = further_records(joint, fitted.attached[-1])
         if len(wider.onsets) > len(attached.onsets):
@@ -264,7 +264,7 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     return trial
 
 
-def _given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
+def given_up(base: FlightFit, candidate: Candidate, because: Gate) -> Trial:
     """The trial of a candidate that was not fitted, with its predicted values and the gate that it failed."""
     return Trial(
         candidate=candidate,

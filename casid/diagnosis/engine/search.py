@@ -17,10 +17,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed
+from casid.diagnosis.cause import Gate, all_passed, at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import (
     can_be_named,
@@ -35,6 +36,7 @@ from casid.diagnosis.engine.acceptance import (
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
 from casid.diagnosis.engine.candidates import (
     checked,
+    given_up,
     is_same,
     settled,
     try_cause,
@@ -54,6 +56,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
+from casid.diagnosis.time_limit import TimeIsUpError, TimeLimit
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 
@@ -108,13 +111,34 @@ class State:
 
 
 def search(baseline: Baseline, say: Say) -> State:
-    """The set of causes found from a baseline, with corrections of the conditions that the causes reveal."""
+    """The set of causes found from a baseline, with corrections of the conditions that the causes reveal.
+
+    When its time is over, or at Ctrl-C, the search ends with the last accepted set, and with a note of what was not
+    tried (`TimeLimit`).
+    """
+    limit = baseline.flight.limit
+    limit.begin_search()
     state = _grown(at_baseline(baseline), say)
-    for condition in () if baseline.fixed else _CONDITIONS:
-        other = condition(state, say)
+    for name, condition in {} if baseline.fixed else _CONDITIONS.items():
+        if limit.leaves_out(name):
+            continue
+        try:
+            with limit.cutting():
+                other = condition(state, say)
+        except TimeIsUpError:
+            other = None
+        except KeyboardInterrupt:
+            other = _interrupted(limit, say)
+        limit.leaves_out(name)
         if other is not None:
             state = _grown(dropped(carried(other, state)), say)
     return state
+
+
+def _interrupted(limit: TimeLimit, say: Say) -> None:
+    """End the search, at the first Ctrl-C."""
+    limit.interrupt()
+    say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
 
 
 def at_baseline(baseline: Baseline) -> State:
@@ -136,16 +160,20 @@ def _grown(state: State, say: Say) -> State:
     Two causes may explain together what neither explains alone. A few sets may therefore be refused on the way to an
     accepted one.
     """
-    accepted, numerics = state, state.criteria.numerics.naming
+    accepted, numerics, limit = state, state.criteria.numerics.naming, state.fit.flight.limit
     catalogue: Sequence[Effect] = state.fit.flight.effects
     for _ in range(len(state.rounds), numerics.rounds):
-        say(f"naming, round {len(state.rounds) + 1}")
-        state = added(state, catalogue)
+        if state.rounds and limit.leaves_out(_FURTHER):
+            break
+        try:
+            say(f"naming, round {len(state.rounds) + 1}")
+            state = _after_round(accepted, added(state, catalogue))
+        except KeyboardInterrupt:
+            _interrupted(limit, say)
+            limit.leaves_out(_FURTHER)
+            break
         if not state.rounds[-1].named:
             break
-        state = with_gates_of_set(accepted, state)
-        if not _passes(accepted, state) and (other := swapped(state)) is not state:
-            state = with_gates_of_set(accepted, other)
         if _passes(accepted, state):
             accepted = state
         elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
@@ -155,8 +183,19 @@ def _grown(state: State, say: Say) -> State:
             kept = state.fit.flight.imitated_names
             catalogue = [e for e in catalogue if e.of_an_instrument or e.name in kept or (nonlinear and not e.timed)]
     refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
-    accepted = swapped(accepted)
+    if len(accepted.rounds) < 2 or not limit.leaves_out("alternatives of causes beside those named later"):
+        accepted = swapped(accepted)
     return replace(accepted, rounds=(*accepted.rounds, *refused))
+
+
+def _after_round(accepted: State, state: State) -> State:
+    """The state with the gates of its set, and with exchanged causes if the set is refused."""
+    if not state.rounds[-1].named:
+        return state
+    state = with_gates_of_set(accepted, state)
+    if not _passes(accepted, state) and (other := swapped(state)) is not state:
+        state = with_gates_of_set(accepted, other)
+    return state
 
 
 def with_gates_of_set(accepted: State, state: State) -> State:
@@ -311,12 +350,18 @@ def _tried(
     state.forget()  # the arrays of the fits that are tried are enough to hold
 
     def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
-        trial, joint, interval = try_cause(state.evidence, *one, give_up)
+        try:
+            limit.check()
+            trial, joint, interval = try_cause(state.evidence, *one, give_up)
+        except TimeIsUpError:
+            limit.leaves_out(f"a fit of {one[0].name}")
+            return given_up(state.fit, one[0], at_least("time left", 0.0, 1.0)), state.fit, {}
         return trial, joint.fit, interval
 
-    at_once = state.criteria.numerics.naming.side_by_side
+    at_once, limit = state.criteria.numerics.naming.side_by_side, state.fit.flight.limit
     for first in range(0, len(seen), at_once):
-        results = side_by_side(run, seen[first : first + at_once])
+        with limit.cutting():
+            results = side_by_side(run, seen[first : first + at_once])
         together = [checked(trial, fitted, state.evidence, state.kinematic) for trial, fitted, _ in results]
         state.forget()
         for tried, (_, fitted, interval) in zip(together, results, strict=True):
@@ -530,9 +575,12 @@ def _recalculated(begun: Baseline, calm: FlightFit) -> Baseline:
     return baseline_from(calm, replace(begun.kinematics, nuisance=nuisance))
 
 
-_CONDITIONS: tuple[Callable[[State, Say], Baseline | None], ...] = (
-    _input_timing,
-    _calm_air,
-    _another_minimum,
-    _noise_of_the_fit,
+_FURTHER = "further causes beside those named"
+_CONDITIONS: Mapping[str, Callable[[State, Say], Baseline | None]] = MappingProxyType(
+    {
+        "another timing of the inputs": _input_timing,
+        "calm air in place of turbulence": _calm_air,
+        "another start of the fit": _another_minimum,
+        "noise that is estimated with the causes": _noise_of_the_fit,
+    }
 )

@@ -82,6 +82,8 @@ def fit(
     ------
     InputError
         If the model diverges along the records at the first point.
+    TimeIsUpError
+        If the time for the search is over, in a fit that the search can do without.
     """
     attached = tuple(attached)
     if start is not None and not anew and start.left < tolerance and _is_of(start, flight, attached, noise, free):
@@ -96,6 +98,7 @@ def fit(
     best: _Point | None = None
     step, shrink = None, 1.0
     for iteration in range(1, iterations + 1):
+        flight.limit.check()
         best, now = None if best is None else best.lighter(), None
         with nullcontext() if best is None else suppress(InputError):  # a step may be too long
             now = _flown(work, attached, values, motion)

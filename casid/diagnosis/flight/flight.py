@@ -14,6 +14,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
+from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
 from casid.model.aircraft import Aircraft
@@ -58,6 +59,7 @@ class Flight:
                  instead of a simulation of the whole of it
     every        number of recorded samples of which each sample is the mean
     unknown      inputs that were never recorded: nothing that depends on them is judged
+    limit        the time that the search may take
     criteria     the thresholds for all decisions made with this flight
     sizes        measure of the sizes of causes; None: by coefficients and channels of an aircraft
     """
@@ -76,6 +78,7 @@ class Flight:
     closed_loop: bool = False
     every: int = 1
     unknown: tuple[str, ...] = ()
+    limit: TimeLimit = field(default_factory=TimeLimit)
     criteria: Criteria = Criteria()
     sizes: Sizes | None = None
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)

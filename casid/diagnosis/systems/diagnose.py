@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.arguments import require
+from casid.diagnosis import sentences
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import Baseline
@@ -24,6 +25,7 @@ from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
 from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft
+from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -46,6 +48,7 @@ def diagnose_system(
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
+    seconds: float | None = None,
 ) -> Diagnosis:
     """Diagnose a model on records.
 
@@ -71,6 +74,8 @@ def diagnose_system(
         Names of states whose equations are beyond doubt, and of inputs and outputs that are.
     library
         The causes that are considered; by default all that any system may have.
+    seconds
+        Time after which the search for causes ends; by default it ends by itself.
 
     Raises
     ------
@@ -85,7 +90,7 @@ def diagnose_system(
     library = require(library or Library(), Library, "diagnose: library", "cs.Library(...)")
     if model.events:
         raise InputError(f"diagnose: model '{model.name}' has events, which are not taken here; give one without")
-    stages = Stages(report)
+    stages, limit = Stages(report), TimeLimit(seconds)
     stages.begin("reading the records")
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)
@@ -94,11 +99,12 @@ def diagnose_system(
     _check_measured(model, held)
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
-    plant = plant_of(model, fit_on, ports, library, criteria)
+    plant = replace(plant_of(model, fit_on, ports, library, criteria), limit=limit)
     stages.begin("refit of the model")
     refitted = first_fit(plant)
     stages.begin("simulation as given")
     given = fly_as_given(plant, held, refitted)
+    report(sentences.so_far(given, (), 0))
 
     def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfSystem:
         base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
@@ -119,20 +125,22 @@ def diagnose_rotorcraft(
     report: Callable[[str], None],
     criteria: Criteria,
     extended: ExtendedBy,
+    seconds: float | None,
 ) -> Diagnosis:
     """Diagnose an aircraft with rotors; `extended` makes its file of a fit, the named and the minor causes.
 
     Raises InputError for records that lack an input of a rotor, and for channels that no record has.
     """
-    stages = Stages(report)
+    stages, limit = Stages(report), TimeLimit(seconds)
     stages.begin("reading the records")
     fit_on, held = split(records, hold_out, criteria.held_out)
-    plant = rotorcraft(aircraft, fit_on, criteria)
+    plant = replace(rotorcraft(aircraft, fit_on, criteria), limit=limit)
     _check_measured(plant.base, held)
     stages.begin("refit of the model")
     plant, refitted = in_its_colour(plant, rotorcraft_fit(plant))
     stages.begin("simulation as given")
     given = fly_as_given(plant, held, refitted)
+    report(sentences.so_far(given, (), 0))
 
     def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
         return OfAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))

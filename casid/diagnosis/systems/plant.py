@@ -27,6 +27,7 @@ from casid.diagnosis.systems.library import (
     stuck,
     told_limit,
 )
+from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
 from casid.filtering.innovations import (
@@ -134,6 +135,7 @@ class Plant:
     closed_loop  whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
     imitated  free number -> effect whose relative change it is
     every     number of recorded samples of which each sample is the mean
+    limit     the time that the search may take
     """
 
     base: Model
@@ -154,6 +156,7 @@ class Plant:
     closed_loop: bool = False
     imitated: Mapping[str, Effect] = field(default_factory=dict)
     every: int = 1
+    limit: TimeLimit = field(default_factory=TimeLimit)
     input_sigma: dict[str, float] = field(default_factory=dict)
     doubted: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()

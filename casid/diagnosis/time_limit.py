@@ -1,0 +1,61 @@
+"""The time that a diagnosis may take, and what its search leaves out when that is over."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class TimeIsUpError(Exception):
+    """A trial fit ends here, because the time for the search is over."""
+
+
+class TimeLimit:
+    """A limit of wall time, of one diagnosis; without `seconds` there is none.
+
+    Only the search is cut short. What follows it, the held-out records and the verdict, takes about as long as what
+    comes before it, and that time is kept for it.
+    """
+
+    def __init__(self, seconds: float | None = None) -> None:
+        self._seconds, self._begin = math.inf if seconds is None else seconds, time.perf_counter()
+        self._until, self._cutting = math.inf, False
+        self.because, self.left_out = "", list[str]()
+
+    def begin_search(self) -> None:
+        """Keep as much time for the end as the beginning took."""
+        now = time.perf_counter()
+        self._until = max(self._begin + self._seconds - (now - self._begin), now)
+
+    @property
+    def is_up(self) -> bool:
+        """Whether the search must end."""
+        if not self.because and time.perf_counter() >= self._until:
+            self.because = f"not tried: the limit of {self._seconds:g} s was reached"
+        return bool(self.because)
+
+    def interrupt(self) -> None:
+        """End the search now, as Ctrl-C does."""
+        self.because = "not tried: the search was interrupted"
+
+    def leaves_out(self, what: str) -> bool:
+        """Whether something must be left out because the time is up; it is noted then."""
+        if self.is_up and what not in self.left_out:
+            self.left_out.append(what)
+        return self.is_up
+
+    @contextmanager
+    def cutting(self) -> Iterator[None]:
+        """Begin a block in which fits may end by `TimeIsUpError`."""
+        self._cutting = True
+        try:
+            yield
+        finally:
+            self._cutting = False
+
+    def check(self) -> None:
+        """Raise TimeIsUpError where a fit may end and the time is up."""
+        if self._cutting and self.is_up:
+            raise TimeIsUpError
