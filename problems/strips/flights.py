@@ -75,11 +75,13 @@ def fly_set(case: str, seed: int) -> Flown:
         rng = np.random.default_rng([_STREAM, seed, number, attempt])
         effects = draw(case, plane, rng)
         weather = str(rng.choice(("uniform", "with gradients"))) if turbulent else "calm"
-        task, durations = _task(plane, way, weather, rng)
+        # what moves an aircraft far from trim is not flown without anybody at the controls
+        flown_by = way if attempt < _ATTEMPTS // 2 else "autopilot"
+        task, durations = _task(plane, flown_by, weather, rng)
         healthy = fly(plane, level, replace(task, air=0.0 * task.air, gradient=0.0 * task.gradient), ())
         log = fly(plane, level, task, effects) if effects or turbulent else healthy
         if all(_within(level, one, durations) for one in (healthy, log)):
-            return _set(plane, level, log, effects, (healthy, durations, way, weather, rng))
+            return _set(plane, level, log, effects, (healthy, durations, flown_by, weather, rng))
     raise ValueError(f"{case}, seed {seed}: no flyable set in {_ATTEMPTS} attempts; choose another seed")
 
 
