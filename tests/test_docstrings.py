@@ -31,7 +31,7 @@ USED_MOST = (
     "SingleShooting",
 )
 RULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["numpydoc_validation"]
-OF_MEMBERS = {"EX01"}  # the example of the class uses its methods
+OF_MEMBERS = {"EX01", "RT01"}  # the example of the class uses its methods; annotations say what they return
 OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02"}  # one function for aircraft and systems takes any arguments
 WITH_EXAMPLES = [name for name in casid.__all__ if ">>>" in (inspect.getdoc(getattr(casid, name)) or "")]
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
@@ -41,6 +41,13 @@ def sections(text: str) -> dict[str, str]:
     """Heading -> text of the sections of a docstring in numpydoc form."""
     parts = re.split(r"(?m)^([A-Z][a-z]+)\n-{3,}\n", text)
     return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def example_of(name: str) -> str:
+    """The example of a public name, behind the one that it goes on from."""
+    text = sections(inspect.getdoc(getattr(casid, name)) or "").get("Examples", "")
+    before = re.search(r"After the example of `(\w+)`", text)
+    return (example_of(before[1]) + "\n\n" if before else "") + text
 
 
 def documented(section: str) -> set[str]:
@@ -92,7 +99,6 @@ def test_numpydoc_finds_nothing(name: str, is_member: bool) -> None:
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_an_example_runs(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)  # examples name the files of the demonstration from there
-    text = inspect.getdoc(getattr(casid, name)) or ""
-    example = doctest.DocTestParser().get_doctest(text, {}, name, None, 0)
+    example = doctest.DocTestParser().get_doctest(example_of(name), {}, name, None, 0)
     said: list[str] = []
     assert doctest.DocTestRunner().run(example, out=said.append).failed == 0, "".join(said)

@@ -24,60 +24,29 @@ _ROUNDING = 1e-9  # of a limit: at the limit is within
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flight:
-    """The measured side of a test.
+    """The measured side of a test."""
 
-    Attributes
-    ----------
-    t
-        (N,) clock of the record [s].
-    samples
-        Channel -> (N,) as measured.
-    curves
-        Channel -> (N,) with its noise smoothed: what is compared.
-    noise
-        Channel -> 1-sigma that was taken off.
-    quantities
-        Row of the test -> derived quantity.
-    """
-
-    t: np.ndarray
-    samples: Mapping[str, np.ndarray]
-    curves: Mapping[str, np.ndarray]
-    noise: Mapping[str, float]
-    quantities: Mapping[Tolerance, Quantity]
+    t: np.ndarray  # (N,) clock of the record [s]
+    samples: Mapping[str, np.ndarray]  # channel -> (N,) as measured
+    curves: Mapping[str, np.ndarray]  # channel -> (N,) with its noise smoothed: what is compared
+    noise: Mapping[str, float]  # channel -> 1-sigma that was taken off
+    quantities: Mapping[Tolerance, Quantity]  # row of the test -> derived quantity
 
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """One row of a test, judged.
+    """One row of a test, judged."""
 
-    Attributes
-    ----------
-    tolerance
-        The row.
-    passed
-        Within tolerance; None: not judged, `why` says why.
-    used
-        Largest part of the tolerance that is used, 1 at the limit.
-    deviation, limit
-        Simulation minus flight, and the tolerance, where most of it is used.
-    at_s
-        When that is, on the clock of the record; of a time history.
-    in_s, out_s
-        Time in and out of tolerance [s]; of a time history.
-    flight, simulation
-        Of a derived quantity.
-    """
-
-    tolerance: Tolerance
-    passed: bool | None
-    used: float = math.nan
+    tolerance: Tolerance  # the row
+    passed: bool | None  # within tolerance; None: not judged, `why` says why
+    used: float = math.nan  # largest part of the tolerance that is used, 1 at the limit
+    # deviation, limit: simulation minus flight, and the tolerance, where most of it is used
     deviation: float = math.nan
     limit: float = math.nan
-    at_s: float = math.nan
-    in_s: float = math.nan
+    at_s: float = math.nan  # when that is, on the clock of the record; of a time history
+    in_s: float = math.nan  # in_s, out_s: time in and out of tolerance [s]; of a time history
     out_s: float = math.nan
-    flight: Quantity | None = None
+    flight: Quantity | None = None  # flight, simulation: of a derived quantity
     simulation: Quantity | None = None
     why: str = ""
 

@@ -25,25 +25,13 @@ _SHORT = 0.05  # s by which a rest may fall short
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a test asks of the flight, and what the flight has.
+    """What a test asks of the flight, and what the flight has."""
 
-    Attributes
-    ----------
-    name
-        What is asked about, "configuration".
-    asked, found
-        Both in words.
-    met
-        Whether it is met; None: the record or the file does not say.
-    of_rest
-        Whether it asks how long the inputs rest.
-    """
-
-    name: str
-    asked: str
+    name: str  # what is asked about, "configuration"
+    asked: str  # asked, found: both in words
     found: str
-    met: bool | None
-    of_rest: bool = False
+    met: bool | None  # whether it is met; None: the record or the file does not say
+    of_rest: bool = False  # whether it asks how long the inputs rest
 
     def __str__(self) -> str:
         return f"{self.name}: {self.found}; the test asks for {self.asked}"

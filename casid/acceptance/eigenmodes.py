@@ -24,21 +24,11 @@ _ROLL_AND_SPIRAL = ("roll", "spiral")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Eigenmode:
-    """One real eigenvalue or one pair.
+    """One real eigenvalue or one pair."""
 
-    Attributes
-    ----------
-    eigenvalue
-        The one with the imaginary part that is not negative [rad/s].
-    derivatives
-        (parameters,) complex derivatives of the eigenvalue.
-    participation
-        State -> its share in the mode; the shares add up to 1.
-    """
-
-    eigenvalue: complex
-    derivatives: np.ndarray
-    participation: Mapping[str, float]
+    eigenvalue: complex  # the one with the imaginary part that is not negative [rad/s]
+    derivatives: np.ndarray  # (parameters,) complex derivatives of the eigenvalue
+    participation: Mapping[str, float]  # state -> its share in the mode; the shares add up to 1
 
     @property
     def oscillates(self) -> bool:

@@ -32,21 +32,12 @@ _LOOPS: Mapping[str, tuple[str | None, str]] = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What a simulation gives of a manoeuvre.
+    """What a simulation gives of a manoeuvre."""
 
-    Attributes
-    ----------
-    channels
-        Name -> (N,) as the instruments would read it; empty when it diverged.
-    corrections
-        Surface -> (N,) what a closed-loop controller added [rad]; empty for open loop.
-    diverged
-        Where and why it left the range of numbers; "": it did not.
-    """
-
-    channels: Mapping[str, np.ndarray]
+    channels: Mapping[str, np.ndarray]  # name -> (N,) as the instruments would read it; empty when it diverged
+    # surface -> (N,) what a closed-loop controller added [rad]; empty for open loop
     corrections: Mapping[str, np.ndarray]
-    diverged: str = ""
+    diverged: str = ""  # where and why it left the range of numbers; "": it did not
 
 
 def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...]:

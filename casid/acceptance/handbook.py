@@ -110,13 +110,7 @@ class Handbook:
     __repr__ = brief
 
     def plot(self) -> Any:
-        """Eigenvalues with their 2-sigma ellipses and trim curves with their 2-sigma bands, a matplotlib figure.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
-        """
+        """Eigenvalues with their 2-sigma ellipses and trim curves with their 2-sigma bands, a matplotlib figure."""
         return view("modes.plot")({self.aircraft: self})
 
     def __str__(self) -> str:
@@ -126,13 +120,7 @@ class Handbook:
         return "\n".join([*lines, *(f"! {note}" for note in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and texts; a number that does not exist is None.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """Plain numbers, lists and texts; a number that does not exist is None."""
         curves = self.trim_curves
         return {
             "aircraft": self.aircraft,

@@ -54,28 +54,15 @@ _DEFAULT = tuple(f"aero_term({term})" for term in _TERMS)
 
 @dataclass(frozen=True, kw_only=True)
 class IsolableCause:
-    """What a manoeuvre can tell of a cause.
+    """What a manoeuvre can tell of a cause."""
 
-    Attributes
-    ----------
-    name
-        As in tables, `actuator_lag(delta_e)`.
-    matters
-        Smallest size that matters to an engineer, in `unit`.
-    smallest
-        Smallest size that is detected with a probability of 90 %; infinite where derivatives imitate it.
-    detection
-        Probability that it is detected at the size that matters.
-    confusion
-        Rival -> probability that it explains the data better than this cause, which is there at the size that matters;
-        of the rivals above 1 %, the most alike first.
-    """
-
-    name: str
+    name: str  # as in tables, `actuator_lag(delta_e)`
     unit: str
-    matters: float
-    smallest: float
-    detection: float
+    matters: float  # smallest size that matters to an engineer, in `unit`
+    smallest: float  # smallest size that is detected with a probability of 90 %; infinite where derivatives imitate it
+    detection: float  # probability that it is detected at the size that matters
+    # rival -> probability that it explains the data better than this cause, which is there at the size that matters; of
+    # the rivals above 1 %, the most alike first
     confusion: Mapping[str, float]
 
     @property
@@ -147,26 +134,14 @@ class Isolability:
         return [tuple(name for name in seen if name in one) for one in found]
 
     def plot(self) -> Any:
-        """The matrix of confusion, a matplotlib figure.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
-        """
+        """The matrix of confusion, a matplotlib figure."""
         return view("isolability.plot")(self)
 
     def __str__(self) -> str:
         return view("isolability.text")(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of isolability.json; an infinite size is None.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The content of isolability.json; an infinite size is None."""
         return {
             "schema": "casid.isolability/1",
             "aircraft": self.aircraft,

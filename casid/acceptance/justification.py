@@ -19,25 +19,15 @@ _TOLD = 3  # parts that are told where no single one decides
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What a diagnosis found, as far as a rationale quotes it.
+    """What a diagnosis found, as far as a rationale quotes it."""
 
-    Attributes
-    ----------
-    sentences
-        Cause, as in tables `actuator_lag(delta_e)` -> its sentence, with the probability of the cause.
-    fitted, held_out
-        Names of the records that were fitted, and of those that were not.
-    ratios
-        Channel -> r.m.s. error on the held-out records, extended over as given.
-    extended
-        File of the extended aircraft.
-    """
-
+    # cause, as in tables `actuator_lag(delta_e)` -> its sentence, with the probability of the cause
     sentences: Mapping[str, str] = field(default_factory=dict)
-    fitted: tuple[str, ...] = ()
+    fitted: tuple[str, ...] = ()  # fitted, held_out: names of the records that were fitted, and of those that were not
     held_out: tuple[str, ...] = ()
+    # channel -> r.m.s. error on the held-out records, extended over as given.
     ratios: Mapping[str, float] = field(default_factory=dict)
-    extended: Any = None
+    extended: Any = None  # file of the extended aircraft
 
     def was_fitted(self, record: str) -> bool | None:
         """Say whether a record was fitted; None: the diagnosis does not name it."""
@@ -46,27 +36,13 @@ class Findings:
 
 @dataclass(frozen=True, kw_only=True)
 class Rationale:
-    """The rationale of a test that was out of tolerance.
+    """The rationale of a test that was out of tolerance."""
 
-    Attributes
-    ----------
-    differs
-        What differed, a sentence for each row out of tolerance.
-    why
-        The causes, a sentence each.
-    changed
-        What was changed in the simulation, part by part.
-    proof
-        The same test with the change, records that no fit has used, and every other test again.
-    accepted
-        Whether the test is in tolerance now and no other test was lost.
-    """
-
-    differs: tuple[str, ...]
-    why: tuple[str, ...]
-    changed: tuple[str, ...]
-    proof: tuple[str, ...]
-    accepted: bool
+    differs: tuple[str, ...]  # what differed, a sentence for each row out of tolerance
+    why: tuple[str, ...]  # the causes, a sentence each
+    changed: tuple[str, ...]  # what was changed in the simulation, part by part
+    proof: tuple[str, ...]  # the same test with the change, records that no fit has used, and every other test again
+    accepted: bool  # whether the test is in tolerance now and no other test was lost
 
 
 def findings_of(diagnosis: Diagnosis | str | Path) -> Findings:

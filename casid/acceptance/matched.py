@@ -15,18 +15,10 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Side:
-    """A simulation in a test: what it flew, and its rows.
+    """A simulation in a test: what it flew, and its rows."""
 
-    Attributes
-    ----------
-    flown
-        Its channels, and what a controller added.
-    checks
-        Of each row of the test.
-    """
-
-    flown: Flown
-    checks: tuple[Check, ...]
+    flown: Flown  # its channels, and what a controller added
+    checks: tuple[Check, ...]  # of each row of the test
 
     @property
     def passed(self) -> bool | None:
@@ -36,30 +28,14 @@ class Side:
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a part of the extended aircraft is worth in a test.
+    """What a part of the extended aircraft is worth in a test."""
 
-    Attributes
-    ----------
-    part
-        The effect or the numbers that were taken out.
-    subject
-        Name of the cause, `actuator_lag(delta_e)`; "" of numbers.
-    changes
-        What differs from the given aircraft, in words.
-    lost
-        Names of the rows that pass with it and fail without.
-    used
-        Row -> largest part of its tolerance that is used without it.
-    fails
-        Whether the test passes with it and fails without.
-    """
-
-    part: str
-    subject: str
-    changes: tuple[str, ...]
-    lost: tuple[str, ...]
-    used: Mapping[str, float]
-    fails: bool
+    part: str  # the effect or the numbers that were taken out
+    subject: str  # name of the cause, `actuator_lag(delta_e)`; "" of numbers
+    changes: tuple[str, ...]  # what differs from the given aircraft, in words
+    lost: tuple[str, ...]  # names of the rows that pass with it and fail without
+    used: Mapping[str, float]  # row -> largest part of its tolerance that is used without it
+    fails: bool  # whether the test passes with it and fails without
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -117,11 +93,6 @@ class MatchedTest:
         ----------
         label
             "as given" or "extended".
-
-        Returns
-        -------
-        str
-            The outcome in words.
         """
         word = VERDICTS[self.sides[label].passed]
         return "in tolerance, conditions not met" if word == "pass" and self.unmet else word

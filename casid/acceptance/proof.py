@@ -89,13 +89,7 @@ class ProofOfMatch:
         return f"{said[0].upper()}{said[1:]}.{asked}{seen}{lost}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As `match.json`, "casid.match/1": SI units and radians; what is no number is null.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """As `match.json`, "casid.match/1": SI units and radians; what is no number is null."""
         standard = {key: getattr(self.standard, key) for key in ("name", "edition", "source")}
         return {
             "schema": "casid.match/1",
@@ -110,13 +104,7 @@ class ProofOfMatch:
         }
 
     def to_frame(self) -> DataFrame:
-        """A row for each row of each test, as a pandas data frame; needs the extra `pandas`.
-
-        Returns
-        -------
-        DataFrame
-            Data frame of pandas.
-        """
+        """A row for each row of each test, as a pandas data frame; needs the extra `pandas`."""
         return view("match.frame")(self)
 
     def plot(self, test: str | None = None) -> Any:
@@ -129,11 +117,6 @@ class ProofOfMatch:
         ----------
         test
             Paragraph of the standard, like ``2.c.10``.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
         """
         return view("match.plot")(self, test)
 

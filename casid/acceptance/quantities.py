@@ -61,25 +61,13 @@ class QuantityKind:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Oscillation:
-    """y = c + d t + exp(-decay t) (a cos(frequency t) + b sin(frequency t)) of one or more channels.
+    """y = c + d t + exp(-decay t) (a cos(frequency t) + b sin(frequency t)) of one or more channels."""
 
-    Attributes
-    ----------
-    decay, frequency
-        [1/s] and damped frequency [rad/s], of all channels.
-    phases
-        (channels,) of each, y ~ cos(frequency t - phase) [rad].
-    covariance
-        (2 + channels) square, of decay, frequency and phases.
-    duration
-        Of the window [s].
-    """
-
-    decay: float
+    decay: float  # decay, frequency: [1/s] and damped frequency [rad/s], of all channels
     frequency: float
-    phases: np.ndarray
-    covariance: np.ndarray
-    duration: float
+    phases: np.ndarray  # (channels,) of each, y ~ cos(frequency t - phase) [rad]
+    covariance: np.ndarray  # (2 + channels) square, of decay, frequency and phases
+    duration: float  # of the window [s]
 
     @property
     def cycles(self) -> float:

@@ -24,18 +24,10 @@ _TINY = 1e-300
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Smooth:
-    """A smoothed channel.
+    """A smoothed channel."""
 
-    Attributes
-    ----------
-    curve
-        (N,) values at all samples, also where a sample is missing.
-    sigma
-        1-sigma of what was taken off.
-    """
-
-    curve: np.ndarray
-    sigma: float
+    curve: np.ndarray  # (N,) values at all samples, also where a sample is missing
+    sigma: float  # 1-sigma of what was taken off
 
 
 def smooth(t: np.ndarray, values: np.ndarray) -> Smooth:

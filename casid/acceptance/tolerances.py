@@ -26,40 +26,20 @@ _WORDS = {"calibrated_airspeed": "calibrated airspeed", "az": "normal accelerati
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerance:
-    """One row of a test.
+    """One row of a test."""
 
-    Attributes
-    ----------
-    channel
-        What is compared, or what the quantity is measured from.
-    quantity
-        Of `QUANTITIES`, where not the time history itself is compared.
-    reference
-        Second channel of a quantity that lies between two.
-    absolute
-        Limit of simulation minus flight, SI; None: there is none.
-    relative
-        Limit as a fraction of flight; with an absolute one, the less restrictive holds.
-    relative_to
-        "value": of flight at the same sample, or of the quantity; "peak": of the largest size in flight.
-    unit
-        In which the row is told.
-    from_s, to_s
-        Span from the beginning of the manoeuvre [s] to which the row is confined.
-    either
-        Rows of a test with the same word are alternatives: one of them suffices.
-    """
-
-    channel: str
-    quantity: str | None = None
-    reference: str | None = None
-    absolute: float | None = None
-    relative: float | None = None
+    channel: str  # what is compared, or what the quantity is measured from
+    quantity: str | None = None  # of `QUANTITIES`, where not the time history itself is compared
+    reference: str | None = None  # second channel of a quantity that lies between two
+    absolute: float | None = None  # limit of simulation minus flight, SI; None: there is none
+    relative: float | None = None  # limit as a fraction of flight; with an absolute one, the less restrictive holds
+    # "value": of flight at the same sample, or of the quantity; "peak": of the largest size in flight
     relative_to: str = "value"
-    unit: str
+    unit: str  # in which the row is told
+    # from_s, to_s: span from the beginning of the manoeuvre [s] to which the row is confined
     from_s: float | None = None
     to_s: float | None = None
-    either: str | None = None
+    either: str | None = None  # rows of a test with the same word are alternatives: one of them suffices
 
     @property
     def name(self) -> str:
@@ -107,44 +87,21 @@ class Condition:
 
 @dataclass(frozen=True, kw_only=True)
 class StandardTest:
-    """A test of a standard: a manoeuvre and what is compared in it.
+    """A test of a standard: a manoeuvre and what is compared in it."""
 
-    Attributes
-    ----------
-    id, title
-        As the standard has them.
-    manoeuvre
-        Of `MANOEUVRES`: by what it is found in a record.
-    paragraph
-        Where its numbers stand.
-    tolerances
-        Its rows.
-    condition
-        What the flight must have been like; None: anything.
-    configurations
-        Of `CONFIGURATIONS`, those in which the test is flown; none: any.
-    cycles
-        Fewest cycles of an oscillation from which it may be judged.
-    cycles_unless
-        Quantity for which fewer are enough where flight tells it within its tolerance.
-    before_s, after_s
-        How long the inputs rest before the manoeuvre, and after it, by the standard.
-    remark
-        What the standard says besides.
-    """
-
-    id: str
+    id: str  # id, title: as the standard has them
     title: str
-    manoeuvre: str
-    paragraph: str
-    tolerances: tuple[Tolerance, ...]
-    condition: Condition | None = None
-    configurations: tuple[str, ...] = ()
-    cycles: float = 0.0
-    cycles_unless: str | None = None
+    manoeuvre: str  # of `MANOEUVRES`: by what it is found in a record
+    paragraph: str  # where its numbers stand
+    tolerances: tuple[Tolerance, ...]  # its rows
+    condition: Condition | None = None  # what the flight must have been like; None: anything
+    configurations: tuple[str, ...] = ()  # of `CONFIGURATIONS`, those in which the test is flown; none: any
+    cycles: float = 0.0  # fewest cycles of an oscillation from which it may be judged
+    cycles_unless: str | None = None  # quantity for which fewer are enough where flight tells it within its tolerance
+    # before_s, after_s: how long the inputs rest before the manoeuvre, and after it, by the standard
     before_s: float = 0.0
     after_s: float = 0.0
-    remark: str = ""
+    remark: str = ""  # what the standard says besides
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -184,11 +141,6 @@ class Standard:
         ----------
         tolerances
             ``part60``, or the name of a TOML file.
-
-        Returns
-        -------
-        Standard
-            Its tests with their tolerances.
 
         Raises
         ------

@@ -43,17 +43,8 @@ class Bootstrap:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * np.random.default_rng(1).standard_normal(len(t)))
-    >>> fit = cs.solve(cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01}))
-    >>> drawn = cs.bootstrap(fit, 5, seed=1, method=cs.SingleShooting(), solver=cs.GaussNewton())
+    After the example of `bootstrap`:
+
     >>> list(drawn.values), drawn.estimates.shape
     (['T'], (5, 1))
     """
@@ -77,11 +68,6 @@ class Bootstrap:
         ----------
         name
             Of the parameter.
-
-        Returns
-        -------
-        float
-            Standard deviation of the drawn estimates.
         """
         return float(np.sqrt(self.covariance[self._index(name), self._index(name)]))
 
@@ -92,11 +78,6 @@ class Bootstrap:
         ----------
         name
             Of the parameter.
-
-        Returns
-        -------
-        float
-            In the unit of the parameter.
         """
         return float(self.estimates[:, self._index(name)].mean() - self.values[name])
 
@@ -109,11 +90,6 @@ class Bootstrap:
             Of the parameter.
         level
             Probability that the interval contains the true value.
-
-        Returns
-        -------
-        tuple
-            Lower and upper limit.
 
         Raises
         ------
@@ -240,18 +216,8 @@ def bootstrap(
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> rng = np.random.default_rng(1)
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * rng.standard_normal(len(t)))
-    >>> problem = cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01})
-    >>> fit = cs.solve(problem)
+    After the example of `profile`:
+
     >>> drawn = cs.bootstrap(fit, 5, seed=1, method=cs.SingleShooting(), solver=cs.GaussNewton())
     >>> drawn.estimates.shape, drawn.failed
     ((5, 1), 0)

@@ -35,27 +35,20 @@ _UNMOVED = 0.9  # posterior over prior 1-sigma: the data did not move it
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Direction:
-    """A combination of parameters that the data hardly see.
+    """A combination of parameters that the data hardly see."""
 
-    singular_value   of the scaled sensitivities (unit columns); 0: not seen at all
-    condition        largest singular value over this one
-    change           parameter -> change along the direction that alters the fit by one standard deviation of the noise
-                     (for a singular value of 0 the parameter's own size)
-    share            parameter -> the same over its estimate (inf: the estimate is zero)
-    cannot           whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that
-                     takes part, so that they cannot be told apart
-    poor             controls in the names of those that take part (none there: all) that rested or moved at one
-                     frequency only
-    help             the manoeuvre that would help most; None when none of those tried does
-    """
-
-    singular_value: float
-    condition: float
+    singular_value: float  # of the scaled sensitivities (unit columns); 0: not seen at all
+    condition: float  # largest singular value over this one
+    # parameter -> change along the direction that alters the fit by one standard deviation of the noise (for a singular
+    # value of 0 the parameter's own size)
     change: Mapping[str, float]
-    share: Mapping[str, float]
+    share: Mapping[str, float]  # parameter -> the same over its estimate (inf: the estimate is zero)
+    # whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that takes part, so
+    # that they cannot be told apart
     cannot: bool
+    # controls in the names of those that take part (none there: all) that rested or moved at one frequency only
     poor: tuple[Excitation, ...]
-    help: Suggestion | None
+    help: Suggestion | None  # the manoeuvre that would help most; None when none of those tried does
 
     @property
     def sentence(self) -> str:
@@ -123,16 +116,9 @@ class Identifiability:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> gains = cs.define_model(
-    ...     "gains", states=["x"], inputs=["u"], parameters={"k1": 2.0, "k2": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": s.u - s.x}, output=lambda s: {"y": s.k1 * s.k2 * s.x},
-    ... )
-    >>> t = 0.05 * np.arange(200)
-    >>> flown = cs.simulate(gains, cs.Record(name="m1", t=t, channels={"u": np.sin(t)}), [0.0]).as_record("m1")
-    >>> fit = cs.solve(cs.Problem(model=gains, records=[flown], free=["k1", "k2"], noise={"y": 0.01}))
-    >>> found = cs.identifiability(fit)
-    >>> found.inflation["k1"] > 100.0
+    After the example of `identifiability`:
+
+    >>> told.inflation["k1"] > 100.0
     True
     """
 
@@ -299,21 +285,14 @@ def _sizes(fit: Fit) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Weak:
-    """A direction of the parameters that the data show little of.
+    """A direction of the parameters that the data show little of."""
 
-    singular, largest   its singular value, and that of the direction that they show most of
-    along               (parameters,) the direction
-    part                (parameters,) of the variance of each that is along it
-    together            (parameters, parameters) correlation of the estimates, zero of each with itself
-    help                the manoeuvre that would show most of it
-    """
-
-    singular: float
+    singular: float  # singular, largest: its singular value, and that of the direction that they show most of
     largest: float
-    along: np.ndarray
-    part: np.ndarray
-    together: np.ndarray
-    help: Suggestion | None
+    along: np.ndarray  # (parameters,) the direction
+    part: np.ndarray  # (parameters,) of the variance of each that is along it
+    together: np.ndarray  # (parameters, parameters) correlation of the estimates, zero of each with itself
+    help: Suggestion | None  # the manoeuvre that would show most of it
 
 
 def _direction(fit: Fit, weak: _Weak, size: np.ndarray, moves: Sequence[Excitation]) -> Direction:

@@ -53,16 +53,11 @@ _GROUP_SAMPLES = 1024  # of which the derivatives are held at once; at least one
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InputErrors:
-    """Standard errors with noisy inputs.
+    """Standard errors with noisy inputs."""
 
-    covariance  (parameters, parameters) in the order of the fit's parameters
-    std         parameter -> 1-sigma
-    share       parameter -> part of its variance that comes from the inputs, 0 to 1
-    """
-
-    covariance: np.ndarray
-    std: Mapping[str, float]
-    share: Mapping[str, float]
+    covariance: np.ndarray  # (parameters, parameters) in the order of the fit's parameters
+    std: Mapping[str, float]  # parameter -> 1-sigma
+    share: Mapping[str, float]  # parameter -> part of its variance that comes from the inputs, 0 to 1
 
     __repr__ = brief
 

@@ -93,13 +93,7 @@ class DataFindings:
         return tuple(one for one in self.findings if one.handled == "reported")
 
     def to_dict(self) -> dict[str, Any]:
-        """The findings as in diagnosis.json, and the channel table.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The findings as in diagnosis.json, and the channel table."""
         return {
             "records": [record.name for record in self.recorded],
             "data": [one.to_dict() for one in self.findings],

@@ -21,21 +21,16 @@ FEWEST_KNOWN = 20  # samples of smoothed series, some three windows of six: fewe
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Smooth:
-    """Smoothed channels of a record.
-
-    values, rates  channel -> (N,) mean over a Hann window, and its slope per second of the record's time
-    known          channel -> (N,) whether enough samples of the window are there
-    independent    number of independent samples of a smoothed series: windows in the record
-    density        [kg/m3] where neither density nor altitude is recorded; None where nothing says it
-    """
+    """Smoothed channels of a record."""
 
     name: str
     t: np.ndarray
+    # values, rates: channel -> (N,) mean over a Hann window, and its slope per second of the record's time
     values: Mapping[str, np.ndarray]
     rates: Mapping[str, np.ndarray]
-    known: Mapping[str, np.ndarray]
-    independent: float
-    density: float | None = None
+    known: Mapping[str, np.ndarray]  # channel -> (N,) whether enough samples of the window are there
+    independent: float  # number of independent samples of a smoothed series: windows in the record
+    density: float | None = None  # [kg/m3] where neither density nor altitude is recorded; None where nothing says it
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.values
@@ -91,22 +86,16 @@ def _share(there: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How what was recorded is taken.
+    """How what was recorded is taken."""
 
-    factor  channel -> SI value over recorded number
-    offset  channel -> what is added to that
-    source  channel -> the column that holds it, where it is another one
-    time    seconds in a unit of the time column
-    place   of the accelerometer from the c.g. [m], whose part of the readings is taken off
-    gravity whether accelerometers sense it; else it is taken off what they read
-    """
-
-    factor: Mapping[str, float] = field(default_factory=dict)
-    offset: Mapping[str, float] = field(default_factory=dict)
+    factor: Mapping[str, float] = field(default_factory=dict)  # channel -> SI value over recorded number
+    offset: Mapping[str, float] = field(default_factory=dict)  # channel -> what is added to that
+    # channel -> the column that holds it, where it is another one
     source: Mapping[str, str] = field(default_factory=dict)
-    time: float = 1.0
+    time: float = 1.0  # seconds in a unit of the time column
+    # of the accelerometer from the c.g. [m], whose part of the readings is taken off
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    gravity: bool = True
+    gravity: bool = True  # whether accelerometers sense it; else it is taken off what they read
 
     def then(self, other: Reading) -> Reading:
         """This reading, with another one of what it gives: both corrections, one after the other."""
@@ -290,13 +279,7 @@ class Finding:
         return self.handled == "reported" and not of_the_file
 
     def to_dict(self) -> dict[str, Any]:
-        """One entry of `data` in diagnosis.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """One entry of `data` in diagnosis.json."""
         return {
             "kind": self.kind,
             "target": self.target,

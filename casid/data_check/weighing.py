@@ -32,19 +32,13 @@ Gains = list[tuple[Alternative, list[float]]]  # of every alternative, in every 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Weighed:
-    """An alternative that the data prefer.
-
-    records    that have it
-    log_odds   posterior, against the records as they stand
-    rivals     other explanations that these data cannot tell from it
-    refused    whether another kind of fault concerns the same channel, so that neither is corrected
-    """
+    """An alternative that the data prefer."""
 
     alternative: Alternative
-    records: tuple[str, ...]
-    log_odds: float
-    rivals: tuple[Alternative, ...]
-    refused: bool = False
+    records: tuple[str, ...]  # that have it
+    log_odds: float  # posterior, against the records as they stand
+    rivals: tuple[Alternative, ...]  # other explanations that these data cannot tell from it
+    refused: bool = False  # whether another kind of fault concerns the same channel, so that neither is corrected
 
     @property
     def alone(self) -> bool:

@@ -46,11 +46,8 @@ class Experiment:
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
+    After the example of `define_model`:
+
     >>> experiment = cs.Experiment(
     ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
     ...     duration=6.0, dt=0.1, parameters=["T"],
@@ -130,11 +127,6 @@ class Experiment:
             Surface -> deflection from rest (N,) [rad].
         name
             Of the record.
-
-        Returns
-        -------
-        Record
-            Inputs and outputs without noise.
         """
         channels = {n: self.rest[n] + moves.get(n, np.zeros(len(self.t))) for n in self.model.inputs}
         record = Record(name=name, t=self.t, channels=channels, hold="linear", source="designed")

@@ -56,18 +56,10 @@ class InputDesign:
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> experiment = cs.Experiment(
-    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
-    ...     duration=6.0, dt=0.1, parameters=["T"],
-    ... )
-    >>> design = cs.standard_3211(experiment)
-    >>> design.status, list(design.std), len(design.record)
-    ('given', ['T'], 61)
+    After the example of `standard_3211`:
+
+    >>> list(design.std), len(design.record)
+    (['T'], 61)
     """
 
     record: Record
@@ -112,17 +104,9 @@ def design_input(
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> experiment = cs.Experiment(
-    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
-    ...     duration=6.0, dt=0.1, parameters=["T"],
-    ... )
-    >>> design = cs.design_input(experiment, cs.StepInput(pulses=4), starts=0)
-    >>> design.cost <= cs.standard_3211(experiment).cost
+    After the example of `standard_3211`:
+
+    >>> cs.design_input(experiment, cs.StepInput(pulses=4), starts=0).cost <= design.cost
     True
     """
     _check(experiment, shape, criterion)
@@ -167,15 +151,8 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> experiment = cs.Experiment(
-    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
-    ...     duration=6.0, dt=0.1, parameters=["T"],
-    ... )
+    After the example of `Experiment`:
+
     >>> design = cs.standard_3211(experiment)
     >>> design.status, round(float(abs(design.record["u"]).max()), 1)
     ('given', 1.0)

@@ -31,17 +31,9 @@ class StepInput:
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> experiment = cs.Experiment(
-    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
-    ...     duration=6.0, dt=0.1, parameters=["T"],
-    ... )
-    >>> design = cs.design_input(experiment, cs.StepInput(pulses=2), starts=2)
-    >>> design.status
+    After the example of `Experiment`:
+
+    >>> cs.design_input(experiment, cs.StepInput(pulses=2), starts=2).status
     'optimal'
     """
 
@@ -77,11 +69,6 @@ class StepInput:
         ----------
         duration
             Of the record [s].
-
-        Returns
-        -------
-        tuple
-            Lower and upper limits.
         """
         low = np.r_[2 * self.rise_s, np.full(self.pulses, self.shortest_s), np.full(self.pulses, -1.0)]
         return low, np.r_[np.full(1 + self.pulses, duration), np.ones(self.pulses)]
@@ -95,11 +82,6 @@ class StepInput:
             Rest [s], durations [s] and sizes of the pulses.
         t
             Times (N,) [s].
-
-        Returns
-        -------
-        ndarray or SX
-            Deflections in units of the largest permitted one.
         """
         tanh = np.tanh if isinstance(unknowns, np.ndarray) else ca.tanh
         width = 0.5 * self.rise_s
@@ -118,11 +100,6 @@ class StepInput:
         ----------
         unknowns
             As in `samples`.
-
-        Returns
-        -------
-        float or SX
-            Time [s].
         """
         return sum((unknowns[i] for i in range(1, 1 + self.pulses)), unknowns[0])
 
@@ -135,11 +112,6 @@ class StepInput:
             Duration of the shortest pulse [s].
         amplitude
             Size of the pulses.
-
-        Returns
-        -------
-        ndarray
-            As in `samples`.
         """
         if self.pulses < 4:
             raise InputError(f"Steps: a 3-2-1-1 needs 4 pulses, got {self.pulses}")
@@ -156,11 +128,6 @@ class StepInput:
             Source of the durations.
         duration
             Of the record [s].
-
-        Returns
-        -------
-        ndarray
-            As in `samples`.
         """
         share = rng.dirichlet(np.full(self.pulses + 1, 2.0))[: self.pulses]
         durations = self.shortest_s + share * 0.9 * (duration - self.pulses * self.shortest_s - 1.0)
@@ -181,17 +148,9 @@ class Multisine:
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> experiment = cs.Experiment(
-    ...     model=lag, surfaces={"u": 1.0}, rest={"u": 0.0}, start=[0.0], noise={"y": 0.1},
-    ...     duration=6.0, dt=0.1, parameters=["T"],
-    ... )
-    >>> design = cs.design_input(experiment, cs.Multisine(lines=3), starts=2)
-    >>> design.status
+    After the example of `Experiment`:
+
+    >>> cs.design_input(experiment, cs.Multisine(lines=3), starts=2).status
     'optimal'
     """
 
@@ -225,11 +184,6 @@ class Multisine:
         ----------
         duration
             Of the record [s].
-
-        Returns
-        -------
-        tuple
-            Lower and upper limits.
         """
         return np.full(2 * self.lines, -1.0), np.ones(2 * self.lines)
 
@@ -242,11 +196,6 @@ class Multisine:
             Amplitudes of the sines, then of the cosines.
         t
             Times (N,) [s].
-
-        Returns
-        -------
-        ndarray or SX
-            Deflections in units of the largest permitted one.
         """
         duration = t[-1] - t[0]
         inside = t - t[0]
@@ -264,11 +213,6 @@ class Multisine:
         ----------
         unknowns
             As in `samples`.
-
-        Returns
-        -------
-        float
-            Zero: the input ends with the record.
         """
         return 0.0
 
@@ -281,11 +225,6 @@ class Multisine:
             Source of the phases.
         duration
             Of the record [s].
-
-        Returns
-        -------
-        ndarray
-            As in `samples`.
         """
         phase = rng.uniform(0.0, 2.0 * np.pi, self.lines)
         return np.r_[np.sin(phase), np.cos(phase)] * 0.5 / np.sqrt(self.lines)

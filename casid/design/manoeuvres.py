@@ -18,21 +18,11 @@ _SWEEP_HZ = (0.1, 2.5)  # from the phugoid's end to beyond the short period
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Manoeuvre:
-    """A movement of one surface about its rest.
+    """A movement of one surface about its rest."""
 
-    Attributes
-    ----------
-    surface
-        What moves.
-    words
-        Its shape, "3-2-1-1 with a shortest pulse of 0.40 s".
-    moves
-        (N,) deflection, the largest 1.
-    """
-
-    surface: str
-    words: str
-    moves: np.ndarray
+    surface: str  # what moves
+    words: str  # its shape, "3-2-1-1 with a shortest pulse of 0.40 s"
+    moves: np.ndarray  # (N,) deflection, the largest 1
 
 
 def flyable(experiment: Experiment) -> Iterator[Manoeuvre]:

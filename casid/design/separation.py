@@ -42,15 +42,6 @@ _RELATIVE = 1e-9  # of the largest singular value: what an imitation may not use
 class Rivals:
     """Two effects, one of which an aircraft has beside those of its file.
 
-    Attributes
-    ----------
-    first, second
-        The effects with their sizes; the second is refitted, the first is not.
-    axes
-        Of the model: "full", "longitudinal" or "lateral".
-    noise
-        Measured channel -> 1-sigma.
-
     Raises
     ------
     InputError
@@ -58,10 +49,10 @@ class Rivals:
     """
 
     aircraft: Aircraft
-    first: EffectValue
+    first: EffectValue  # first, second: the effects with their sizes; the second is refitted, the first is not
     second: EffectValue
-    axes: str
-    noise: Mapping[str, float]
+    axes: str  # of the model: "full", "longitudinal" or "lateral"
+    noise: Mapping[str, float]  # measured channel -> 1-sigma
 
     def __post_init__(self) -> None:
         for value in (self.first, self.second):
@@ -110,21 +101,12 @@ class _Flights:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Separation:
-    """What a flight would tell of two rivals.
+    """What a flight would tell of two rivals."""
 
-    Attributes
-    ----------
-    log_odds
-        Expected logarithm of the likelihood ratio in favour of the true one.
-    told
-        Channel -> its part of that.
-    first, second
-        Record -> (N, channels) what the instruments would read with the first; and with the second where it imitates
-        the first as well as it can.
-    """
-
-    log_odds: float
-    told: Mapping[str, float]
+    log_odds: float  # expected logarithm of the likelihood ratio in favour of the true one
+    told: Mapping[str, float]  # channel -> its part of that
+    # first, second: record -> (N, channels) what the instruments would read with the first; and with the second where
+    # it imitates the first as well as it can
     first: Mapping[str, np.ndarray]
     second: Mapping[str, np.ndarray]
 

@@ -37,16 +37,7 @@ class OutputError:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-
-    It is the cost of a problem that names no other:
+    It is the cost of a problem that names no other. After the example of `solve`:
 
     >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01}, cost=cs.OutputError())
     >>> round(cs.solve(problem).values["T"], 3)
@@ -70,12 +61,8 @@ class EquationError:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
+    After the example of `simulate`:
+
     >>> sine = cs.Record(name="sine", t=t, channels={"u": np.sin(3.0 * t)})
     >>> simulation = cs.simulate(lag, sine, [0.0], {"T": 0.4})
     >>> flown = sine.with_channels(x=simulation.state("x"), y=simulation.output("y"))
@@ -113,14 +100,8 @@ class CombinedError:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    After the example of `solve`:
+
     >>> both = flown.with_channels(x=flown["y"])  # an equation error needs the states
     >>> cost = cs.CombinedError(equation_weight=0.3)
     >>> problem = cs.Problem(model=lag, records=[both], free=["T"], noise={"y": 0.01, "xdot": 0.1}, cost=cost)
@@ -157,14 +138,8 @@ class RangeWeights:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    After the example of `solve`:
+
     >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise=cs.RangeWeights())
     >>> round(cs.solve(problem).values["T"], 2)
     0.4

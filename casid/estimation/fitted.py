@@ -34,16 +34,8 @@ class Estimate:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> noisy = flown.with_channels(y=flown["y"] + 0.01 * np.random.default_rng(1).standard_normal(len(t)))
-    >>> fit = cs.solve(cs.Problem(model=lag, records=[noisy], free=["T"], noise={"y": 0.01}))
+    After the example of `profile`:
+
     >>> T = fit["T"]
     >>> T.interval[0] < 0.4 < T.interval[1], round(T.std, 4)
     (True, 0.0018)
@@ -76,16 +68,8 @@ class ChannelFit:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> fit = cs.solve(problem)
+    After the example of `solve`:
+
     >>> y = fit.channels["y"]
     >>> y.samples, round(y.R2, 3)
     (200, 1.0)
@@ -142,18 +126,9 @@ class StateHistory:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> fit = cs.solve(problem)
-    >>> history = fit.states["flown"]
-    >>> history.trajectory.shape
+    After the example of `solve`:
+
+    >>> fit.states["flown"].trajectory.shape
     (200, 1)
     """
 
@@ -182,15 +157,8 @@ class Minimum:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    After the example of `solve`:
+
     >>> best = cs.solve(problem, starts=3).starts.minima[0]
     >>> best.behind, round(best.values["T"], 2)
     (0.0, 0.4)
@@ -215,15 +183,8 @@ class Starts:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    After the example of `solve`:
+
     >>> starts = cs.solve(problem, starts=3).starts
     >>> len(starts.minima), starts.lost
     (1, Counter())

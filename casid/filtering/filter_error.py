@@ -47,18 +47,14 @@ _FLAT = 0.1  # of the deviance: less is no loss
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Innovations:
-    """One-step predictions of a model under a noise model, on records that it may never have seen.
+    """One-step predictions of a model under a noise model, on records that it may never have seen."""
 
-    white           record -> (N, outputs) innovations over their standard deviation, 0 where not measured
-    error           record -> (N, outputs) measured minus predicted from all samples before, NaN where not measured
-    states          record -> (N, states) smoothed trajectory
-    log_likelihood  of all measured samples, the initial state of every record free with a wide prior; `samples` their
-                    number
-    """
-
+    # record -> (N, outputs) innovations over their standard deviation, 0 where not measured
     white: Mapping[str, np.ndarray]
+    # record -> (N, outputs) measured minus predicted from all samples before, NaN where not measured
     error: Mapping[str, np.ndarray]
-    states: Mapping[str, np.ndarray]
+    states: Mapping[str, np.ndarray]  # record -> (N, states) smoothed trajectory
+    # of all measured samples, the initial state of every record free with a wide prior; `samples` their number
     log_likelihood: float
     samples: int
 
@@ -93,19 +89,10 @@ class FilterFit:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"], disturbances=["w_x"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T + s.w_x}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t, rng = 0.05 * np.arange(200), np.random.default_rng(1)
-    >>> square = cs.Record(name="square", t=t, channels={"u": np.sign(np.sin(t))})
-    >>> gust = {"w_x": 0.5 * rng.standard_normal(len(t))}
-    >>> flown = cs.simulate(lag, square, [0.0], {"T": 0.4}, gust).as_record("flown")
-    >>> noisy = flown.with_channels(y=flown["y"] + 0.02 * rng.standard_normal(len(t)))
-    >>> fit = cs.filter_error(cs.Problem(model=lag, records=[noisy], free=["T"]), {"w_x": 0.0})
-    >>> fit.covariance.shape, fit.status
-    ((1, 1), 'converged')
+    After the example of `filter_error`:
+
+    >>> fit.covariance.shape
+    (1, 1)
     """
 
     problem: Problem
@@ -142,13 +129,7 @@ class FilterFit:
         return {name: sigma * root for name, sigma in self.noise.white.items()}
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers and texts for a JSON file.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """Plain numbers and texts for a JSON file."""
         noise = {name: sigma for name, sigma in self.noise.measurement.items()}
         process = {name: {"sigma": sigma, "correlation_time_s": 0.0} for name, sigma in self.noise.white.items()}
         process |= {n: {"sigma": s, "correlation_time_s": tau} for n, (s, tau) in self.noise.coloured.items()}

@@ -30,24 +30,21 @@ _BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay i
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """What is random.
+    """What is random."""
 
-    measurement  output -> 1-sigma, white from sample to sample
-    inputs       disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the
-                 input, linear or held between; a sample's acts in both intervals beside it and in its outputs
-    white        disturbance -> 1-sigma, white from sample to sample and held between (process noise)
-    coloured     disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
-    colour       output -> (1-sigma, correlation time [s]): what its innovations are instead of white with unit
-                 variance, a first-order Gauss-Markov process from one reading to the next
-    slow         output -> (1-sigma, correlation time [s]) of first-order Gauss-Markov processes beside the white noise;
-                 an offset that is another one in every record has an infinite time
-    """
-
-    measurement: Mapping[str, float]
+    measurement: Mapping[str, float]  # output -> 1-sigma, white from sample to sample
+    # disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the input, linear
+    # or held between; a sample's acts in both intervals beside it and in its outputs
     inputs: Mapping[str, float] = field(default_factory=dict)
+    # disturbance -> 1-sigma, white from sample to sample and held between (process noise)
     white: Mapping[str, float] = field(default_factory=dict)
+    # disturbance -> (1-sigma, correlation time [s]): a first-order Gauss-Markov process (gust, missing X)
     coloured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # output -> (1-sigma, correlation time [s]): what its innovations are instead of white with unit variance, a
+    # first-order Gauss-Markov process from one reading to the next
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # output -> (1-sigma, correlation time [s]) of first-order Gauss-Markov processes beside the white noise; an offset
+    # that is another one in every record has an infinite time
     slow: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
 
 

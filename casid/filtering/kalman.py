@@ -393,22 +393,16 @@ def residual_about(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Sources:
-    """What is random: places among the model's disturbances, and strengths in their order.
+    """What is random: places among the model's disturbances, and strengths in their order."""
 
-    coloured, white, inputs   indices; inputs are the noise of recorded ones
-    sigma, tau                standard deviation and correlation time [s] of the coloured ones
-    of_white, of_inputs       1-sigma of the others
-    variance                  (ny,) of the measurements
-    """
-
-    coloured: list[int]
+    coloured: list[int]  # coloured, white, inputs: indices; inputs are the noise of recorded ones
     white: list[int]
     inputs: list[int]
-    sigma: np.ndarray
+    sigma: np.ndarray  # sigma, tau: standard deviation and correlation time [s] of the coloured ones
     tau: np.ndarray
-    of_white: np.ndarray
+    of_white: np.ndarray  # of_white, of_inputs: 1-sigma of the others
     of_inputs: np.ndarray
-    variance: np.ndarray
+    variance: np.ndarray  # (ny,) of the measurements
 
 
 def _sources(linear: Linear, noise: NoiseModel) -> _Sources:

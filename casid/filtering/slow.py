@@ -50,18 +50,13 @@ def slow_states(slow: Mapping[str, Sequence[tuple[float, float]]]) -> list[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class WhiteAndSlow:
-    """Noise of a channel.
+    """Noise of a channel."""
 
-    white, slow, tau  1-sigma of its parts, and correlation time [s] of the slow one
-    gain              what they gain beside white noise alone, 2 ln L
-    offsets, stds     (R,) offset in every record, and its 1-sigma; NaN where it has not the channel
-    """
-
-    white: float
+    white: float  # white, slow, tau: 1-sigma of its parts, and correlation time [s] of the slow one
     slow: float
     tau: float
-    gain: float
-    offsets: np.ndarray
+    gain: float  # what they gain beside white noise alone, 2 ln L
+    offsets: np.ndarray  # offsets, stds: (R,) offset in every record, and its 1-sigma; NaN where it has not the channel
     stds: np.ndarray
 
 

@@ -19,17 +19,13 @@ _PERTURBATION = 1e-3  # of the standard error of a parameter when the others are
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilterSystem:
-    """What stays the same over the iterations of a filter-error estimation.
-
-    correlation_time  disturbance -> correlation time [s] of its process noise, 0: white
-    measurement       given measurement noise, or None: unknown
-    """
+    """What stays the same over the iterations of a filter-error estimation."""
 
     problem: Problem
     batch: Batch
     functions: PointFunctions
-    correlation_time: Mapping[str, float]
-    measurement: Mapping[str, float] | None
+    correlation_time: Mapping[str, float]  # disturbance -> correlation time [s] of its process noise, 0: white
+    measurement: Mapping[str, float] | None  # given measurement noise, or None: unknown
 
     def noise(self, log_sigma: np.ndarray) -> NoiseModel:
         """The noise model of a vector of unknowns: measurement (when not given), then process noise."""
@@ -117,19 +113,15 @@ def _tiled(batch: Batch, count: int) -> Batch:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Step:
-    """A linearised system under a noise model and the Newton step from it.
-
-    change      (parameters,) to the optimum of the linearised system; `left` (N, R, ny) innovations there
-    information (parameters, parameters) priors included; covariance its inverse
-    deviance    -2 ln L up to a constant, priors included; `expected` what the linearised system promises at the optimum
-    """
+    """A linearised system under a noise model and the Newton step from it."""
 
     linear: Linear
     filter: Filter
     left: np.ndarray
-    change: np.ndarray
-    information: np.ndarray
+    change: np.ndarray  # (parameters,) to the optimum of the linearised system; `left` (N, R, ny) innovations there
+    information: np.ndarray  # (parameters, parameters) priors included; covariance its inverse
     covariance: np.ndarray
+    # -2 ln L up to a constant, priors included; `expected` what the linearised system promises at the optimum
     deviance: float
     expected: float
 

@@ -21,21 +21,12 @@ _POWERS = ("0", "alpha", "alpha^2", "alpha^3")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Absorbed:
-    """What a target is made of.
+    """What a target is made of."""
 
-    Attributes
-    ----------
-    aircraft
-        Without effects.
-    rows
-        Coefficient -> canonical monomial ("0" for the constant) -> value, of all that is not zero.
-    left
-        Effects that no number of an aircraft holds, a line each.
-    """
-
-    aircraft: Aircraft
+    aircraft: Aircraft  # without effects
+    # coefficient -> canonical monomial ("0" for the constant) -> value, of all that is not zero
     rows: Mapping[str, Mapping[str, float]]
-    left: tuple[str, ...]
+    left: tuple[str, ...]  # effects that no number of an aircraft holds, a line each
 
     def value(self, coefficient: str, term: str) -> float:
         """Of a term; zero where the file has none."""

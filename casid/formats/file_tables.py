@@ -39,33 +39,22 @@ _TERMS = ["0", *_FACTORS, *("*".join(pair) for pair in combinations(_FACTORS, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A table as it stands in a file.
+    """A table as it stands in a file."""
 
-    name   what it is called there
-    over   names of the file, one per axis of its grid
-    """
-
-    name: str
-    over: tuple[str, ...]
+    name: str  # what it is called there
+    over: tuple[str, ...]  # names of the file, one per axis of its grid
     grid: Grid
 
 
 @dataclass(frozen=True, kw_only=True)
 class FileTable:
-    """A table of a file as one of casid's.
+    """A table of a file as one of casid's."""
 
-    index   its place among the entries
-    table   the part of the coefficient that it is, over regressors, at what of it is held
-    gain    the coefficient over a value of the file
-    shape   of the table in the file
-    places  axis of the file that each axis of `table` is
-    """
-
-    index: int
-    table: Table
-    gain: float
-    shape: tuple[int, ...]
-    places: tuple[int, ...]
+    index: int  # its place among the entries
+    table: Table  # the part of the coefficient that it is, over regressors, at what of it is held
+    gain: float  # the coefficient over a value of the file
+    shape: tuple[int, ...]  # of the table in the file
+    places: tuple[int, ...]  # axis of the file that each axis of `table` is
 
     def share(self, term: str) -> np.ndarray:
         """By which part a stretch changes each value of the file, in its shape; along what is held, all of them."""

@@ -46,25 +46,15 @@ class Scope:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SbmlModel:
-    """An SBML model before numbers are put in.
-
-    Attributes
-    ----------
-    states
-        Names of what changes by reactions and rate rules.
-    constants
-        Name -> value of everything that does not change: parameters, compartments, species that are held.
-    initial
-        State -> formula of its initial value, or a number.
-    doses
-        Event -> (trigger, state -> formula of its value after the event).
-    """
+    """An SBML model before numbers are put in."""
 
     name: str
-    states: tuple[str, ...]
+    states: tuple[str, ...]  # names of what changes by reactions and rate rules
+    # name -> value of everything that does not change: parameters, compartments, species that are held
     constants: Mapping[str, float]
-    initial: Mapping[str, Any]
+    initial: Mapping[str, Any]  # state -> formula of its initial value, or a number
     rules: Mapping[str, Any]
+    # event -> (trigger, state -> formula of its value after the event)
     doses: Mapping[str, tuple[Any, Mapping[str, Any]]]
     _rates: Callable[[Scope], Mapping[str, ca.SX]]
 

@@ -95,11 +95,6 @@ class MismatchEnvelope:
         path
             Name of the file.
 
-        Returns
-        -------
-        MismatchEnvelope
-            The envelope of the file.
-
         Raises
         ------
         InputError
@@ -127,11 +122,6 @@ class MismatchEnvelope:
         ----------
         omega
             Frequencies (frequencies,) [rad/s].
-
-        Returns
-        -------
-        dict
-            Bounds in dB and degrees.
         """
         at, table = np.log(omega), np.log(self.omega)
         return {n: np.interp(at, table, getattr(self, n), left=np.nan, right=np.nan) for n in _COLUMNS[1:]}
@@ -160,18 +150,9 @@ class Mismatch:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(3000)
-    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
-    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
-    >>> flight = cs.frequency_response([flown], "u", "y")
-    >>> slow = cs.linear_model(lag, {}, values={"T": 1.0})
-    >>> mismatch = cs.compare_responses(flight, {"slow": slow}, band=(1.0, 5.0)).mismatches["slow"]
-    >>> mismatch.cost > 100.0
+    After the example of `compare_responses`:
+
+    >>> compared.mismatches["slow"].cost > 100.0
     True
     """
 
@@ -210,17 +191,9 @@ class ResponseComparison:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(3000)
-    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
-    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
-    >>> flight = cs.frequency_response([flown], "u", "y")
-    >>> compared = cs.compare_responses(flight, {"model": cs.linear_model(lag, {})}, band=(1.0, 5.0))
-    >>> compared.band, compared.mismatches["model"].cost < 50.0
+    After the example of `compare_responses`:
+
+    >>> compared.band, compared.mismatches["good"].cost < 50.0
     ((1.0, 5.0), True)
     """
 
@@ -230,23 +203,11 @@ class ResponseComparison:
     envelope: MismatchEnvelope | None
 
     def plot(self) -> Any:
-        """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
-        """
+        """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has."""
         return view("comparison.plot")(self)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain numbers, lists and texts.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """Plain numbers, lists and texts."""
         models = {
             label: {
                 "cost": one.cost,
@@ -320,15 +281,8 @@ def compare_responses(
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(3000)
-    >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
-    >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
-    >>> flight = cs.frequency_response([flown], "u", "y")
+    After the example of `FrequencyResponse`:
+
     >>> models = {"good": cs.linear_model(lag, {}), "slow": cs.linear_model(lag, {}, values={"T": 1.0})}
     >>> compared = cs.compare_responses(flight, models, band=(1.0, 5.0))
     >>> compared.mismatches["slow"].cost > 50.0 * compared.mismatches["good"].cost

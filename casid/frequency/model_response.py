@@ -43,12 +43,8 @@ class LinearModel:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> linear = cs.linear_model(lag, {})
+    After the example of `linear_model`:
+
     >>> linear.A, linear.B
     (array([[-2.]]), array([[2.]]))
     """
@@ -84,11 +80,6 @@ class LinearModel:
             (frequencies,) [rad/s].
         delay
             A further one [s], such as that of a recorder.
-
-        Returns
-        -------
-        ndarray
-            Complex response (frequencies,).
 
         Raises
         ------
@@ -147,13 +138,10 @@ def linear_model(
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> found = cs.linear_model(lag, {})
-    >>> bool(np.allclose(found.response("u", "y", [2.0]), 1.0 / (1.0 + 1.0j)))
+    After the example of `define_model`:
+
+    >>> linear = cs.linear_model(lag, {})
+    >>> bool(np.allclose(linear.response("u", "y", [2.0]), 1.0 / (1.0 + 1.0j)))
     True
     """
     if isinstance(model, Model):

@@ -57,14 +57,8 @@ class FourierOutputError:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> roll = cs.define_model(
-    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
-    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
-    ... )
-    >>> t = 0.02 * np.arange(1000)
-    >>> inputs = cs.Record(name="m1", t=t, channels={"delta_a": 0.05 * np.sin(t) * np.cos(2.3 * t)})
-    >>> record = cs.simulate(roll, inputs, np.zeros(1), {"Lp": -2.0}).as_record("m1")
+    After the example of `track_derivatives`:
+
     >>> cost = cs.FourierOutputError(band=(0.5, 6.0))
     >>> round(cs.solve(cs.Problem(roll, [record], free=["Lp"], cost=cost))["Lp"].value, 6)
     -2.0
@@ -84,11 +78,6 @@ class FourierOutputError:
         ----------
         problem
             What is estimated.
-
-        Returns
-        -------
-        FourierOutputs
-            Residuals and their derivatives.
 
         Raises
         ------

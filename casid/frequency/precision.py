@@ -46,13 +46,9 @@ class ParameterPrecision:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> omega = np.geomspace(0.5, 12.0, 20)
-    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
-    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
-    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
-    >>> fit = cs.fit_transfer_functions(measured, {"p": roll})
-    >>> K = cs.precision(fit).parameters["K"]
+    After the example of `MeasuredResponse`:
+
+    >>> K = cs.precision(cs.fit_transfer_functions(measured, {"p": roll})).parameters["K"]
     >>> K.insensitivity_percent <= K.cramer_rao_percent
     True
     """
@@ -78,12 +74,9 @@ class Precision:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> omega = np.geomspace(0.5, 12.0, 20)
-    >>> response = -3.0 / (1j * omega + 1.5) * (1.0 + 0.05 * np.cos(9.0 * omega))
-    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=response)
-    >>> precision = cs.precision(cs.fit_transfer_functions(measured, "roll"))
-    >>> list(precision.parameters), precision.drop
+    After the example of `precision`:
+
+    >>> list(found.parameters), found.drop
     (['K_p', '1/T_roll', 'tau_p'], ('tau_p',))
     """
 

@@ -46,16 +46,9 @@ class TrackedDerivatives:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> roll = cs.define_model(
-    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
-    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
-    ... )
-    >>> t = 0.02 * np.arange(1000)
-    >>> inputs = cs.Record(name="m1", t=t, channels={"delta_a": 0.05 * np.sin(t) * np.cos(2.3 * t)})
-    >>> record = cs.simulate(roll, inputs, [0.0], {"Lp": -2.0}).as_record("m1")
-    >>> last = list(cs.track_derivatives(roll, record, free=["Lp"], omega=np.arange(0.5, 6.0, 0.3)))[-1]
-    >>> round(last.t), round(last.values["Lp"], 2)
+    After the example of `track_derivatives`:
+
+    >>> round(now.t), round(now.values["Lp"], 2)
     (20, -2.0)
     """
 

@@ -69,14 +69,8 @@ class FourierEquationError:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> roll = cs.define_model(
-    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
-    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
-    ... )
-    >>> t = 0.02 * np.arange(1000)
-    >>> inputs = cs.Record(name="m1", t=t, channels={"delta_a": 0.05 * np.sin(t) * np.cos(2.3 * t)})
-    >>> record = cs.simulate(roll, inputs, np.zeros(1), {"Lp": -2.0}).as_record("m1")
+    After the example of `track_derivatives`:
+
     >>> cost = cs.FourierEquationError(band=(0.5, 6.0))
     >>> round(cs.solve(cs.Problem(roll, [record], free=["Lp"], cost=cost))["Lp"].value, 2)
     -2.0
@@ -97,11 +91,6 @@ class FourierEquationError:
         problem
             What is estimated.
 
-        Returns
-        -------
-        FourierEquations
-            Residuals and their derivatives.
-
         Raises
         ------
         EstimationError
@@ -113,21 +102,11 @@ class FourierEquationError:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Piece:
-    """A stretch of a record, and the frequencies at which it is transformed.
+    """A stretch of a record, and the frequencies at which it is transformed."""
 
-    Attributes
-    ----------
-    record
-        Which record of the problem it is of.
-    stretch
-        Its samples.
-    omega
-        (frequencies,) [rad/s], multiples of 2 pi / (N dt).
-    """
-
-    record: int
-    stretch: Stretch
-    omega: np.ndarray
+    record: int  # which record of the problem it is of
+    stretch: Stretch  # its samples
+    omega: np.ndarray  # (frequencies,) [rad/s], multiples of 2 pi / (N dt)
 
     def transform(self, values: np.ndarray) -> np.ndarray:
         """(frequencies, ...) of values (N, ...), scaled so that white noise keeps its 1-sigma in both parts."""
@@ -210,19 +189,13 @@ class FourierEquations:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Signals:
-    """What the equations take of a piece.
-
-    signals          (N, channels of the form), zero for the derivatives that are not recorded
-    differentiated   equations whose target is such a derivative
-    derivatives      (rows, equations) transforms of these targets, free of steps; zero for the others
-    step             (rows,) of unit length: what an unknown step adds
-    """
+    """What the equations take of a piece."""
 
     piece: Piece
-    signals: np.ndarray
-    differentiated: list[int]
-    derivatives: np.ndarray
-    step: np.ndarray
+    signals: np.ndarray  # (N, channels of the form), zero for the derivatives that are not recorded
+    differentiated: list[int]  # equations whose target is such a derivative
+    derivatives: np.ndarray  # (rows, equations) transforms of these targets, free of steps; zero for the others
+    step: np.ndarray  # (rows,) of unit length: what an unknown step adds
 
     def rows(self, values: np.ndarray) -> np.ndarray:
         """(rows, equations, ...) of values (N, equations, ...), free of steps."""

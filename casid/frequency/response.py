@@ -67,11 +67,8 @@ class FrequencyResponse:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
+    After the example of `define_model`:
+
     >>> t = 0.02 * np.arange(3000)
     >>> sweep = cs.Record(name="sweep", t=t, channels={"u": np.sin(0.4 * t + 0.06 * t**2)})
     >>> flown = cs.simulate(lag, sweep, [0.0]).as_record("flown")
@@ -117,33 +114,15 @@ class FrequencyResponse:
         return phase_deg(self.response, self.usable)
 
     def plot(self) -> Any:
-        """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
-        """
+        """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey."""
         return view("response.plot")(self)
 
     def to_frame(self) -> DataFrame:
-        """A pandas data frame, a row for each frequency; needs the extra `pandas`.
-
-        Returns
-        -------
-        DataFrame
-            Data frame of pandas.
-        """
+        """A pandas data frame, a row for each frequency; needs the extra `pandas`."""
         return view("response.frame")(self)
 
     def columns(self) -> dict[str, np.ndarray]:
-        """Name -> (frequencies,): what tables have.
-
-        Returns
-        -------
-        dict
-            Name of the column -> values (frequencies,).
-        """
+        """Name -> (frequencies,): what tables have."""
         return {
             "omega": self.omega,
             "gain_db": self.gain_db,
@@ -157,13 +136,7 @@ class FrequencyResponse:
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of response.json: plain numbers, lists and texts; a number that does not exist is None.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The content of response.json: plain numbers, lists and texts; a number that does not exist is None."""
         rows = {name: [float(v) if math.isfinite(v) else None for v in c] for name, c in self.columns().items()}
         return {
             "schema": "casid.response/1",

@@ -102,11 +102,8 @@ class ResponseParameter:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> omega = np.geomspace(0.5, 12.0, 20)
-    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
-    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
-    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    After the example of `MeasuredResponse`:
+
     >>> K = cs.fit_transfer_functions(measured, {"p": roll})["K"]
     >>> round(K.value, 6), K.std < 1e-3
     (-3.0, True)
@@ -142,11 +139,8 @@ class ResponseFit:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> omega = np.geomspace(0.5, 12.0, 20)
-    >>> roll = cs.TransferFunction(gain="K", poles=["1/T_roll"])
-    >>> truth = roll.response(omega, {"K": -3.0, "1/T_roll": 1.5})
-    >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)
+    After the example of `MeasuredResponse`:
+
     >>> fit = cs.fit_transfer_functions(measured, {"p": roll})
     >>> fit.status, sorted(fit.parameters)
     ('converged', ['1/T_roll', 'K'])
@@ -186,13 +180,7 @@ class ResponseFit:
         return precision(self)
 
     def plot(self) -> Any:
-        """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
-        """
+        """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
         return view("response_fit.plot")(self)
 
     def __getitem__(self, name: str) -> ResponseParameter:

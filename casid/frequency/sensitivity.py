@@ -17,21 +17,11 @@ from casid.model.system import Model, check_continuous
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearSensitivity:
-    """dx/dt = A x + B u, y = C x + D u about a point.
+    """dx/dt = A x + B u, y = C x + D u about a point."""
 
-    Attributes
-    ----------
-    matrix
-        (n+o, n+m) the matrices [[A, B], [C, D]].
-    slopes
-        (f, n+o, n+m) its derivatives in the free parameters.
-    states
-        How many states n there are.
-    """
-
-    matrix: np.ndarray
-    slopes: np.ndarray
-    states: int
+    matrix: np.ndarray  # (n+o, n+m) the matrices [[A, B], [C, D]]
+    slopes: np.ndarray  # (f, n+o, n+m) its derivatives in the free parameters
+    states: int  # how many states n there are
 
     def response(self, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(M, o, m) frequency response at omega (M,) [rad/s], and (M, f, o, m) its derivatives."""

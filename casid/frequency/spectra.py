@@ -17,31 +17,16 @@ from casid.frequency.transform import Stretch, chirp_z
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Spectra:
-    """Spectra of several channels at the same frequencies.
+    """Spectra of several channels at the same frequencies."""
 
-    Attributes
-    ----------
-    channels
-        Names, in the order of the matrix.
-    omega
-        (frequencies,) [rad/s].
-    matrix
-        (frequencies, channels, channels) one-sided spectral densities, complex: row i, column j is the average of
-        conj(X_i) X_j, in unit_i unit_j s/rad.
-    window
-        Length of a window [s].
-    segments
-        How many windows were averaged.
-    averages
-        How many independent windows have the same scatter: windows that overlap are correlated.
-    """
-
-    channels: tuple[str, ...]
-    omega: np.ndarray
+    channels: tuple[str, ...]  # names, in the order of the matrix
+    omega: np.ndarray  # (frequencies,) [rad/s]
+    # (frequencies, channels, channels) one-sided spectral densities, complex: row i, column j is the average of
+    # conj(X_i) X_j, in unit_i unit_j s/rad
     matrix: np.ndarray
-    window: float
-    segments: int
-    averages: float
+    window: float  # length of a window [s]
+    segments: int  # how many windows were averaged
+    averages: float  # how many independent windows have the same scatter: windows that overlap are correlated
 
 
 def spectra(

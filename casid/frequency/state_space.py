@@ -71,11 +71,8 @@ def fit_state_space(
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> roll = cs.define_model(
-    ...     "roll", states=["p"], inputs=["delta_a"], parameters={"Lp": -1.0, "Lda": -5.0}, outputs=["p"],
-    ...     dynamics=lambda s: {"p": s.Lp * s.p + s.Lda * s.delta_a}, output=lambda s: {"p": s.p},
-    ... )
+    After the example of `track_derivatives`:
+
     >>> omega = np.geomspace(0.5, 12.0, 20)
     >>> truth = -8.0 / (1j * omega + 2.0) * np.exp(-0.05j * omega)
     >>> measured = cs.MeasuredResponse(input="delta_a", output="p", omega=omega, response=truth)

@@ -78,11 +78,6 @@ class TransferFunction:
             Frequencies (frequencies,) [rad/s].
         values
             Parameter -> value.
-
-        Returns
-        -------
-        ndarray
-            Complex response.
         """
         return self.with_slopes(omega, values)[0]
 
@@ -95,11 +90,6 @@ class TransferFunction:
             Frequencies (frequencies,) [rad/s].
         values
             Parameter -> value.
-
-        Returns
-        -------
-        tuple
-            Response, and derivatives by parameter.
         """
         s = 1j * np.asarray(omega, dtype=float)
         found = values[self.gain] * s**-self.integrators

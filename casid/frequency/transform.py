@@ -44,24 +44,12 @@ _IMAGINARY_SERIES = (
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretch:
-    """Consecutive samples of several channels on an even time grid, without a gap.
+    """Consecutive samples of several channels on an even time grid, without a gap."""
 
-    Attributes
-    ----------
-    record
-        Name of the record.
-    start
-        Time of the first sample [s].
-    dt
-        Sampling interval [s].
-    values
-        (N, channels).
-    """
-
-    record: str
-    start: float
-    dt: float
-    values: np.ndarray
+    record: str  # name of the record
+    start: float  # time of the first sample [s]
+    dt: float  # sampling interval [s]
+    values: np.ndarray  # (N, channels)
 
     @property
     def t(self) -> np.ndarray:

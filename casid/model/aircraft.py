@@ -246,11 +246,6 @@ class Aircraft:
         ----------
         derivatives
             Name -> value [per rad]; those that are not named stay.
-
-        Returns
-        -------
-        Aircraft
-            A copy.
         """
         return replace(self, derivatives={**self.derivatives, **derivatives})
 
@@ -261,11 +256,6 @@ class Aircraft:
         ----------
         terms
             Coefficient -> monomial -> value, like ``{"Cm": {"alpha^2": 0.4}}``.
-
-        Returns
-        -------
-        Aircraft
-            A copy.
         """
         merged = {coefficient: dict(table) for coefficient, table in self.terms.items()}
         for coefficient, table in terms.items():
@@ -280,11 +270,6 @@ class Aircraft:
         ----------
         effects
             Kind, target and value of each.
-
-        Returns
-        -------
-        Aircraft
-            A copy.
         """
         return replace(self, effects=(*self.effects, *effects))
 
@@ -349,11 +334,6 @@ class Aircraft:
         ----------
         path
             Name of the file, ``.toml`` or ``.xml``.
-
-        Returns
-        -------
-        Aircraft
-            The aircraft of the file, in SI units and radians.
         """
         if a_path(path, "Aircraft.read").suffix.lower() == ".xml":
             return cls.from_jsbsim(path)

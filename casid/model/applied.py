@@ -33,18 +33,15 @@ from casid.signals import SURFACES, scale_of
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Applied:
-    """An aircraft model with the effects of its file, and records that feed it.
-
-    model      inputs include the known time histories; parameters the symbolic effects and lags, under `Effect.name`
-    records    with inputs completed, known histories added, delays and ringing of instruments taken out
-    turbulence r.m.s. velocity [m/s] of an effect `turbulence` in the file, 0: none
-    """
+    """An aircraft model with the effects of its file, and records that feed it."""
 
     aircraft: Aircraft
     axes: str
+    # inputs include the known time histories; parameters the symbolic effects and lags, under `Effect.name`
     model: Model
+    # with inputs completed, known histories added, delays and ringing of instruments taken out
     records: tuple[Record, ...]
-    turbulence: float
+    turbulence: float  # r.m.s. velocity [m/s] of an effect `turbulence` in the file, 0: none
     _timed: tuple[EffectValue, ...]
     _undone: tuple[EffectValue, ...]
 

@@ -38,125 +38,100 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True, kw_only=True)
 class Words:
-    """Words of an effect that is not in the register: of a system that is no aircraft.
+    """Words of an effect that is not in the register: of a system that is no aircraft."""
 
-    unit      of its value; empty if it is not stated
-    sentence  template; fields target, term, size; [late|early] for either sign, then without it
-    """
-
-    unit: str
-    sentence: str
+    unit: str  # of its value; empty if it is not stated
+    sentence: str  # template; fields target, term, size; [late|early] for either sign, then without it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """One cause at one target.
 
-    variant      tells it from another effect of its kind and target, that differs in its further parameters
-    linear       the value is an amplitude that enters linearly at its null 0, so a score gives its size;
-                 otherwise (lag, dead zone) sizes of `grid` are tried
-    grid         values of the further parameters (and of "value" when not linear) that a screening tries
-    defaults     further parameters that an aircraft file may leave out
-    unsigned     values of which only the size counts: a fit may come out on either side of zero
-    folded       values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
-    timed        it begins at an onset [s] of its own in every record concerned
-
     How its size is judged:
-    meaningful   the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it;
-                 None: judged by its part of a coefficient, or of a channel
-    limit        the largest plausible size, in `unit`;  limits: of further parameters;  lowest: of the value, where
-                 it is not -limit
-    amplitude    typical deflection of what drives an oscillation of the channel `target`: the value times this is
-                 judged by its part of the variation of that channel
-
     What a diagnosis asks:
-    reads        it shows in these channels alone: one of them must be measured
-    covered_by   a channel whose own effect of this kind includes this one, when it is measured
-    kinematic    an instrument or the air is at fault: kinematics without aerodynamics can judge it
-    grounded     believed only when kinematics see it: what a file lacks of the forces reads the same
-    by_record    it may be in some records and not in others: instruments and loading change between flights
-    relative     free derivatives imitate it when it is in all records: only differences between records show
-    includes     kinds of simpler effects that are special cases of it: where one of these does as well, it comes first
-    shows_as     kind of the effect, at the same target and of the other sign, as which it shows in all records, because
-                 free derivatives take up the rest
-    equal        aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
-    expected     structure that other aircraft have: put into the model when it is found, and no fault
-    improbable   contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
-    constant     an offset, which a drift imitates: believed only when its reading is steady beside it
-    late         the value is by how much [s] the reading is late
-    recurring    an event that other records may repeat
-    stated       its size is judged against the stated uncertainty of a number of the file, and not against noise
-    balance      it changes what steady flight takes of the rotors: the likely reason where this has left its limits
-    extent       the value that says how long it takes from its onset to its end
-    either_sign  a gain early and a loss late resemble each other: both signs are tried
-    regressor    term that the value multiplies in the coefficient `target`
-    members      coefficients that change together, the first by the value, the others by parameters of their names
-    enters       disturbance station at which an unknown time history would stand for it
-    noise        (1-sigma, sampling interval, values) -> (1-sigma, correlation time) of what white noise in the recorded
-                 input `target` is behind `series`, which then takes the record as it is; None: white still
-
     What a model that has it needs:
-    units        SI units of the further parameters that `change` takes
-    states       further state -> channel that it starts from; `change` sets its rate in `path.derivative`
-    instrument   (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
-    undo         inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds
-                 does not depend on the reading it is added to, and is subtracted
-    transfer     (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`,
-                 or of what is read over what is true by `output`; s is complex, (frequencies,) [1/s]
-    into_tables  (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it:
-                 an extended file then has it there, and not as an effect
-
-    words        unit and sentence of an effect that is not in the register
     """
 
     kind: str
     target: str = ""
     term: str | None = None
-    variant: str = ""
+    variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
+    # the value is an amplitude that enters linearly at its null 0, so a score gives its size; otherwise (lag, dead
+    # zone) sizes of `grid` are tried
     linear: bool = True
+    # values of the further parameters (and of "value" when not linear) that a screening tries
     grid: tuple[Mapping[str, float], ...] = ({},)
+    # further parameters that an aircraft file may leave out
     defaults: Mapping[str, float] = field(default_factory=dict)
-    unsigned: tuple[str, ...] = ()
+    unsigned: tuple[str, ...] = ()  # values of which only the size counts: a fit may come out on either side of zero
+    # values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
     folded: tuple[str, ...] = ()
-    timed: bool = False
+    timed: bool = False  # it begins at an onset [s] of its own in every record concerned
+    # the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it; None:
+    # judged by its part of a coefficient, or of a channel
     meaningful: float | Callable[[Airframe], float] | None = None
+    # the largest plausible size, in `unit`;  limits: of further parameters;  lowest: of the value, where it is not
+    # -limit
     limit: float = np.inf
     limits: Mapping[str, float] = field(default_factory=dict)
     lowest: float | None = None
+    # typical deflection of what drives an oscillation of the channel `target`: the value times this is judged by its
+    # part of the variation of that channel
     amplitude: float | None = None
-    reads: tuple[str, ...] = ()
-    covered_by: str | None = None
-    kinematic: bool = False
-    grounded: bool = False
+    reads: tuple[str, ...] = ()  # it shows in these channels alone: one of them must be measured
+    covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
+    kinematic: bool = False  # an instrument or the air is at fault: kinematics without aerodynamics can judge it
+    grounded: bool = False  # believed only when kinematics see it: what a file lacks of the forces reads the same
+    # it may be in some records and not in others: instruments and loading change between flights
     by_record: bool = False
+    # free derivatives imitate it when it is in all records: only differences between records show
     relative: bool = False
+    # kinds of simpler effects that are special cases of it: where one of these does as well, it comes first
     includes: tuple[str, ...] = ()
+    # kind of the effect, at the same target and of the other sign, as which it shows in all records, because free
+    # derivatives take up the rest
     shows_as: str | None = None
+    # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
     equal: Callable[[Airframe], tuple[Effect, float]] | None = None
-    expected: bool = False
+    expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
+    # contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     improbable: bool = False
-    constant: bool = False
-    late: bool = False
-    recurring: bool = False
+    constant: bool = False  # an offset, which a drift imitates: believed only when its reading is steady beside it
+    late: bool = False  # the value is by how much [s] the reading is late
+    recurring: bool = False  # an event that other records may repeat
+    # its size is judged against the stated uncertainty of a number of the file, and not against noise
     stated: bool = False
+    # it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     balance: bool = False
-    extent: str | None = None
-    either_sign: bool = False
-    regressor: str | None = None
+    extent: str | None = None  # the value that says how long it takes from its onset to its end
+    either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
+    regressor: str | None = None  # term that the value multiplies in the coefficient `target`
+    # coefficients that change together, the first by the value, the others by parameters of their names
     members: tuple[str, ...] = ()
-    enters: str | None = None
+    enters: str | None = None  # disturbance station at which an unknown time history would stand for it
+    # (1-sigma, sampling interval, values) -> (1-sigma, correlation time) of what white noise in the recorded input
+    # `target` is behind `series`, which then takes the record as it is; None: white still
     noise: Callable[[float, float, Values], tuple[float, float]] | None = None
     station: str | None = None
-    units: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)  # SI units of the further parameters that `change` takes
+    # further state -> channel that it starts from; `change` sets its rate in `path.derivative`
     states: Mapping[str, str] = field(default_factory=dict)
     change: Callable[[Any, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+    # inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds does not
+    # depend on the reading it is added to, and is subtracted
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+    # (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
+    # (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`, or of what
+    # is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
+    # (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it: an extended file
+    # then has it there, and not as an effect
     into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
-    words: Words | None = None
+    words: Words | None = None  # unit and sentence of an effect that is not in the register
 
     @property
     def name(self) -> str:
@@ -229,36 +204,25 @@ class Effect:
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """One kind of cause.
-
-    make        the Effect for a target (none: "") and, where it `needs_term`, a term
-    targets     valid targets; empty: it has none
-    quantity    what its value is, with sign
-    unit        SI unit of the value; fields channel and term stand for the units of those, gain for that of an angle
-                over the quantity `term`
-    sentence    template; fields label, term, size, percent, target; [late|early] for either sign, then without it
-    title       template of its short name; fields words (the kind), label, term, target
-    terms       valid terms, where they are no monomials: body axes
-    joined      the target is a set of `targets` that change together, written `CL+CD`
-    optional    the target may be left out
-    of_rotors   a target may be a rotor of the aircraft too, by its name, or "rotors" for all
-    variants    further parameter -> make, of another effect of this kind that has it
-    candidates  the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
-    """
+    """One kind of cause."""
 
     kind: str
-    make: Callable[..., Effect]
-    targets: tuple[str, ...]
-    quantity: str
+    make: Callable[..., Effect]  # the Effect for a target (none: "") and, where it `needs_term`, a term
+    targets: tuple[str, ...]  # valid targets; empty: it has none
+    quantity: str  # what its value is, with sign
+    # SI unit of the value; fields channel and term stand for the units of those, gain for that of an angle over the
+    # quantity `term`
     unit: str
-    sentence: str
-    title: str
+    sentence: str  # template; fields label, term, size, percent, target; [late|early] for either sign, then without it
+    title: str  # template of its short name; fields words (the kind), label, term, target
     needs_term: bool = False
-    terms: tuple[str, ...] = ()
-    joined: bool = False
-    optional: bool = False
-    of_rotors: bool = False
+    terms: tuple[str, ...] = ()  # valid terms, where they are no monomials: body axes
+    joined: bool = False  # the target is a set of `targets` that change together, written `CL+CD`
+    optional: bool = False  # the target may be left out
+    of_rotors: bool = False  # a target may be a rotor of the aircraft too, by its name, or "rotors" for all
+    # further parameter -> make, of another effect of this kind that has it
     variants: Mapping[str, Callable[..., Effect]]
+    # the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     candidates: Callable[[Airframe], Iterable[Effect]]
 
     @property

@@ -34,13 +34,9 @@ class SampledFeedback:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> law = cs.SampledFeedback(model=lag, received=lag.u - 0.5 * lag.x)
-    >>> law.received.shape
+    After the example of `define_model`:
+
+    >>> cs.SampledFeedback(model=lag, received=lag.u - 0.5 * lag.x).received.shape
     (1, 1)
     """
 
@@ -80,10 +76,5 @@ class SampledFeedback:
             States.
         u
             Inputs of the model.
-
-        Returns
-        -------
-        SX
-            What the model receives.
         """
         return ca.substitute([self.received], [self.model.x, self.model.u], [x, u])[0]

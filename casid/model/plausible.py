@@ -20,17 +20,12 @@ from casid.signals import GRAVITY
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
-    """A number of the file that cannot be, or hardly.
+    """A number of the file that cannot be, or hardly."""
 
-    parameter  "mass", "area", "gravity", "trim rho", ..., "derivatives" of many together
-    given      its value in `unit`; NaN of many together
-    sentence   what is wrong with it, and what it may be
-    """
-
-    parameter: str
-    given: float
+    parameter: str  # "mass", "area", "gravity", "trim rho", ..., "derivatives" of many together
+    given: float  # its value in `unit`; NaN of many together
     unit: str
-    sentence: str
+    sentence: str  # what is wrong with it, and what it may be
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `file` among the findings of a check."""

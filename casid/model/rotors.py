@@ -158,11 +158,6 @@ class Rotor:
         ----------
         u
             Input: a number, an array or an expression.
-
-        Returns
-        -------
-        Any
-            Of the kind of `u`.
         """
         total = 0.0 * u
         for factor in reversed(self.thrust):
@@ -176,11 +171,6 @@ class Rotor:
         ----------
         thrust
             In N, `effectiveness` included.
-
-        Returns
-        -------
-        float
-            In the unit of the input channel.
 
         Raises
         ------
@@ -274,11 +264,6 @@ class Rotors:
         ----------
         target
             Name of a rotor, or "rotors".
-
-        Returns
-        -------
-        tuple of Rotor
-            One of them, or all.
 
         Raises
         ------

@@ -42,14 +42,8 @@ class Simulation:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> simulation = cs.simulate(lag, step, [0.0])
+    After the example of `simulate`:
+
     >>> simulation.state("x").shape, simulation.as_record("flown").name
     ((200,), 'flown')
     """
@@ -66,11 +60,6 @@ class Simulation:
         ----------
         name
             Of the state.
-
-        Returns
-        -------
-        ndarray
-            At the time stamps of the record.
         """
         if name not in self.model.states:
             raise unknown("state", str(name), self.model.states, f"simulation of '{self.model.name}'")
@@ -83,11 +72,6 @@ class Simulation:
         ----------
         name
             Of the output.
-
-        Returns
-        -------
-        ndarray
-            At the time stamps of the record.
         """
         if name not in self.model.outputs:
             raise unknown("output", str(name), self.model.outputs, f"simulation of '{self.model.name}'")
@@ -107,11 +91,6 @@ class Simulation:
         ----------
         name
             Of the new record; None: that of the simulated one.
-
-        Returns
-        -------
-        Record
-            Inputs as given, outputs as simulated.
         """
         flown = self.record.with_channels(**{o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)})
         return flown.renamed(name or self.record.name)
@@ -163,11 +142,8 @@ def simulate(
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
+    After the example of `define_model`:
+
     >>> t = 0.02 * np.arange(200)
     >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
     >>> simulation = cs.simulate(lag, step, [0.0], {"T": 0.25})

@@ -24,19 +24,12 @@ _PREFIX: dict[StationKind, str] = {
 
 @dataclass(frozen=True)
 class Station:
-    """One such place.
+    """One such place."""
 
-    Attributes
-    ----------
-    kind
-        What the history adds to: a surface or thrust, the velocity of the air along a body axis [m/s], its rotation
-        about one [rad/s], what an instrument reads, or a coefficient.
-    name
-        Of the surface ("delta_e", "thrust"), axis ("x"), rate ("p"), channel ("alpha") or coefficient ("Cm").
-    """
-
+    # what the history adds to: a surface or thrust, the velocity of the air along a body axis [m/s], its rotation about
+    # one [rad/s], what an instrument reads, or a coefficient
     kind: StationKind
-    name: str
+    name: str  # of the surface ("delta_e", "thrust"), axis ("x"), rate ("p"), channel ("alpha") or coefficient ("Cm")
 
     @property
     def key(self) -> str:

@@ -78,13 +78,8 @@ class Model:
 
     Examples
     --------
-    `define_model` makes one, and so does `aircraft_model`:
+    `define_model` makes one, and so does `aircraft_model`. After the example of `define_model`:
 
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
     >>> lag.f.shape, lag.nominal["T"]
     ((1, 1), 0.5)
     """
@@ -185,11 +180,6 @@ class Model:
         ----------
         values
             Parameter -> value.
-
-        Returns
-        -------
-        ndarray
-            In the order of ``parameters``.
         """
         values = values or {}
         for name in values:
@@ -209,13 +199,7 @@ class Model:
         }
 
     def scale_vector(self) -> np.ndarray:
-        """(states,) typical size of each state.
-
-        Returns
-        -------
-        ndarray
-            In the order of ``states``.
-        """
+        """(states,) typical size of each state."""
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
 
 
@@ -420,8 +404,8 @@ def define_model(
     ...     "sampled lag", states=["x"], inputs=["u"], parameters={"a": 0.8}, outputs=["y"], period=0.1,
     ...     dynamics=lambda s: {"x": s.a * s.x + (1.0 - s.a) * s.u}, output=lambda s: {"y": s.x},
     ... )
-    >>> step = cs.Record(name="step", t=0.1 * np.arange(4), channels={"u": np.ones(4)})
-    >>> cs.simulate(sampled, step, [0.0]).output("y").round(3).tolist()
+    >>> ones = cs.Record(name="ones", t=0.1 * np.arange(4), channels={"u": np.ones(4)})
+    >>> cs.simulate(sampled, ones, [0.0]).output("y").round(3).tolist()
     [0.0, 0.2, 0.36, 0.488]
     """
     where = f"model '{name}'"

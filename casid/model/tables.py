@@ -244,11 +244,6 @@ class Table:
             Name -> symbol or number.
         parameters
             Name -> symbol or number.
-
-        Returns
-        -------
-        SX or float
-            Value of the table.
         """
         for axis in self.axes:
             if axis not in regressors:
@@ -265,11 +260,6 @@ class Table:
         ----------
         values
             Name of a knot -> value.
-
-        Returns
-        -------
-        Table
-            A copy.
         """
         if not self.free:
             return self

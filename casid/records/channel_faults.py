@@ -114,17 +114,13 @@ LIMITS = Limits()
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ChannelFault:
-    """A fault of one channel in one record: samples that are not to be believed.
+    """A fault of one channel in one record: samples that are not to be believed."""
 
-    kind     data_stuck, data_dropout, data_clipped, data_spikes or data_steps
-    at       (N,) True at the samples concerned
-    value    level at which it rests (the rail, the frozen value); None of outliers and of several holds
-    """
-
-    kind: str
+    kind: str  # data_stuck, data_dropout, data_clipped, data_spikes or data_steps
     target: str
     record: str
-    at: np.ndarray
+    at: np.ndarray  # (N,) True at the samples concerned
+    # level at which it rests (the rail, the frozen value); None of outliers and of several holds
     value: float | None = None
 
     def intervals(self, t: np.ndarray) -> list[tuple[float, float]]:

@@ -19,25 +19,17 @@ _GAP = 1.5  # sampling intervals
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelRow:
-    """One channel of all records.
-
-    unit                 of the numbers: degrees for radians, else SI
-    least, median, most  over all records; NaN of a channel without a sample
-    noise                1-sigma of the white noise that its high band shows; NaN when that does not tell
-    rate_hz              at which new samples come
-    missing              part of the samples that are missing
-    records              how many have it
-    """
+    """One channel of all records."""
 
     name: str
-    unit: str
-    least: float
+    unit: str  # of the numbers: degrees for radians, else SI
+    least: float  # least, median, most: over all records; NaN of a channel without a sample
     median: float
     most: float
-    noise: float
-    rate_hz: float
-    missing: float
-    records: int
+    noise: float  # 1-sigma of the white noise that its high band shows; NaN when that does not tell
+    rate_hz: float  # at which new samples come
+    missing: float  # part of the samples that are missing
+    records: int  # how many have it
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers by name; what is not known is null."""

@@ -64,11 +64,6 @@ class ColumnMap:
         ----------
         value
             A map, the name of a TOML file, a table, or None for an empty map.
-
-        Returns
-        -------
-        ColumnMap
-            The map.
         """
         if isinstance(value, ColumnMap):
             return value
@@ -91,11 +86,6 @@ class ColumnMap:
         ----------
         path
             Name of the file.
-
-        Returns
-        -------
-        ColumnMap
-            The map of the file.
         """
         data = read_toml(a_path(path, "ColumnMap.read"))
         for key in data:
@@ -116,11 +106,6 @@ class ColumnMap:
         ----------
         options
             Each a file name or ``channel=column:unit``.
-
-        Returns
-        -------
-        ColumnMap
-            All options in one map.
         """
         result = cls()
         for option in options:
@@ -134,11 +119,6 @@ class ColumnMap:
         ----------
         other
             The map that takes precedence.
-
-        Returns
-        -------
-        ColumnMap
-            A new map.
         """
         return ColumnMap(columns={**self.columns, **other.columns}, variable=other.variable or self.variable)
 

@@ -29,24 +29,15 @@ _MOSTLY = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """How a text file is laid out.
+    """How a text file is laid out."""
 
-    delimiter  between columns; "" for blanks
-    first      index of the line of the first row of numbers
-    width      cells of a row
-    names      of the columns, with units where a row has them; None when no line has them
-    comma      decimals are written with a comma
-    hold       what a comment `# hold: held` says
-    above      lines above the numbers that are neither names nor units nor comments
-    """
-
-    delimiter: str
-    first: int
-    width: int
-    names: tuple[str, ...] | None
-    comma: bool
-    hold: str | dict[str, str]
-    above: int
+    delimiter: str  # between columns; "" for blanks
+    first: int  # index of the line of the first row of numbers
+    width: int  # cells of a row
+    names: tuple[str, ...] | None  # of the columns, with units where a row has them; None when no line has them
+    comma: bool  # decimals are written with a comma
+    hold: str | dict[str, str]  # what a comment `# hold: held` says
+    above: int  # lines above the numbers that are neither names nor units nor comments
 
 
 def layout_of(lines: Sequence[str]) -> Layout | None:

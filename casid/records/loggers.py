@@ -14,15 +14,11 @@ from casid.records.column_map import ColumnMap
 
 @dataclass(frozen=True, kw_only=True)
 class Logger:
-    """A program that writes text.
+    """A program that writes text."""
 
-    name     for messages
-    signs    columns by which it is known: a file of it has all of them
-    columns  channel -> column of a map, or several of which the first one there counts
-    """
-
-    name: str
-    signs: tuple[str, ...]
+    name: str  # for messages
+    signs: tuple[str, ...]  # columns by which it is known: a file of it has all of them
+    # channel -> column of a map, or several of which the first one there counts
     columns: Mapping[str, str | tuple[str, ...]]
 
 

@@ -125,11 +125,6 @@ class Record:
         hold
             How channels run between samples: ``linear``, ``held`` or ``cubic``, for all or by channel.
 
-        Returns
-        -------
-        Record
-            In SI units and radians.
-
         Raises
         ------
         InputError
@@ -160,11 +155,6 @@ class Record:
             Channel -> unit, like ``deg`` or ``kt``.
         hold
             As in `from_arrays`.
-
-        Returns
-        -------
-        Record
-            In SI units and radians.
         """
         return record_of_frame(name, frame, units or {}, hold)
 
@@ -207,11 +197,6 @@ class Record:
         ----------
         channel
             Name of the channel.
-
-        Returns
-        -------
-        str
-            One of the three.
         """
         if channel == "t":
             return "linear"
@@ -232,11 +217,6 @@ class Record:
         ----------
         names
             Channels.
-
-        Returns
-        -------
-        ndarray
-            In the order of the names.
         """
         names = argument_names(names, "Record.following: names")
         values = self.matrix(names)
@@ -260,11 +240,6 @@ class Record:
         ----------
         names
             Channels.
-
-        Returns
-        -------
-        ndarray
-            In the order of the names.
         """
         columns = [self[name] for name in argument_names(names, "Record.matrix: names")]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
@@ -276,11 +251,6 @@ class Record:
         ----------
         **channels
             Values (N,) by name.
-
-        Returns
-        -------
-        Record
-            A copy.
         """
         where = f"record '{self.name}'"
         added = {name: _channel(name, values, self.t, where) for name, values in channels.items()}
@@ -293,11 +263,6 @@ class Record:
         ----------
         name
             The new name.
-
-        Returns
-        -------
-        Record
-            A copy.
         """
         return self._with(name=require(name, str, "Record.renamed: name", "renamed('m2')"))
 
@@ -308,11 +273,6 @@ class Record:
         ----------
         *notes
             One sentence each.
-
-        Returns
-        -------
-        Record
-            A copy.
         """
         return self._with(notes=(*self.notes, *notes))
 
@@ -323,11 +283,6 @@ class Record:
         ----------
         *names
             Channels.
-
-        Returns
-        -------
-        Record
-            A copy.
         """
         return self._with(channels={k: v for k, v in self.channels.items() if k not in names})
 
@@ -342,11 +297,6 @@ class Record:
             Time after the last sample [s].
         name
             Of the part; None: the name of the record.
-
-        Returns
-        -------
-        Record
-            A copy of the part.
         """
         for what, value in (("start", start), ("stop", stop)):
             if not isinstance(value, Real):

@@ -71,13 +71,7 @@ class Segment:
         return self.stop - self.start
 
     def to_dict(self) -> dict[str, Any]:
-        """Numbers by name, in SI.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """Numbers by name, in SI."""
         return {
             "start": self.start,
             "stop": self.stop,

@@ -67,26 +67,18 @@ def _block_numbers(block: bytes, width: int, mark: bytes) -> np.ndarray | None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RawTable:
-    """N rows of numbers.
+    """N rows of numbers."""
 
-    source    file, for messages
-    names     header of each column, or None when the columns have no names
-    values    (N, columns), NaN where a cell is empty or no number
-    lines     (N,) line of each row in a text file, or None
-    text      column -> (row, cell) of the first cell that is no number
-    hold      what a comment `# hold: held` says, or `# hold: u = held, v = cubic` of single channels; "" without
-    notes     remarks of whoever read it
-    first     number of the first row in the file, from 0
-    """
-
-    source: str
-    names: tuple[str, ...] | None
-    values: np.ndarray
-    lines: np.ndarray | None = None
+    source: str  # file, for messages
+    names: tuple[str, ...] | None  # header of each column, or None when the columns have no names
+    values: np.ndarray  # (N, columns), NaN where a cell is empty or no number
+    lines: np.ndarray | None = None  # (N,) line of each row in a text file, or None
+    # column -> (row, cell) of the first cell that is no number
     text: Mapping[int, tuple[int, str]] = field(default_factory=dict)
+    # what a comment `# hold: held` says, or `# hold: u = held, v = cubic` of single channels; "" without
     hold: str | Mapping[str, str] = ""
-    notes: tuple[str, ...] = ()
-    first: int = 0
+    notes: tuple[str, ...] = ()  # remarks of whoever read it
+    first: int = 0  # number of the first row in the file, from 0
 
     def place(self, row: int) -> str:
         """File and row, counted from 1 without the header, for a message."""

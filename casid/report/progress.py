@@ -17,18 +17,11 @@ _GROWS = 1.5  # factor by which a time that was told may grow; beyond it none is
 
 @dataclass(eq=False, kw_only=True)
 class Course:
-    """The stages of a work with their parts of its time, and where it stands.
+    """The stages of a work with their parts of its time, and where it stands."""
 
-    Attributes
-    ----------
-    stages
-        (name, part of the time) in the order in which they begin. Some may be skipped; others take none of the time.
-    limit
-        Time that the work may take in all [s].
-    """
-
+    # (name, part of the time) in the order in which they begin. Some may be skipped; others take none of the time
     stages: Sequence[tuple[str, float]]
-    limit: float = math.inf
+    limit: float = math.inf  # time that the work may take in all [s]
     _rest: list[tuple[str, float]] = field(init=False)
     _done: float = field(default=0.0, init=False)
     _now: float = field(default=0.0, init=False)

@@ -103,11 +103,8 @@ class Library:
 
     Examples
     --------
-    >>> import casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
+    After the example of `define_model`:
+
     >>> sorted(cs.Library(degree=1).terms(lag))
     ['1', 'u', 'x']
     """

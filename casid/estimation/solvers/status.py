@@ -13,16 +13,8 @@ class Results(Enum):
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
-    >>> fit = cs.solve(problem)
+    After the example of `solve`:
+
     >>> fit.result is cs.Results.CONVERGED
     True
     >>> print(cs.Results.NO_MINIMUM.value)

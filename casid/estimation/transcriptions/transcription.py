@@ -47,16 +47,8 @@ class SingleShooting:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    After the example of `solve`:
 
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
     >>> round(cs.solve(problem, cs.SingleShooting(substeps=1)).values["T"], 3)
     0.4
     """
@@ -117,16 +109,8 @@ class MultipleShooting:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
+    After the example of `solve`:
 
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
     >>> fit = cs.solve(problem, cs.MultipleShooting(interval=20))
     >>> round(fit.values["T"], 3), fit.defect < 1e-8
     (0.4, True)
@@ -196,15 +180,8 @@ class Collocation:
 
     Examples
     --------
-    >>> import numpy as np, casid as cs
-    >>> lag = cs.define_model(
-    ...     "lag", states=["x"], inputs=["u"], parameters={"T": 0.5}, outputs=["y"],
-    ...     dynamics=lambda s: {"x": (s.u - s.x) / s.T}, output=lambda s: {"y": s.x},
-    ... )
-    >>> t = 0.02 * np.arange(200)
-    >>> step = cs.Record(name="step", t=t, channels={"u": np.where(t > 0.5, 1.0, 0.0)})
-    >>> flown = cs.simulate(lag, step, [0.0], {"T": 0.4}).as_record("flown")
-    >>> problem = cs.Problem(model=lag, records=[flown], free=["T"], noise={"y": 0.01})
+    After the example of `solve`:
+
     >>> round(cs.solve(problem, cs.Collocation()).values["T"], 3)
     0.4
     """

@@ -78,19 +78,15 @@ _INERTIA = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class DaveAerodynamics:
-    """Aerodynamics of a DAVE-ML file.
-
-    path, text   the file;  held  pairs of varID and value, in the unit of the file, of inputs that no record has
-    cm           centre of mass [m] from the moment reference centre of the file, body axes
-    lateral, pitch   rate lengths [m];  span, chord  [m] of its coefficients
-    """
+    """Aerodynamics of a DAVE-ML file."""
 
     format: ClassVar[str] = "daveml"
 
+    # path, text: the file;  held  pairs of varID and value, in the unit of the file, of inputs that no record has
     path: str
     text: str = field(repr=False)
-    cm: tuple[float, float, float]
-    lateral: float
+    cm: tuple[float, float, float]  # centre of mass [m] from the moment reference centre of the file, body axes
+    lateral: float  # lateral, pitch: rate lengths [m];  span, chord  [m] of its coefficients
     pitch: float
     held: tuple[tuple[str, float], ...] = ()
 

@@ -27,21 +27,15 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True, kw_only=True)
 class JsbsimAerodynamics:
-    """`<aerodynamics>` of a file.
-
-    path   of the aircraft's XML, and its `text` with all that it includes, as it was read
-    held   pairs of property and value that the user holds
-    cg     centre of gravity [ft], structural axes, about which moments are taken
-    axes   "wind": CL CD CY, "body": CX CZ CY
-    """
+    """`<aerodynamics>` of a file."""
 
     format: ClassVar[str] = "jsbsim"
 
-    path: str
+    path: str  # of the aircraft's XML, and its `text` with all that it includes, as it was read
     text: str = field(repr=False)
-    cg: tuple[float, float, float]
-    held: tuple[tuple[str, float], ...] = ()
-    axes: str = "wind"
+    cg: tuple[float, float, float]  # centre of gravity [ft], structural axes, about which moments are taken
+    held: tuple[tuple[str, float], ...] = ()  # pairs of property and value that the user holds
+    axes: str = "wind"  # "wind": CL CD CY, "body": CX CZ CY
 
     def __call__(self, s: Any) -> dict[str, Any]:
         """Coefficient -> expression in the quantities of `Aircraft.aerodynamics`. Raises InputError."""
