@@ -1,9 +1,10 @@
 """The input that tells most about the parameters within given limits: D- or A-optimal, by IPOPT on exact derivatives.
 
 The bound is that of output error with the initial state free: states and their sensitivities to (initial state,
-parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta). The initial state is eliminated by the
-Schur complement. Parameters are in units of their size, so that "D" minimises the mean logarithm of their relative
-variances and "A" their mean (Mulder, Sridhar and Breeman, AGARD AG-300 Vol. 3; Morelli and Klein, 1990).
+parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta). The initial state, which no more is
+known of, is eliminated by the Schur complement. Parameters are in units of their size, so that "D" minimises the mean
+logarithm of their relative variances and "A" their mean (Mulder, Sridhar and Breeman, AGARD AG-300 Vol. 3; Morelli and
+Klein, 1990).
 
 Limits hold at every sample. Every start takes a few steps of limited-memory BFGS, and the best of them goes on. BFGS is
 cheap but knows only curvature upwards and creeps along the limits at the end, where the exact Hessian takes over.
@@ -35,6 +36,7 @@ _ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from the best of these; wit
 _TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
 _NEAR = 1e-6  # of a limit: how near to it the exact Hessian takes over
 _SLACK = 1e-3  # of a limit: what a solution may exceed it by
+_LOOSE = 1e-6  # of what the readings tell of an initial state: what its prior tells, for those that they do not tell
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,6 +215,10 @@ class _InputSearch:
         z = ca.MX.sym("z", len(self.low))
         moves = self._moves(z)
         information, paths = _integrated(experiment, ca.vertcat(*[m.T for m in moves.values()]))
+        # in units in which the readings of an experiment at rest tell as much of each initial state
+        at_rest = np.diag(ca.Function("at_rest", [z], [information])(np.zeros(z.shape)).full())[: len(experiment.start)]
+        told = np.where(at_rest > 0.0, at_rest, 1.0)
+        information += ca.DM(np.diag(np.r_[_LOOSE * told, np.zeros(len(experiment.free))]))
         cost = _criterion(experiment, criterion)(information)
         ends = [shape.ends(part) / experiment.duration for part in self._parts(z) if isinstance(shape, StepInput)]
         over = [m / experiment.surfaces[n] for n, m in moves.items() if not isinstance(shape, StepInput)]
@@ -322,8 +328,8 @@ class _InputSearch:
 
 
 def _integrated(experiment: Experiment, moves: ca.MX) -> tuple[ca.MX, ca.MX]:
-    """Information (n+f, n+f) of (initial state, parameters) in units of their sizes, and the limited quantities
-    (limits, N) over their limits, of deflections `moves` (surfaces, N)."""
+    """Return the information (n+f, n+f) of initial state and of parameters over their sizes, and the limited
+    quantities (limits, N) over their limits, of deflections `moves` (surfaces, N)."""
     model = experiment.model
     n, f, count = len(model.states), len(experiment.free), len(experiment.t)
     p = model.nominal_vector(experiment.values)
@@ -335,14 +341,11 @@ def _integrated(experiment: Experiment, moves: ca.MX) -> tuple[ca.MX, ca.MX]:
     following = ca.horzcat(inputs[:, 1:], inputs[:, -1])
     steps = np.r_[np.full(count - 1, experiment.dt), 0.0][None]
     informed, limited = _advance(experiment, p)
-    scales = np.diag(model.scale_vector())
-    z0 = ca.vertcat(experiment.start, ca.vec(ca.DM(np.hstack([scales, np.zeros((n, f))]))))
+    z0 = ca.vertcat(experiment.start, ca.vec(ca.DM(np.eye(n, n + f))))
     _, gained = informed.mapaccum("information", count)(z0, inputs, following, steps)
     # a chain of its own: derivatives of the limits at every sample do not go through the sensitivities
     _, paths = limited.mapaccum("limits", count)(experiment.start, inputs, following, steps)
-    total = ca.tril2symm(ca.MX(ca.Sparsity.lower(n + f), ca.sum2(gained)))
-    # the prior of the initial state is as wide as its scale, the one that Problem has by default
-    return total + ca.DM(np.diag(np.r_[np.ones(n), np.zeros(f)])), paths
+    return ca.tril2symm(ca.MX(ca.Sparsity.lower(n + f), ca.sum2(gained))), paths
 
 
 def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Function]:

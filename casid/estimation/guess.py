@@ -23,7 +23,7 @@ from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.simulate import cvodes_step, flown, steps_of
-from casid.model.system import Model
+from casid.model.system import Model, unguessed_states
 from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
@@ -36,8 +36,10 @@ _FOLLOWED = 1.0  # mean square of residuals in units of the assumed noise: a twe
 
 
 def with_guess(problem: Problem, inner: Problem) -> Problem:
-    """`inner` with states that the records of `problem` do not have where a smoother sees them, which begins with what
-    is known of their initial value."""
+    """`inner` with states that neither the records of `problem` nor its model guess where a smoother sees them, which
+    begins with what is known of their initial value."""
+    if not problem.simulated or problem.feedback is not None or not unguessed_states(problem.model, problem.records):
+        return inner
     states, known = problem.model.states, inner.initial_knowledge[0]
     missing, table = {}, {}
     for r, (posed, record) in enumerate(zip(problem.records, inner.records, strict=True)):

@@ -336,8 +336,7 @@ class Problem:
         known, given = np.reshape(values, shape).astype(float), np.reshape(stds, shape).astype(float)
         if not np.isnan(given).any():
             return known, given
-        size = np.maximum(self._guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
-        size = np.where(size > 0.0, size, self.model.scale_vector())
+        size = np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
         return known, np.where(np.isnan(given), _WIDE * size, given)
 
     @cached_property
@@ -345,19 +344,17 @@ class Problem:
         """(states,) order of magnitude of each state: of its readings where it is measured, else the larger one of what
         the model says and of the guess."""
         read = [any(s in r and np.isfinite(r[s]).any() for r in self.records) for s in self.model.states]
-        guessed, stated = self._guessed_size, self.model.scale_vector()
-        with np.errstate(divide="ignore"):
-            rounded = 10.0 ** np.round(np.log10(guessed))  # the same for all records of one experiment
-        return np.where(guessed > 0.0, np.where(read, rounded, np.maximum(rounded, stated)), stated)
+        rounded = 10.0 ** np.round(np.log10(self.guessed_size))  # the same for all records of one experiment
+        return np.where(read, rounded, np.maximum(rounded, self.model.scale_vector()))
 
     @cached_property
-    def _guessed_size(self) -> np.ndarray:
-        """(states,) largest magnitude of readings or guess in any record."""
+    def guessed_size(self) -> np.ndarray:
+        """(states,) largest magnitude of readings or guess in any record; where these are zero, what the model says."""
         size = np.zeros(len(self.model.states))
         for record in self.records:
             guess = np.asarray(self.model.guess(record), dtype=float)
             size = np.maximum(size, np.abs(guess, where=np.isfinite(guess), out=np.zeros_like(guess)).max(axis=0))
-        return size
+        return np.where(size > 0.0, size, self.model.scale_vector())
 
     @cached_property
     def is_initial_given(self) -> np.ndarray:

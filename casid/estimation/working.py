@@ -28,7 +28,7 @@ from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
 from casid.model.expressions import Symbols
 from casid.model.splines import cubic_inputs, splined, with_splines
-from casid.model.system import Model, unguessed_states
+from casid.model.system import Model
 from casid.records.record import Record
 
 
@@ -102,14 +102,11 @@ class Working:
 def working(problem: Problem) -> Working:
     """The problem in the coordinates that solvers know, with a guess of every state. `Problem` has checked that they
     can take it."""
-    model, with_initial = problem.model, bool(problem.model.initial) and problem.simulated
+    with_initial = bool(problem.model.initial) and problem.simulated
     inner = along_splines(problem)
     if problem.logarithmic or with_initial or problem.sigma_channels:
         inner = _in_other_coordinates(inner, with_initial)
-    missing = unguessed_states(model, problem.records) if problem.simulated and problem.feedback is None else []
-    if missing:
-        inner = with_guess(problem, inner)
-    return Working(posed=problem, problem=inner)
+    return Working(posed=problem, problem=with_guess(problem, inner))
 
 
 def along_splines(problem: Problem) -> Problem:

@@ -21,6 +21,7 @@ import scipy
 from casid.arguments import require
 from casid.errors import EstimationError, unknown
 from casid.estimation.cost import OutputError
+from casid.estimation.guess import with_guess
 from casid.estimation.problem import Problem, check_plain
 from casid.estimation.solvers.identified import lost_along
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Results, Status, out_of_steps
@@ -315,7 +316,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
             raise unknown("disturbance", name, model.disturbances, "filter_error: process_noise")
         if not (tau >= 0.0 and math.isfinite(tau)):
             raise EstimationError(f"filter_error: correlation time of '{name}' is {tau} s; expected 0 (white) or more")
-    problem = along_splines(problem)
+    problem = with_guess(problem, along_splines(problem))
     model = problem.model
     batch = make_batch(model, problem.records)
     unseen = [o for i, o in enumerate(model.outputs) if not np.isfinite(batch.Z[..., i]).any()]

@@ -33,15 +33,17 @@ def fit_initial_state(
     sigma = {o: 1.0 for o in model.outputs} | {o: _sigma(record[o]) for o in names}
     batch, functions = make_batch(model, [part]), PointFunctions(model, ())
     X, P = model.guess(part)[:, None], model.nominal_vector(values)[None]
+    sizes = zip(model.states, np.abs(X).max(axis=(0, 1)).tolist(), strict=True)
+    noise = NoiseModel(measurement=sigma, initial={name: size for name, size in sizes if size > 0.0})
     for _ in range(_ITERATIONS):
         linear = linearise(functions, batch, P, X)
-        X = X + kalman_filter(linear, NoiseModel(measurement=sigma)).smooth(*residual_column(linear))[0]
+        X = X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0]
     return X[0, 0]
 
 
 def _sigma(values: np.ndarray) -> float:
     high = pooled_sigma([values])
-    return max(high if np.isfinite(high) else 0.0, _LEAST_NOISE * float(np.nanstd(values)), 1e-12)
+    return max(high if np.isfinite(high) else 0.0, _LEAST_NOISE * float(np.nanstd(values))) or 1e-12
 
 
 def measured_start(

@@ -46,6 +46,9 @@ class NoiseModel:
     # output -> (1-sigma, correlation time [s]) of first-order Gauss-Markov processes beside the white noise; an offset
     # that is another one in every record has an infinite time
     slow: Mapping[str, tuple[tuple[float, float], ...]] = field(default_factory=dict)
+    # state -> its largest magnitude in the records, of which the prior of the initial state is a multiple; that of the
+    # model where it is not named
+    initial: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

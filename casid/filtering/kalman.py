@@ -20,7 +20,7 @@ from casid.filtering.slow import slow_states, with_slow_readings
 from casid.filtering.transposed import transposed
 
 _STRETCH = 256  # samples of all records whose covariances of the noise are in memory together
-_INITIAL_SIGMA = 5.0  # prior of the initial state, in units of Model.state_scale: practically free
+_INITIAL_SIGMA = 5.0  # prior of the initial state in sizes: practically free, and the covariances keep their digits
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -436,7 +436,8 @@ def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[A
     else:
         *made, S = kernel.augmented(linear, sources)
     P = np.zeros((linear.C.shape[1], n, n))
-    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * model.scale_vector()) ** 2, sources.sigma**2]
+    sizes = np.array([noise.initial.get(name, model.state_scale[name]) for name in model.states])
+    P[:, range(n), range(n)] = np.r_[(_INITIAL_SIGMA * sizes) ** 2, sources.sigma**2]
     found = *made, S if noise.inputs else None, P
     return with_slow_readings(linear, noise.slow, found) if noise.slow else found
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -27,6 +28,11 @@ class FilterSystem:
     correlation_time: Mapping[str, float]  # disturbance -> correlation time [s] of its process noise, 0: white
     measurement: Mapping[str, float] | None  # given measurement noise, or None: unknown
 
+    @cached_property
+    def initial_sizes(self) -> dict[str, float]:
+        """State -> its largest magnitude in the records."""
+        return dict(zip(self.problem.model.states, self.problem.guessed_size.tolist(), strict=True))
+
     def noise(self, log_sigma: np.ndarray) -> NoiseModel:
         """The noise model of a vector of unknowns: measurement (when not given), then process noise."""
         sigma, tau = np.exp(log_sigma), self.correlation_time
@@ -38,6 +44,7 @@ class FilterSystem:
             measurement=measurement,
             white={n: s for n, s in process.items() if not tau[n]},
             coloured={n: (s, tau[n]) for n, s in process.items() if tau[n]},
+            initial=self.initial_sizes,
         )
 
     def linearise(self, theta: np.ndarray, X: np.ndarray) -> Linear:

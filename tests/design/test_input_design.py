@@ -14,7 +14,7 @@ from scipy.stats import chi2
 
 from casid.design import Experiment, Multisine, StepInput, design_input, standard_3211
 from casid.errors import EstimationError, InputError
-from casid.estimation import InitialState, Problem, solve
+from casid.estimation import Problem, solve
 from casid.model.system import define_model
 from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
 
@@ -80,13 +80,38 @@ def test_the_best_pulse_of_a_static_gain_is_as_large_and_as_long_as_it_may_be():
 @pytest.mark.parametrize("shape", [StepInput(pulses=4), Multisine(lines=3)])
 def test_the_bound_is_that_of_an_estimation_on_the_record(shape):
     design = design_input(experiment(), shape, starts=1)
-    known = InitialState(std=dict(short_period().state_scale))  # the design's prior
-    fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE, initial_state=known))
+    fit = solve(Problem(short_period(), [design.record], free=["*"], noise=NOISE))
     np.testing.assert_allclose(list(design.std.values()), [e.std for e in fit.parameters.values()], rtol=1e-6)
     relative = fit.covariance / np.outer(list(TRUTH.values()), list(TRUTH.values()))
     assert design.cost == pytest.approx(np.linalg.slogdet(relative)[1] / 5, rel=1e-6)
     assert np.abs(design.record["delta_e"]).max() <= SURFACE * 1.001
     assert np.abs(design.record["alpha"]).max() <= LIMIT * 1.001
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e5])
+def test_a_design_is_the_same_in_any_unit_of_its_states(unit):
+    def std(size: float) -> float:
+        problem = Experiment(
+            model=define_model(
+                "lag",
+                states=("x",),
+                inputs=("u",),
+                parameters={"T": 0.5},
+                outputs=("y",),
+                dynamics=lambda s: {"x": (s.u - s.x) / s.T},
+                output=lambda s: {"y": s.x},
+            ),
+            surfaces={"u": size},
+            rest={"u": 0.0},
+            start=np.zeros(1),
+            noise={"y": 0.1 * size},
+            duration=6.0,
+            dt=0.1,
+            parameters=["T"],
+        )
+        return standard_3211(problem).std["T"]
+
+    assert std(unit) == pytest.approx(std(1.0), rel=1e-9)
 
 
 def test_the_standard_input_is_a_3_2_1_1_at_its_limit():

@@ -230,7 +230,7 @@ def test_score_of_the_variances_is_the_slope_of_the_likelihood():
     def deviance(trial: np.ndarray) -> float:
         return evaluate_step(system, theta, linear, system.noise(trial), np.zeros(len(theta))).deviance
 
-    kalman = kalman_filter(linear, noise)
+    kalman = kalman_filter(linear, system.noise(log_sigma))
     white = kalman.whiten(linear.residual[..., None], -linear.defect[..., None])[..., 0]
     slope = (
         variance_score(kalman, white, unit_variances(linear, noise, measurement=True)) * 2.0 * np.exp(2.0 * log_sigma)
@@ -323,3 +323,29 @@ def test_hfb320_lift_slope_with_process_noise_is_the_published_one(flight_data):
     assert fit.converged, fit.status
     assert 4.3 < fit.values["CL_alpha"] < 4.5
     assert fit.innovations.log_likelihood > filter_error(problem, {}).innovations.log_likelihood + 1000.0
+
+
+@pytest.mark.parametrize("output", ["x", "y"])
+@pytest.mark.parametrize("unit", [1e-6, 1e5])
+def test_an_estimate_is_the_same_in_any_unit_of_the_states(output, unit):
+    """x' = -k x + w from 1 in other units, read under the state's name or another one."""
+    t = np.linspace(0.0, 10.0, 41)
+    y = np.exp(-0.3 * t) + 0.05 * np.random.default_rng(0).standard_normal(41)
+    model = define_model(
+        "decay",
+        states=("x",),
+        inputs=(),
+        parameters={"k": 0.2},
+        outputs=(output,),
+        disturbances=("w",),
+        dynamics=lambda s: {"x": -s.k * s.x + s.w},
+        output=lambda s: {output: s.x},
+    )
+    found = [
+        filter_error(Problem(model, [Record(name="r", t=t, channels={output: size * y})], free=["k"]), {})
+        for size in (1.0, unit)
+    ]
+    assert all(fit.converged for fit in found)
+    assert abs(found[1].values["k"] - found[0].values["k"]) < 1e-4 * found[0].std["k"]
+    assert found[1].std["k"] == pytest.approx(found[0].std["k"], rel=1e-4)
+    assert found[1].noise.measurement[output] == pytest.approx(unit * found[0].noise.measurement[output], rel=1e-4)

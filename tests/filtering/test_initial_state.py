@@ -44,3 +44,20 @@ def test_what_is_not_measured_stays() -> None:
     record = cs.Record(name="m", t=t, channels={"place": 3.0 + 0.5 * t, "force": 0.0 * t + 7.0, "u": 0.0 * t})
     assert measured_start(model, record, np.array([0.2, 0.4])) == pytest.approx([1.5, 0.4])
     assert measured_start(model, record.without("place"), np.array([0.2, 0.4])) == pytest.approx([0.2, 0.4])
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1e5])
+def test_the_state_that_fits_best_is_the_same_in_any_unit(unit: float) -> None:
+    model = cs.define_model(
+        "decay",
+        states=["x"],
+        inputs=[],
+        parameters={"k": 0.3},
+        outputs=["x"],
+        dynamics=lambda s: {"x": -s.k * s.x},
+        output=lambda s: {"x": s.x},
+    )
+    t = np.linspace(0.0, 10.0, 41)
+    x = np.exp(-0.3 * t) + 0.05 * np.random.default_rng(0).standard_normal(41)
+    one, other = (fit_initial_state(model, cs.Record(name="r", t=t, channels={"x": u * x})) for u in (1.0, unit))
+    assert other / unit == pytest.approx(one, rel=1e-6)
