@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.timed import timed
 from casid.estimation.starts import best_of
 from casid.estimation.strategy import Ending, ending
+from casid.estimation.switching import without_switching
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.estimation.working import working
@@ -133,8 +135,21 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     taken = working(problem)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        end = ending(taken.problem, method, solver, begin)
-        return taken.returned(_fit(taken.problem, end, method, begin))
+        solved, end = _ended(taken.problem, method, solver, begin)
+        return taken.returned(replace(_fit(solved, end, method, begin), problem=taken.problem))
+
+
+def _ended(problem: Problem, method: Transcription, solver: Solver, begin: float) -> tuple[Problem, Ending]:
+    """Solve a problem whose motion does not switch; of one that does the one that differs least and has a solution."""
+    solved, end, start = problem, None, {}
+    for one, remark in without_switching(problem):
+        further = ending(replace(one, start=start or one.start), method, solver, begin)
+        if end is not None and end.attempt.found and not further.attempt.found:
+            break
+        solved, end = one, replace(further, remark="; ".join(filter(None, (remark, further.remark))))
+        start = further.attempt.values if further.attempt.found else {}
+    assert end is not None
+    return solved, end
 
 
 def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> Fit:

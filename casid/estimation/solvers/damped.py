@@ -45,8 +45,10 @@ class DampedIteration:
         while status is None:
             iteration += 1
             status = self._iterate()
-            if status is None and (iteration >= self.iterations or self.clock.is_up()):
+            if status is None and iteration >= self.iterations:
                 status = out_of_steps(iteration, "damped iterations")
+            elif status is None and self.clock.is_up():
+                status = self.clock.status
         return Outcome(
             point=self.point,
             value=self.value,

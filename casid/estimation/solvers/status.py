@@ -34,7 +34,7 @@ class Results(Enum):
         "time, or give bounds."
     )
     INFEASIBLE = "The constraints cannot be satisfied together: relax one."
-    FAILED = "No step improves the fit, which is no minimum: start elsewhere, or look for a kink in the model."
+    FAILED = "No step improves the fit, which is no minimum: start elsewhere."
 
 
 _HEADS = {
