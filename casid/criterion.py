@@ -18,21 +18,9 @@ Value = int | float | tuple[float, ...]
 
 
 def number(value: Value, meaning: str, evidence: str = "chosen", *, unit: str = "", signed: bool = False) -> Any:
-    """A field of a group.
-
-    Parameters
-    ----------
-    value
-        Default. A tuple if several values are tried one after the other.
-    meaning
-        What the number decides, in the terms of the glossary.
-    evidence
-        "derived: ..." from probability or physics, "measured: ..." on data, or "chosen".
-    unit
-        Empty for counts and ratios.
-    signed
-        Whether values at or below zero are allowed.
-    """
+    """A field of a group: its default (a tuple: tried one after the other), what it decides in terms of the glossary,
+    and the evidence: "derived: ..." from probability or physics, "measured: ..." on data, or "chosen". `unit` is empty
+    for counts and ratios; `signed` allows values at or below zero."""
     return field(default=value, metadata={"meaning": meaning, "evidence": evidence, "unit": unit, "signed": signed})
 
 
@@ -59,13 +47,8 @@ def listed(group: object, within: str = "") -> Iterator[Criterion]:
 
 
 def overridden(group: Group, table: Mapping[str, Any], where: str = "") -> Group:
-    """The group with other values from a nested table, {"naming": {"gain": 60.0}}; `where` is named in errors.
-
-    Raises
-    ------
-    InputError
-        For a name that does not exist, with the nearest one that does, and for a value of another kind.
-    """
+    """The group with other values from a nested table, {"naming": {"gain": 60.0}}; `where` is named in errors. Raises
+    InputError for a name that does not exist, and for a value of another kind."""
     return _overridden(group, table, "", [one.name for one in listed(group)], f"{where}: " if where else "")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from difflib import get_close_matches
 
 _LONGEST = 2000  # characters of a message
@@ -69,3 +69,10 @@ def unknown(what: str, name: str, valid: Iterable[str], where: str = "") -> Inpu
     hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool[:_MOST_NAMES])}{more}"
     prefix = f"{where}: " if where else ""
     return InputError(f"{prefix}unknown {what} '{name if len(name) <= 60 else name[:57] + '...'}'; {hint}")
+
+
+def check_known(what: str, names: Iterable[str], valid: Collection[str], where: str = "") -> None:
+    """Raise the InputError of `unknown` for the first of the names that is not among the valid ones."""
+    for name in names:
+        if name not in valid:
+            raise unknown(what, name, valid, where)

@@ -27,9 +27,8 @@ _FORMAT = 2  # goes up when a file of before cannot be read any more
 
 @contextmanager
 def whole_file(path: str | Path) -> Iterator[Path]:
-    """A file beside `path` to be written, which takes its place and mode when the block ends well; what stood there
-    stays otherwise. Its name is random, and a link is replaced, not followed. Raises InputError when it cannot be
-    written, as where the disk is full."""
+    """A file beside `path` to be written, which takes its place and mode when the block ends well. Its name is random,
+    and a link is replaced, not followed. Raises InputError when it cannot be written, as where the disk is full."""
     target = Path(path)
     temporary = target.with_name(f".{secrets.token_hex(8)}-{target.name}")
     try:

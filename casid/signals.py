@@ -247,10 +247,8 @@ def is_known(name: str) -> bool:
 
 
 def si_factor(unit: str, channel: str, where: str = "") -> float:
-    """Factor that converts `unit` to the SI unit of `channel`.
-
-    Raises InputError when the unit is unknown or is of another quantity than the channel's.
-    """
+    """Factor that converts `unit` to the SI unit of `channel`; InputError for a unit that is unknown or of another
+    quantity."""
     key = _unit_key(unit)
     prefix = f"{where}: " if where else ""
     if key not in _UNITS:

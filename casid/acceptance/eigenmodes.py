@@ -61,17 +61,8 @@ class Eigenmode:
 
 
 def eigenmodes(A: np.ndarray, slopes: np.ndarray, states: Sequence[str]) -> list[Eigenmode]:
-    """The modes of a matrix, fastest first.
-
-    Parameters
-    ----------
-    A
-        (n, n) of the linear system.
-    slopes
-        (n, n, parameters) its derivatives.
-    states
-        Names of the n states.
-    """
+    """Solve for the modes of A (n, n) of the named states, fastest first; slopes (n, n, parameters) are the derivatives
+    of A."""
     values, left, right = (np.asarray(part) for part in eig(A, left=True, right=True))
     found = []
     for k, value in enumerate(values):
@@ -113,12 +104,12 @@ def by_plane(A: np.ndarray, slopes: np.ndarray, states: Sequence[str]) -> tuple[
 
 
 def named(modes: Sequence[Eigenmode]) -> dict[str, Eigenmode]:
-    """The modes by name: short period, phugoid, dutch roll, roll, spiral, in this order.
+    """Name the modes: short period, phugoid, dutch roll, roll, spiral, in this order.
 
-    Of pairs in the longitudinal plane the fastest is the short period and the next the phugoid; where one has split
-    into two real eigenvalues they are "longitudinal 1", "longitudinal 2". Of the lateral ones the fastest pair is the
-    dutch roll and a second one the "lateral phugoid" (a coupled roll and spiral); the faster real one is the roll. All
-    others, of states that effects add, are "further 1" and so on.
+    Of longitudinal pairs the fastest is the short period, the next the phugoid; where one has split into real
+    eigenvalues they are "longitudinal 1", "longitudinal 2". Of the lateral ones the fastest pair is the dutch roll, a
+    second one the "lateral phugoid"; the faster real one is the roll. States that effects add are "further 1" and so
+    on.
     """
     further = [m for m in modes if m.share(LONGITUDINAL + LATERAL) < 0.5]
     rigid = [m for m in modes if m not in further]

@@ -60,10 +60,7 @@ def fly(
     windows: Sequence[Window],
     closed: bool,
 ) -> list[Flown]:
-    """A simulation of every window of a record, whose smoothed channels are `curves`.
-
-    wanted  channels that are compared;  closed  with the controller of `_LOOPS`
-    """
+    """Simulate every window of a record with smoothed channels `curves`; `closed`: with the controller of `_LOOPS`."""
     applied = apply_effects(aircraft, [record], axes, _outputs(record, axes, wanted))
     ready = applied.records[0]
     measured = {
@@ -102,11 +99,8 @@ def _part(record: Record, window: Window) -> Record:
 
 
 def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[Model, Record, ca.Function]:
-    """The model with small corrections of its surfaces towards the measured attitude and rates, the record with these
-    as inputs, and the law (x, u) -> corrections.
-
-    The sign of each is that of the surface's effect on the rate at the start.
-    """
+    """The model with small corrections of its surfaces towards the measured attitude and rates, signed as a surface
+    acts on its rate at the start; the record with these as inputs, and the law (x, u) -> corrections."""
     loops = {
         s: loop for s, loop in _LOOPS.items() if s in model.inputs and loop[1] in model.states and loop[1] in record
     }
@@ -141,11 +135,8 @@ def _corrections(law: ca.Function, model: Model, states: np.ndarray, record: Rec
 
 
 def calibrated_airspeed(V: np.ndarray, rho: np.ndarray, altitude: np.ndarray | None) -> np.ndarray:
-    """(N,) calibrated airspeed [m/s] of true airspeed in air of this density at this pressure altitude.
-
-    The pressure that the impact pressure of compressible flow gives at sea level of the standard atmosphere, as an
-    airspeed indicator shows it. Without an altitude, that of the standard atmosphere with this density.
-    """
+    """(N,) calibrated airspeed [m/s] of true airspeed V: that of the same impact pressure at sea level. Without an
+    altitude the pressure is that of the standard atmosphere with this density."""
     p0, rho0, gamma = 101325.0, 1.225, 1.4
     if altitude is None:
         altitude = _altitude_of_density(rho)

@@ -288,11 +288,9 @@ def _matrix_and_numbers(flight: SteadyFlight) -> tuple[Implicit, dict[str, str]]
 
 
 def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]]:
-    """Expressions of the static numbers, and their units.
-
-    Lift and drag by the balance of forces; margins as the distance by which the centre of gravity may move back until
-    the moment of a change of lift vanishes (Etkin and Reid, Dynamics of Flight, 3rd ed., 2.3 and 3.1).
-    """
+    """Expressions of the static numbers, and their units: lift and drag by the balance of forces, margins as how far
+    the c.g. may move back until a change of lift makes no moment (Etkin and Reid, Dynamics of Flight, 3rd ed., 2.3 and
+    3.1)."""
     s, a = flight.setting, flight.aircraft
     W, length = flight.mass * a.gravity, a.moment_length_pitch
     qS = 0.5 * s["rho"] * s["V"] ** 2 * a.area

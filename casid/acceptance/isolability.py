@@ -33,7 +33,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model
@@ -293,13 +293,10 @@ def _noise(
     """Measured channel -> 1-sigma."""
     valid = aircraft_model(aircraft, axes=axes, effects=()).outputs
     chosen = [name for name in TYPICAL_NOISE if name in valid] if channels is None else names(channels, "channels")
-    for name in stated:
-        if name not in valid:
-            raise unknown("channel", name, valid, "isolability: noise")
+    check_known("channel", stated, valid, "isolability: noise")
     sigma = {}
     for name in chosen:
-        if name not in valid:
-            raise unknown("channel", name, valid, "isolability")
+        check_known("channel", (name,), valid, "isolability")
         found = stated.get(name) or aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
         if not found:
             raise InputError(f"isolability: nothing is known of the noise of {name}; give noise={{'{name}': ...}}")

@@ -62,10 +62,8 @@ class Window:
 
 
 def windows(record: Record, manoeuvre: str, before_s: float = 0.0) -> tuple[Window, ...]:
-    """Where a manoeuvre is flown in a record: one input moves, and no other until the end.
-
-    The simulation starts `before_s` before that, where the inputs rest for so long, and 1 s at least.
-    """
+    """Find where a manoeuvre is flown: one input moves, and no other until the end. The simulation starts `before_s`
+    before that, where the inputs rest for so long, and 1 s at least."""
     how, runs = MANOEUVRES[manoeuvre], _runs(record)
     shortest = max(_SHORTEST_S, _phugoid_period(record) if how.slow else 0.0)
     found = []

@@ -22,7 +22,7 @@ from casid.acceptance.tolerances import CALIBRATED, Standard, StandardTest, told
 from casid.arguments import given as named
 from casid.arguments import number
 from casid.diagnosis.result import Diagnosis
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import has_aerodynamics, unwrapped
@@ -151,8 +151,7 @@ def _asked(tests: Any, standard: Standard, records: Sequence[Record]) -> dict[st
         raise InputError(f'proof_of_match: tests is {named(tests)}; expected a list of ids like ["2.c.10"]')
     asked = dict(tests) if isinstance(tests, Mapping) else dict.fromkeys(tests)
     for name, span in asked.items():
-        if name not in standard.tests:
-            raise unknown("test", str(name), standard.tests, standard.name)
+        check_known("test", (name,), standard.tests, standard.name)
         if span is None:
             continue
         where = f"proof_of_match: tests: {name}"

@@ -65,13 +65,8 @@ def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
 
 
 def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covariance: np.ndarray) -> Known:
-    """Estimated values by name, with the covariance in their order; what was not estimated is exact.
-
-    Raises
-    ------
-    InputError
-        When none of the estimates is a parameter of this aircraft.
-    """
+    """Estimated values by name, with the covariance in their order; what was not estimated is exact. Raises InputError
+    when none of them is a parameter of this aircraft."""
     model = flight.model
     names: Sequence[str] = list(values)
     shared = [name for name in names if name in model.parameters]
@@ -89,13 +84,7 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
 
 
 def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
-    """As an estimate.json says; `where` names it in errors.
-
-    Raises
-    ------
-    InputError
-        When it is none.
-    """
+    """What an estimate.json says, which `where` names in errors; InputError when it is none."""
     try:
         parameters, correlation = document["parameters"], document["correlation"]
         values = {name: float(one["value"]) for name, one in parameters.items()}

@@ -161,13 +161,9 @@ def _with_covariance(t: np.ndarray, Y: np.ndarray, decay: float, frequency: floa
 
 
 def _score(J: np.ndarray, left: np.ndarray, variance: float) -> np.ndarray:
-    """J' R J with the autocovariance R of the residuals, Bartlett's window (Morelli and Klein, J. Aircraft 34, 1997).
-
-    It is not below that of white noise.
-
-    A fit takes from its residuals what J can follow, just where J' R J looks. What it takes of noise that is white near
-    these frequencies has the autocovariance of the projection on J, and is added in proportion.
-    """
+    """J' R J with the autocovariance R of the residuals, Bartlett's window (Morelli and Klein, J. Aircraft 34, 1997),
+    not below that of white noise. What the fit takes of noise that is white near the frequencies of J is added in
+    proportion."""
     lags = max(int(_LAGS * len(left)), 1)
     U, S, _ = np.linalg.svd(J, full_matrices=False)
     Q = U[:, 1e-10 * S[0] < S]

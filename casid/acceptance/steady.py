@@ -183,11 +183,11 @@ class SteadyFlight:
         raise KeyError(name)
 
     def slopes(self, name: str) -> tuple[ca.SX, ca.SX]:
-        """Derivatives of lift coefficient and of pitching moment coefficient (about the true centre of gravity, thrust
-        included) by alpha, q [rad/s], an input, with the rate of the angle of attack held at zero.
+        """Derivatives of lift and pitching moment coefficient (true c.g., thrust included) by alpha, q [rad/s] or an
+        input.
 
-        Increments of the force coefficients hold the accelerations where they are, so that no term of the rate of the
-        angle of attack takes part. Their own moment about a shifted centre of gravity is taken off again.
+        Increments of the force coefficients hold the accelerations, so that the rate of the angle of attack is zero.
+        Their own moment about a shifted centre of gravity is taken off again.
         """
         s, a = self.setting, self.aircraft
         forces = ("CL", "CD") if self.aircraft.force_axes == "wind" else ("CX", "CZ")

@@ -108,13 +108,8 @@ def theil(
 
 
 def theil_of(measured: np.ndarray, simulated: np.ndarray) -> Theil:
-    """Theil's coefficient of a channel of (N,) samples; missing ones (NaN) take no part.
-
-    Raises
-    ------
-    InputError
-        When no sample is there in both.
-    """
+    """Theil's coefficient of a channel of (N,) samples; missing ones (NaN) take no part. InputError when none is in
+    both."""
     there = np.isfinite(measured) & np.isfinite(simulated)
     z, y = measured[there], simulated[there]
     if not len(z):

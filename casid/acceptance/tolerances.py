@@ -13,7 +13,7 @@ from typing import Any
 from casid.acceptance.manoeuvres import MANOEUVRES
 from casid.acceptance.quantities import QUANTITIES
 from casid.arguments import a_path, given, number, one_of
-from casid.errors import InputError, nearest, unknown
+from casid.errors import InputError, check_known, nearest
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS, label_of, si_factor
 
@@ -158,8 +158,7 @@ class Standard:
         path = a_path(tolerances, "Standard.read")
         known = {file.stem: file for file in sorted(_FOLDER.glob("*.toml"))}
         if path.suffix == "" and not path.exists():
-            if path.name not in known:
-                raise unknown("tolerance table", path.name, known, "Standard.read")
+            check_known("tolerance table", (path.name,), known, "Standard.read")
             path = known[path.name]
         try:
             return _standard(read_toml(path))
@@ -283,8 +282,7 @@ def _condition(data: Any, where: str) -> Condition:
 
 def _compared(data: Mapping[str, Any], key: str, where: str) -> str:
     name = _text(data, key, where)
-    if name not in COMPARED:
-        raise unknown("channel", name, COMPARED, where)
+    check_known("channel", (name,), COMPARED, where)
     return name
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.analysis.together import Together
 from casid.arguments import number, require, table_of, whole
-from casid.errors import EstimationError, InputError, unknown
+from casid.errors import EstimationError, InputError, check_known
 from casid.estimation.cost import EquationError
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
@@ -110,17 +110,13 @@ class Bootstrap:
         return float(2 * self.values[name] - high), float(2 * self.values[name] - low)
 
     def _index(self, name: str) -> int:
-        if name not in self.values:
-            raise unknown("parameter", name, self.values, "bootstrap")
+        check_known("parameter", (name,), self.values, "bootstrap")
         return list(self.values).index(name)
 
 
 def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> Problem:
-    """The problem of a fit with data drawn from it: predicted outputs, white noise of the fit's covariance, the same
-    samples missing. White noise of 1-sigma `input_noise` (input -> value, SI) on the inputs that the estimator sees.
-
-    It starts at the fit's estimates. Raises EstimationError for EquationError, which predicts no data.
-    """
+    """The problem of a fit from its estimates on, with data drawn from it: predicted outputs and white noise of the
+    fit's covariance; noise of 1-sigma `input_noise` [SI] on the inputs. Raises EstimationError for EquationError."""
     return replace(fit.problem, records=drawn_records(fit, rng, input_noise), start=fit.values)
 
 
@@ -129,9 +125,7 @@ def drawn_records(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
     problem, outputs = fit.problem, fit.problem.model.outputs
     if isinstance(problem.cost, EquationError):
         raise EstimationError("bootstrap: EquationError predicts no measurements that could be drawn; use OutputError")
-    for name in input_noise:
-        if name not in problem.model.inputs:
-            raise unknown("input", name, problem.model.inputs, "bootstrap: input_noise")
+    check_known("input", input_noise, problem.model.inputs, "bootstrap: input_noise")
     root = np.linalg.cholesky(fit.noise_covariance[: len(outputs), : len(outputs)])
     records = []
     for record in problem.records:

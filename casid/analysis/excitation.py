@@ -135,9 +135,8 @@ class TriedInput:
 def candidates(fit: Fit, controls: Sequence[str]) -> list[TriedInput]:
     """Doublets and 3-2-1-1 with several durations on every control, from the first sample of the first record.
 
-    Their amplitude is that of the records, or of the control that moved most where one did not. What leaves three
-    times the range of the records' states is left out. Empty for what cannot be flown here: equation error, a control
-    law in the loop.
+    They are as large as in the records, or as the control that moved most; what leaves three times the range of the
+    records' states is left out. Empty for what cannot be flown here: equation error, a control law in the loop.
     """
     if not fit.problem.simulated or fit.problem.feedback is not None:
         return []
@@ -155,11 +154,8 @@ def candidates(fit: Fit, controls: Sequence[str]) -> list[TriedInput]:
 
 
 def best_manoeuvre(found: Sequence[TriedInput], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
-    """The candidate whose record, added to those of the fit, makes `coordinate` (parameters,) most certain.
-
-    coordinate is a linear function of the parameters; information (parameters, parameters) that of the fit's data.
-    None when none gains a fifth.
-    """
+    """The candidate that, added to the fit's data of this information (parameters, parameters), makes a linear function
+    `coordinate` (parameters,) of the parameters most certain; None when none gains a fifth."""
     floor = 1e-12 * np.diag(np.maximum(np.diagonal(information), 1e-12))
     before = coordinate @ np.linalg.solve(information + floor, coordinate)
     best: Suggestion | None = None

@@ -17,7 +17,7 @@ import numpy as np
 from casid.analysis.excitation import Excitation, Suggestion, best_manoeuvre, candidates, excitations
 from casid.analysis.relinearise import relinearise
 from casid.arguments import require
-from casid.errors import unknown
+from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.system import Model
@@ -218,9 +218,7 @@ def identifiability(
     """
     require(fit, Fit, "identifiability: fit", "cs.solve(problem)")
     problem = fit.problem
-    for name in controls or ():
-        if name not in problem.model.inputs:
-            raise unknown("input", name, problem.model.inputs, "identifiability: controls")
+    check_known("input", controls or (), problem.model.inputs, "identifiability: controls")
     moved_by = _surfaces(problem.model) if controls is None else tuple(controls)
     at = relinearise(fit, method)
     information = at.information

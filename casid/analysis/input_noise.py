@@ -22,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from casid.analysis.relinearise import AtFit, relinearise
-from casid.errors import EstimationError, InputError, unknown
+from casid.errors import EstimationError, InputError, check_known
 from casid.estimation.cost import OutputError
 from casid.estimation.fit import Fit
 from casid.estimation.residual_colour import (
@@ -65,11 +65,9 @@ class InputErrors:
 def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleShooting = _DEFAULT_METHOD) -> InputErrors:
     """Covariance of the estimates when inputs are measured with white noise of 1-sigma `sigma` (input -> value, SI).
 
-    Measurement noise that was given is white. Where the fit estimated it, its residuals hold the effect of the inputs
-    as well. Then their autocovariance less what the inputs are expected to cause is that of the measurement noise (see
-    residual_colour), and its variance never less than the noise of the band above the motion. `method` as in
-    `relinearise`; no array grows with samples times parameters, only with the samples of one segment.
-    Raises InputError for a name that is no input or a negative sigma, EstimationError for any cost but OutputError.
+    Measurement noise that was given is white. Estimated noise is the residuals' autocovariance less what the inputs
+    cause, never below the noise of the band above the motion. `method` as in `relinearise`. Raises InputError for a
+    name that is no input or a negative sigma, EstimationError for any cost but OutputError.
     """
     problem = fit.problem
     if not isinstance(problem.cost, OutputError) or not problem.simulated:
@@ -79,8 +77,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
     for name in cubic_inputs(problem.model, problem.records)[:1]:
         raise InputError(f"input_noise_errors: input '{name}' is cubic between samples; write hold='linear'")
     for name, value in sigma.items():
-        if name not in problem.model.inputs:
-            raise unknown("input", name, problem.model.inputs, "input_noise_errors")
+        check_known("input", (name,), problem.model.inputs, "input_noise_errors")
         if not (value >= 0.0 and np.isfinite(value)):
             raise InputError(f"input_noise_errors: sigma of '{name}' is {value}; expected a 1-sigma, zero or more")
     at = relinearise(fit, replace(method, substeps=1))  # noise of the inputs is that of their samples
@@ -99,14 +96,9 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
 
 
 def with_noisy_inputs(model: Model, *inputs: str) -> Model:
-    """The model with a disturbance "noise_<input>" added to each named input.
-
-    `filter_error(problem, {"noise_delta_e": 0.0})` then estimates the noise of the surface together with the
-    parameters. Raises InputError for a name that is no input.
-    """
-    for name in inputs:
-        if name not in model.inputs:
-            raise unknown("input", name, model.inputs, "with_noisy_inputs")
+    """The model with a disturbance "noise_<input>" on each named input, whose noise `filter_error` then estimates.
+    Raises InputError for a name that is no input."""
+    check_known("input", inputs, model.inputs, "with_noisy_inputs")
     added = ca.SX.sym("noise", len(inputs))
     received = ca.SX(model.u)
     for i, name in enumerate(inputs):
@@ -155,9 +147,8 @@ def _of_blocks(autocovariance: np.ndarray, size: int) -> np.ndarray:
 def _left(noise: np.ndarray, caused: np.ndarray, least: float, count: int) -> Colour:
     """Colour of the measurement noise of a channel: (lags,) autocovariance of its residuals less what is caused.
 
-    White where that explains the residuals better than an autoregression does, by AIC, and where the difference has
-    less power at low frequency, where the sensitivities are, than white noise of its variance. What is caused, and
-    partly absorbed by the fit, was then taken off twice.
+    White where AIC prefers that, and where the difference has less power at low frequency, where the sensitivities are,
+    than white noise of its variance: what is caused, and partly absorbed by the fit, was then taken off twice.
     """
     left = noise - caused
     left[0] = max(left[0], min(least, noise[0]))

@@ -52,12 +52,9 @@ class AtFit:
 
 
 def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
-    """Linearise at the estimates of `fit`; give `method` when the fit had process noise.
-
-    Every transcription of the same problem has the same information, so that of the fit need not be known.
-    Raises numpy.linalg.LinAlgError when a record's states are not determined, EstimationError for a problem that is
-    solved in other coordinates.
-    """
+    """Linearise at the estimates of `fit`; every transcription has the same information. Give `method` when the fit had
+    process noise. Raises numpy.linalg.LinAlgError when a record's states are not determined, EstimationError for a
+    problem that is solved in other coordinates."""
     check_plain(fit.problem, "identifiability and input noise")
     problem = along_splines(fit.problem)
     if method.substeps is None:

@@ -22,7 +22,7 @@ from casid.data_check.relations import SI_OF, FileUnit
 from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
 from casid.data_check.weighing import Weighed, Weighing, described, with_readings
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
@@ -191,16 +191,16 @@ def check(
 
 
 def channels_of(undo: bool | Sequence[str], where: str) -> frozenset[str]:
-    """Names of the channels that are trusted as they were recorded.
-
-    Raises InputError, which names `where`, for what is neither a truth value nor a list of channels.
-    """
+    """Names of the channels that are trusted as recorded; InputError, which names `where`, for any other value."""
     if isinstance(undo, bool):
         return frozenset()
     argument = where.rpartition(" ")[2]
-    for name in require(undo, (list, tuple), where, f'{argument}=True or names of channels, {argument}=["q"]'):
-        if name not in CHANNELS:
-            raise unknown("channel", str(name), CHANNELS, where)
+    check_known(
+        "channel",
+        require(undo, (list, tuple), where, f'{argument}=True or names of channels, {argument}=["q"]'),
+        CHANNELS,
+        where,
+    )
     return frozenset(undo)
 
 

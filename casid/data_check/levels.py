@@ -66,9 +66,9 @@ def _slope(c: Read, name: str) -> float:
 def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """rho V^2 S CL / 2 of the file carries what the accelerometer feels.
 
-    The curve is known in the trim of the file, where that is given, since there it carries the weight; else from the
-    constant of the file. Its slope, the angle and the load factor have errors of their own, of which the least are
-    taken that make it so."""
+    The curve is known in the trim of the file, where it carries the weight; else from the constant of the file. Of the
+    errors of its slope, the angle and the load factor the least are taken that make it so.
+    """
     if aircraft is None:
         return 0.0
     zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
@@ -91,10 +91,8 @@ def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
 def _least_errors(
     known: float, slope: float, angle: float, wanted: float, sigmas: tuple[float, ...], criteria: DataCriteria
 ) -> float:
-    """Log likelihood of the smallest errors by which `known` and `slope` times `angle` are what is `wanted`.
-
-    `sigmas` are those of the logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`.
-    """
+    """Log likelihood of the smallest errors by which `known` and `slope` times `angle` are `wanted`; `sigmas` of the
+    logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`."""
     of_known, of_slope, of_angle, of_wanted = sigmas
     errors, largest = np.zeros(4), math.sqrt(-2.0 * criteria.impossible)
     for _ in range(criteria.error_steps):
@@ -130,11 +128,9 @@ def thrust_over_drag(
     criteria: DataCriteria,
     trimmed: Callable[[], _TrimDrag | None] | None = None,
 ) -> tuple[float, float] | None:
-    """Thrust over what balances the drag that the file has in its trim, and the rate at which kinetic and potential
-    energy grow, with the 1-sigma of its logarithm; None where that tells nothing.
-
-    T = D + m (dV/dt + g sin(gamma)), with the drag of the trim scaled by dynamic pressure. Far from the airspeed of the
-    trim the drag coefficient is another one, and where the energy does most of it, the drag tells little."""
+    """Thrust over what balances the drag in the file's trim and the growth of energy, T = D + m (dV/dt + g sin(gamma)),
+    with the 1-sigma of its logarithm; None where that tells nothing: far from the trim's airspeed, or where energy does
+    most."""
     if aircraft is None or not c.has("thrust", "V", "rho") or not (c.has("altitude") or c.has("theta", "alpha")):
         return None
     known = _drag_of_trim(aircraft) if trimmed is None else trimmed()
@@ -237,11 +233,8 @@ def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c:
 
 
 def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """Side force opposes the sideslip that the motion makes, where no vane tells it.
-
-    The rate of sideslip in a coordinated frame, p sin(alpha) - r cos(alpha) + (ay + g sin(phi) cos(theta)) / V, is
-    integrated, and both sides are passed through one high-pass filter, so that biases do not add up.
-    """
+    """Side force opposes the sideslip that the motion makes, where no vane tells it: p sin(alpha) - r cos(alpha) + (ay
+    + g sin(phi) cos(theta)) / V is integrated, and both sides high-passed, so that biases do not add up."""
     if c.has("beta"):
         return 0.0
     alpha, phi, theta = c.value("alpha"), c.value("phi"), c.value("theta")

@@ -172,11 +172,8 @@ class Agreement:
     @property
     def unlike(self) -> float:
         """What no common signal of equal size explains: generalised variance over that of two unrelated series, from
-        `close` to 1.
-
-        Both sides are the same signal with noise of their own (errors in variables): then their covariance lies
-        between zero and the smaller variance. Outside, the nearest such covariance is taken.
-        """
+        `close` to 1. With noise of their own the covariance of the sides lies between zero and the smaller variance, or
+        is taken there."""
         best = min(self._at(gain) for gain in self._gains())
         return float(min(max(best, self.close), 1.0))
 
@@ -227,13 +224,11 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
 def _in_time(
     rate: np.ndarray, other: np.ndarray, errors: np.ndarray, at: np.ndarray, every: int, step: float, by: DataCriteria
 ) -> np.ndarray:
-    """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other,
-    which has no line.
+    """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other.
 
-    These have their prior sizes: `errors` of the instruments, a delay, and a clock that drifts. The last two may be so
-    large that a slope does not tell them, and are sought step by step.
-
-    `every` samples are one independent one."""
+    `errors` of the instruments, a delay and a clock that drifts have their prior sizes; the last two are sought step by
+    step, since a slope does not tell large ones. `every` samples are one independent one.
+    """
     if not np.isfinite(errors).all():
         return _without_line(rate[at])
     t = step * np.arange(len(rate))

@@ -270,10 +270,8 @@ class Response:
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
         """Log likelihood ratio in every record of the alternatives for surfaces, beside those of the file's signs.
-
-        Records share the derivatives, so an alternative is judged in the set of records that gains most by it. An
-        error of sign in the file is an alternative that no reading makes.
-        """
+        Records share the derivatives: an alternative, also an error of sign in the file, is judged in the set of
+        records that gains most."""
         there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
         noise = self._noise(plain)
@@ -385,9 +383,8 @@ def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
 def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCriteria, minor: float = 0.0) -> float:
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
-    Derivatives are about `prior`, within a part of it, or within what makes a `minor` part of what the coefficient
-    varies by; one of them may be an outlier, as that of a damper which the file lacks. Those of surfaces are not of the
-    other sign, nor less than `criteria.smallest` of it."""
+    Derivatives are about `prior`, within a part of it or what makes a `minor` part of the coefficient's variation; one
+    may be an outlier, as a damper's. Those of surfaces keep their sign and `criteria.smallest` of their size."""
     prior = row.about
     varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
     spread = np.hypot(criteria.derivative * prior, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))

@@ -93,11 +93,9 @@ class Weighing:
         return Read((self._slow if slow else self._quick)[j], reading)
 
     def found(self) -> list[Weighed]:
-        """The faults that the records show, most telling first; each is corrected before the next is sought, and other
-        axes before any single channel.
-
-        An error of an instrument, which a diagnosis corrects, explains records as a fault does. Where it does so
-        better, the next fault is sought beside it."""
+        """The faults that the records show, most telling first, other axes before any channel; each is corrected before
+        the next is sought. Where an error of an instrument, which a diagnosis corrects, explains the records better,
+        the next fault is sought beside it."""
         found: list[Weighed] = []
         for _ in range(self._criteria.faults):
             gains = [self._gains(a) for a in self._outputs()]

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from casid.arguments import names, number, numbers_by_name, require, table_of
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
@@ -85,8 +85,7 @@ class Experiment:
             ("state or output", self.limits, (*model.states, *model.outputs)),
         ):
             for name, size in table.items():
-                if name not in valid:
-                    raise unknown(what, name, valid, "Experiment")
+                check_known(what, (name,), valid, "Experiment")
                 number(size, f"Experiment: {what} '{name}'", positive=True)
         if not self.surfaces or not self.noise or not self.parameters:
             raise InputError(

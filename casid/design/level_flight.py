@@ -58,20 +58,9 @@ def experiment_of(
     free: Sequence[str] = (),
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> Experiment:
-    """Level flight at the trim of the file, within limits.
-
-    Parameters
-    ----------
-    free
-        Globs of the derivatives to be estimated; default: all of the plane.
-    noise
-        1-sigma of measured channels; those of the file, or typical ones, for the others.
-
-    Raises
-    ------
-    InputError
-        When the file has no trim point.
-    """
+    """Level flight at the trim of the file, within limits; `free` are globs of the derivatives to be estimated
+    (default: all of the plane), `noise` 1-sigma by channel in place of the file's or typical ones. Raises InputError
+    without a trim point."""
     known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
     if "V" not in known or len(known) < 2:
         raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, for a design; add them to the file")
@@ -117,15 +106,8 @@ def level_rivals(
     limits: Limits,
     noise: Mapping[str, float] = MappingProxyType({}),
 ) -> tuple[Rivals, Experiment]:
-    """Two effects that compete in level flight, in the plane of motion that both are of.
-
-    Effects of the same names that the file has are taken out of it.
-
-    Raises
-    ------
-    InputError
-        When the file has no trim point, and for effects that no manoeuvre can bring about.
-    """
+    """Two effects that compete in level flight, in the plane of motion of both, in place of those that the file has of
+    their names. Raises InputError without a trim point, and for effects that no manoeuvre can bring about."""
     rivals = {effect_of(value).name for value in (first, second)}
     bare = replace(aircraft, effects=tuple(e for e in aircraft.effects if effect_of(e).name not in rivals))
     plane = plane_of(*(name for value in (first, second) for name in _named_by(value)))

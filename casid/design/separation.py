@@ -112,11 +112,9 @@ class Separation:
 
     @property
     def scatter(self) -> float:
-        """1-sigma, at most, of the logarithm of the likelihood ratio from flight to flight, when both are fitted.
-
-        What cannot be imitated meets the noise, of variance twice `log_odds`; and each of the two fits takes up noise
-        along a direction of its own, of variance 1 at most.
-        """
+        """1-sigma, at most, of the log likelihood ratio from flight to flight, both fitted: what cannot be imitated
+        meets noise of variance twice `log_odds`, and each fit takes up noise along one direction, of variance 1 at
+        most."""
         return float(np.sqrt(2.0 * self.log_odds + 1.0))
 
 
@@ -145,13 +143,8 @@ class NextFlight:
 
 @single_threaded()
 def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
-    """The flyable manoeuvre, as large as the limits of the experiment allow, that separates the rivals best.
-
-    Raises
-    ------
-    EstimationError
-        When none stays within the limits.
-    """
+    """The flyable manoeuvre, as large as the limits allow, that separates the rivals best; EstimationError when none
+    stays within the limits."""
     choice = list(flyable(experiment))
     sizes, flights = _within_limits(rivals, experiment, choice)
     truth, other = flights.truth, flights.of(rivals.second)

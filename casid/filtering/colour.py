@@ -70,10 +70,8 @@ def colouring(linear: Linear, colour: Mapping[str, tuple[float, float]]) -> Colo
 
 
 def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
-    """(1-sigma, correlation time [s]) of a first-order Gauss-Markov process with zero mean, by maximum likelihood.
-
-    series  per record times [s] (n,) and values (n,); they need not be evenly spaced
-    """
+    """(1-sigma, correlation time [s]) of a first-order Gauss-Markov process with zero mean, by maximum likelihood, from
+    times and values (n,) of each record, evenly spaced or not."""
     read = [(t, values) for t, values in series if len(t) > 1]
     shortest = min(float(np.diff(t).min()) for t, _ in read)
     longest = max(float(t[-1] - t[0]) for t, _ in read)

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from casid.arguments import require
-from casid.errors import EstimationError, unknown
+from casid.errors import EstimationError, check_known, unknown
 from casid.estimation.cost import OutputError
 from casid.estimation.guess import with_guess
 from casid.estimation.problem import Problem, check_plain
@@ -279,11 +279,8 @@ def _lost(system: FilterSystem, step: Step, theta: np.ndarray) -> tuple[str, ...
 def predict(
     problem: Problem, values: Mapping[str, float], noise: NoiseModel, relinearisations: int = _TIMES
 ) -> Innovations:
-    """One-step predictions of the problem's records with its parameters at `values`; only states are estimated.
-
-    A per-record parameter takes the value under its own name, "bias_q[m1]", or under the bare one. Raises InputError
-    when a value is missing.
-    """
+    """One-step predictions of the problem's records with its parameters at `values`; only states are estimated. A
+    per-record parameter has its own name, "bias_q[m1]", or the bare one. Raises InputError when a value is missing."""
     chosen = []
     for name in problem.parameters:
         bare = name.split("[")[0]
@@ -312,8 +309,7 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
     if not model.disturbances:
         raise EstimationError(f"filter_error: model '{model.name}' has no disturbance that process noise could drive")
     for name, tau in process_noise.items():
-        if name not in model.disturbances:
-            raise unknown("disturbance", name, model.disturbances, "filter_error: process_noise")
+        check_known("disturbance", (name,), model.disturbances, "filter_error: process_noise")
         if not (tau >= 0.0 and math.isfinite(tau)):
             raise EstimationError(f"filter_error: correlation time of '{name}' is {tau} s; expected 0 (white) or more")
     problem = with_guess(problem, along_splines(problem))
@@ -409,10 +405,8 @@ def _best_noise(
 def _search(
     system: FilterSystem, theta: np.ndarray, step: Step, noise: NoiseModel
 ) -> tuple[np.ndarray, Linear, float] | None:
-    """The longest step along the Gauss-Newton direction that lowers the deviance; None when there is none.
-
-    The trajectory goes all the way to the most likely one for the parameters tried: slopes are right only there.
-    """
+    """The longest step along the Gauss-Newton direction that lowers the deviance, along the most likely trajectory of
+    the parameters tried, where alone slopes are right; None when there is none."""
     alone, direction = trajectory_step(system, step)
     X = step.linear.X + alone
     none, length = np.zeros(len(theta)), 1.0

@@ -9,11 +9,8 @@ from casid.filtering.kalman import augmented
 
 
 def free_flight_sigma(linear: Linear, noise: NoiseModel) -> np.ndarray:
-    """Return (N, R, ny) 1-sigma of measured minus simulated readings of the right model, its initial state known.
-
-    The covariance of the states is propagated without the updates of a filter. It overflows to infinity where the
-    model is unstable.
-    """
+    """(N, R, ny) 1-sigma of measured minus simulated readings of the right model, its initial state known, without the
+    updates of a filter; infinite where the model is unstable."""
     A, C, Q, M, _, P = augmented(linear, noise)
     known = linear.X.shape[2]
     P[:, :known], P[:, :, :known] = 0.0, 0.0

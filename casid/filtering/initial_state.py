@@ -23,11 +23,8 @@ def fit_initial_state(
     model: Model, record: Record, window_s: float = np.inf, values: Mapping[str, float] | None = None
 ) -> np.ndarray:
     """(states,) initial state by weighted least squares over the first `window_s` seconds, with `values` of parameters
-    put over the model's nominal ones.
-
-    Channels are weighted by their noise, judged from the band above the motion. Starts from the measured states; for a
-    model that is unstable or wrong the fit over a whole record says little about its beginning: then take a window.
-    """
+    put over the model's nominal ones. Channels are weighted by their high-band noise. A whole record says little about
+    its beginning for a model that is unstable or wrong: then take a window."""
     part = record.between(record.t[0], record.t[0] + window_s)
     names = [o for o in model.outputs if o in part and np.isfinite(part[o]).any()]
     sigma = {o: 1.0 for o in model.outputs} | {o: _sigma(record[o]) for o in names}
@@ -53,12 +50,9 @@ def measured_start(
     parameters: np.ndarray | None = None,
     beginning_s: float = BEGINNING_S,
 ) -> np.ndarray:
-    """(states,) `start` with what is measured of it: outputs that do not depend on inputs begin as they were measured.
-
-    Fitted to a record, such a state would make up for what is wrong with the model. States that these outputs do not
-    tell stay as they are. A reading begins on the straight line through its first `beginning_s` seconds; one with fewer
-    than three samples there is left out. `parameters` (np,) are the model's nominal ones by default.
-    """
+    """(states,) `start` with what is measured of it: outputs that do not depend on inputs begin on the straight line
+    through their first `beginning_s` seconds, of three samples or more. Fitted to a record, such a state would make up
+    for what is wrong with the model. `parameters` (np,) are the nominal ones by default."""
     by_input = ca.which_depends(model.h, model.u, 1, True)
     t, begins = record.t - record.t[0], {}
     for name, depends in zip(model.outputs, by_input, strict=True):
@@ -73,10 +67,8 @@ def measured_start(
 def state_of_outputs(
     model: Model, record: Record, outputs: Mapping[str, float], start: np.ndarray, parameters: np.ndarray | None = None
 ) -> np.ndarray:
-    """(states,) the state at the first sample of a record that has these `outputs`, by Newton's method from `start`.
-
-    States that the outputs do not tell stay where they are.
-    """
+    """(states,) the state at the first sample that has these `outputs`, by Newton's method from `start`, where states
+    that the outputs do not tell stay."""
     rows = [model.outputs.index(name) for name in outputs]
     scale, h = model.scale_vector(), model.h[rows]
     function = ca.Function("outputs", [model.x, model.u, model.p, model.w], [h, ca.jacobian(h, model.x)])

@@ -92,10 +92,8 @@ class Batch:
 
 
 def make_batch(model: Model, records: Sequence[Record]) -> Batch:
-    """Stack records for a model; an output that a record does not have is missing throughout.
-
-    Raises InputError for inputs that are cubic between samples.
-    """
+    """Stack records for a model; an output that a record does not have is missing throughout. InputError for cubic
+    inputs."""
     for name in cubic_inputs(model, records)[:1]:
         raise InputError(f"input '{name}' is cubic between samples, which is not taken here; write hold='linear'")
     N, R = max(len(r) for r in records), len(records)
@@ -272,10 +270,8 @@ def linearise(
     X: np.ndarray,
     W: np.ndarray | None = None,
 ) -> Linear:
-    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw).
-
-    The step matrices are second-order in dt (they steer the filter and the search); state and output are exact RK4.
-    """
+    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw); the step matrices, which
+    steer filter and search, are second-order in dt, state and output exact RK4."""
     model = functions.model
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     held = batch.held_at(model)

@@ -60,11 +60,8 @@ class Filter:
 
     def along(self, linear: Linear, noise: NoiseModel) -> Filter:
         """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
-        state that it does not know no sample moves.
-
-        Models are then compared by their residuals alone, and none gains by what it makes of the noise. To first order
-        in the change of the model, as long as it is linearised about the most likely motion.
-        """
+        state that it does not know no sample moves. Models are then compared by their residuals alone, to first order
+        in their change."""
         if self._knows(linear, noise):
             return replace(self, linear=linear, noise=noise)
         through = _held(linear, self.through)
@@ -85,11 +82,9 @@ class Filter:
         return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
-        """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y and state part F.
-
-        Y (N, R, ny, nc), F (N-1, R, nx or n, nc): response of the model to a unit of the column's cause, output and
-        state equation; first (R, n, nc) at the first sample. The residual is the column (residual, -defect); see
-        `residual_column`. In memory the records are apart."""
+        """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y (N, R, ny, nc), state
+        part F (N-1, R, nx or n, nc), and first (R, n, nc) at the first sample. The residual is `residual_column`. In
+        memory the records are apart."""
         return self.colouring.taken_off(self._columns(Y, F, self._begun(first))[0]).swapaxes(0, 1)
 
     def whiten_in_stretches(
@@ -155,10 +150,8 @@ class Filter:
     ) -> tuple[np.ndarray, np.ndarray]:
         """What columns of innovations (R, N, ny, nc), which are overwritten, have in common with the response to a unit
         at each sample: of each disturbance of `stations` (ns, R, N, nc), and of each output as `read` (ny, R, N, nc).
-
-        Its sum over samples times a time history is the product of the columns and that history's whitened response:
-        one pass, of the transposed filter, for all histories.
-        """
+        One pass of the transposed filter for all histories: its sum over samples times one is the product with that
+        history's response."""
         white = self.colouring.transposed(columns)
         if self.kernel is not None:
             return self.kernel.entrances(self, stations, white, read)
@@ -258,10 +251,8 @@ class InputNoise:
 
 
 def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Filter:
-    """Covariance pass of the filter; it does not look at the data, only at which samples are seen.
-
-    plain  in numpy, as without a compiler. Raises numpy.linalg.LinAlgError when the innovations have no density.
-    """
+    """Covariance pass of the filter: which samples are seen, not the data; `plain` in numpy, as without a compiler.
+    Raises numpy.linalg.LinAlgError when the innovations have no density."""
     kernel = None if plain else filter_kernel(len(_names(linear, noise)), linear.C.shape[2])
     A, C, gain, inverse_root, P, log_determinant = _covariances(linear, noise, kernel)
     return Filter(

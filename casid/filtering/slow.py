@@ -62,10 +62,8 @@ class WhiteAndSlow:
 
 def white_and_slow(t: np.ndarray, values: np.ndarray, seen: np.ndarray) -> list[WhiteAndSlow]:
     """Noise of every channel by maximum likelihood, from values (N, R, ny) where they are `seen`, at times t (N, R).
-
-    The mean of every record is an offset that nothing is known of: the likelihood is that of the rest (REML). The level
-    is known for every share that is slow and every correlation time; these are looked for on grids.
-    """
+    Nothing is known of the mean of a record (REML). The level follows from slow share and correlation time, looked for
+    on grids."""
     intervals = np.diff(t, axis=0)
     shortest, longest = _SHORTEST * float(np.median(intervals)), _LONGEST * float(np.max(t[-1] - t[0]))
     odds = np.linspace(np.log(_LEAST_ODDS), np.log(_MOST_ODDS), _ODDS)

@@ -13,10 +13,8 @@ from casid.filtering.innovations import PointFunctions, linearise, make_batch
 
 
 def noise_of_forces(problem: Problem) -> FilterFit:
-    """Filter error with white noise on every coefficient of an aircraft model that moves one of its states.
-
-    For another model: on all its disturbances. Raises EstimationError as `filter_error`.
-    """
+    """Filter error with white noise on every coefficient of an aircraft model that moves a state, on all disturbances
+    of another model. Raises EstimationError as `filter_error`."""
     model = problem.model
     coefficients = [d for d in model.disturbances if d in _INCREMENTS]
     return filter_error(problem, dict.fromkeys(_moving(problem, coefficients or list(model.disturbances)), 0.0))
@@ -36,10 +34,8 @@ def _moving(problem: Problem, names: list[str]) -> list[str]:
 
 
 def with_measurement_noise(problem: Problem, found: FilterFit) -> Problem:
-    """The problem from the estimates of a filter-error fit on, with its measurement noise given.
-
-    Process noise that an output feels at once (an accelerometer a noisy force) adds to the noise of that output.
-    """
+    """The problem from the estimates of a filter-error fit on, with its measurement noise given, to which process noise
+    that an output feels at once (an accelerometer a noisy force) adds."""
     model = problem.model
     theta = np.array([found.values[name] for name in problem.parameters])
     batch = make_batch(model, problem.records)

@@ -80,12 +80,9 @@ class FilterSystem:
         return Y, F
 
     def covariance_slope(self, theta: np.ndarray, linear: Linear, noise: NoiseModel) -> np.ndarray:
-        """(parameters,) slope of -2 ln L through the covariance of the innovations: all of its slope but what the
-        sensitivities of the innovations give. By differences along each parameter.
-
-        Without it the estimate is that of highest joint density of parameters and noise history, which is biased: on a
-        record in turbulence by more than a standard error.
-        """
+        """(parameters,) slope of -2 ln L through the covariance of the innovations, by differences along each
+        parameter. Without it the estimate is that of highest joint density with the noise history, off by over a
+        standard error in turbulence."""
         residual, columns = residual_column(linear), self.columns(linear)
         Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
         white = kalman_filter(linear, noise).whiten(Y, F)

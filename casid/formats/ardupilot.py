@@ -41,14 +41,8 @@ _ALWAYS = (
 
 
 def ardupilot_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
-    """The file, and what it does not hold, a line each.
-
-    Raises
-    ------
-    InputError
-        For aerodynamics that are not derivatives, an aircraft that is not symmetric, and a surface
-        without effect on its own axis.
-    """
+    """The file, and what it does not hold, a line each. Raises InputError for aerodynamics that are not derivatives, an
+    aircraft that is not symmetric, and a surface without effect on its own axis."""
     need_derivatives(aircraft, "ardupilot-json")
     plain = in_wind_axes(absorbed(aircraft))
     a, polar = plain.aircraft, polar_of(plain)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from casid.arguments import a_path, names, number
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.external import external_function
 from casid.model.system import Model, define_model
 
@@ -155,9 +155,7 @@ def _described(description: Any, parameters: Sequence[str], where: str) -> _Desc
     states = [unknown_rate.variable.derivative for unknown_rate in description.derivatives]
     outputs = [v for v in reals if v.causality == "output"] or states
     able = {v.name: v for v in reals if v.causality == "parameter" and v.start is not None}
-    for name in parameters:
-        if name not in able:
-            raise unknown("parameter", name, able, where)
+    check_known("parameter", parameters, able, where)
     found = _Described(
         name=str(description.modelName),
         states=tuple(_variable(v, where) for v in states),

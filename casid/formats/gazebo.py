@@ -47,13 +47,7 @@ _DEFAULT_DENSITY = 1.2041  # of the plugin
 
 
 def gazebo_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
-    """The file, and what it does not hold, a line each.
-
-    Raises
-    ------
-    InputError
-        For aerodynamics that are not derivatives.
-    """
+    """The file, and what it does not hold, a line each. Raises InputError for aerodynamics that are not derivatives."""
     need_derivatives(aircraft, "gazebo")
     plain = in_wind_axes(absorbed(aircraft))
     a, polar = plain.aircraft, polar_of(plain)

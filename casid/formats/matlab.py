@@ -27,15 +27,8 @@ _POSITIONS = ("engine_y", "accelerometer", "alpha_vane", "beta_vane")
 
 
 def struct_of(aircraft: Aircraft) -> dict[str, Any]:
-    """The aircraft as nested plain values: numbers, texts, lists and dicts.
-
-    `terms` is a list of coefficient, term, value; `tables` of coefficient, axes, breakpoints and values; `effects` as
-    in the file.
-
-    Raises
-    ------
-    InputError
-        For aerodynamics that are a function or another simulation's file.
+    """The aircraft as nested plain values; `terms` is a list of coefficient, term, value, `tables` of coefficient,
+    axes, breakpoints and values. Raises InputError for aerodynamics that are a function or another simulation's file.
     """
     if aircraft.aerodynamics is not None:
         raise InputError(

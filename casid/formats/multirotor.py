@@ -63,13 +63,8 @@ def _hover(aircraft: Aircraft, rotors: Rotors) -> float:
 
 
 def gazebo_rotors_text(aircraft: Aircraft) -> Made:
-    """An SDF model with one gz-sim MulticopterMotorModel for each rotor, and what it does not hold.
-
-    Raises
-    ------
-    InputError
-        For a wing, and a rotor whose input is no speed.
-    """
+    """An SDF model with one gz-sim MulticopterMotorModel for each rotor, and what it does not hold. Raises InputError
+    for a wing, and a rotor whose input is no speed."""
     rotors = rotors_of(aircraft, "gazebo")
     left = _left_of(aircraft, rotors, lag=True)
     root = ET.Element("sdf", version="1.9")
@@ -120,13 +115,8 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
 
 
 def ardupilot_frame_text(aircraft: Aircraft) -> Made:
-    """A frame of ArduPilot's SITL (`--model quad:FILE`), and what it does not hold.
-
-    Raises
-    ------
-    InputError
-        For a wing, and for thrust that no share of the largest gives.
-    """
+    """A frame of ArduPilot's SITL (`--model quad:FILE`), and what it does not hold. Raises InputError for a wing, and
+    for thrust that no share of the largest gives."""
     rotors = rotors_of(aircraft, "ardupilot-json")
     arms = [math.hypot(*one.position[:2]) for one in rotors.each]
     J = aircraft.inertia
@@ -148,13 +138,8 @@ def ardupilot_frame_text(aircraft: Aircraft) -> Made:
 
 
 def rotorpy_text(aircraft: Aircraft) -> Made:
-    """A module with `quad_params` of RotorPy, and what it does not hold.
-
-    Raises
-    ------
-    InputError
-        For a wing, and a rotor whose input is no speed.
-    """
+    """A module with `quad_params` of RotorPy, and what it does not hold. Raises InputError for a wing, and a rotor
+    whose input is no speed."""
     rotors = rotors_of(aircraft, "rotorpy")
     constants = [motor_constant(one, "rotorpy") for one in rotors.each]
     mean, hover, J = float(np.mean(constants)), _hover(aircraft, rotors), aircraft.inertia
@@ -197,13 +182,8 @@ def _as_python(value: Any) -> str:
 
 def table_text(aircraft: Aircraft) -> Made:
     """A table of parameters as environments for learning want them, and what it does not hold: mass, arm, inertia,
-    thrust and torque per square of a speed, largest thrust over weight.
-
-    Raises
-    ------
-    InputError
-        For a wing, and a rotor whose input is no speed.
-    """
+    thrust and torque per square of a speed, largest thrust over weight. Raises InputError for a wing, and an input that
+    is no speed."""
     rotors = rotors_of(aircraft, "gym-json")
     constants = [motor_constant(one, "gym-json") for one in rotors.each]
     J, mean = aircraft.inertia, float(np.mean(constants))

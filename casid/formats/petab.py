@@ -8,7 +8,7 @@ times of measurement, and as inputs what changes at known times.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -19,7 +19,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from casid.arguments import a_path
-from casid.errors import EstimationError, InputError, unknown
+from casid.errors import EstimationError, InputError, check_known, unknown
 from casid.estimation.constraints import limit_parameter
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
@@ -107,14 +107,11 @@ class _Reading:
         self.timed = False
         self._discover()
 
-    def _check_measurement(self, row: Row, observables: Iterable[str]) -> None:
+    def _check_measurement(self, row: Row, observables: Collection[str]) -> None:
         where = f"{self.where}: measurements"
-        if row["observableId"] not in observables:
-            raise unknown("observable", row["observableId"], observables, where)
+        check_known("observable", (row["observableId"],), observables, where)
         before, after = row.get("preequilibrationConditionId", ""), row["simulationConditionId"]
-        for condition in (after, before) if before else (after,):
-            if condition not in self.conditions:
-                raise unknown("condition", condition, self.conditions, where)
+        check_known("condition", (after, before) if before else (after,), self.conditions, where)
         _value(row, "time", where)
         _value(row, "measurement", where)
 

@@ -25,13 +25,8 @@ Row = tuple[str, str, float, float, str]
 
 
 def rows_of(aircraft: Aircraft) -> Iterator[Row]:
-    """(section, name, value, 1-sigma or NaN, unit) of every number but those of tables.
-
-    Raises
-    ------
-    InputError
-        For tables and own aerodynamics, which are no list of numbers.
-    """
+    """(section, name, value, 1-sigma or NaN, unit) of every number. Raises InputError for tables and own aerodynamics,
+    which are no list of numbers."""
     if aircraft.tables:
         raise InputError(f"'{aircraft.name}': a list of numbers cannot hold its tables; export to matlab")
     struct = struct_of(aircraft)

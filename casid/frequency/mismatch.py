@@ -126,8 +126,7 @@ class MismatchEnvelope:
         at, table = np.log(omega), np.log(self.omega)
         return {n: np.interp(at, table, getattr(self, n), left=np.nan, right=np.nan) for n in _COLUMNS[1:]}
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -170,8 +169,7 @@ class Mismatch:
             return None
         return bool(self.within[self.judged].all())
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -224,8 +222,7 @@ class ResponseComparison:
         envelope = None if self.envelope is None else self.envelope.name
         return {"flight": self.flight.to_dict(), "band": list(self.band), "envelope": envelope, "models": models}
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
     def __str__(self) -> str:
         low, high = self.band

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from casid.arguments import number, numbers_by_name
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.frequency.sensitivity import sensitivity_at
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import Applied, apply_effects, axes_of
@@ -87,8 +87,7 @@ class LinearModel:
             For a name that the model does not have.
         """
         for what, name, valid in (("input", input, self.inputs), ("output", output, self.outputs)):
-            if name not in valid:
-                raise unknown(what, str(name), valid, f"linear model of '{self.name}'")
+            check_known(what, (name,), valid, f"linear model of '{self.name}'")
         omega = np.atleast_1d(np.asarray(omega, dtype=float))
         column, row = self.inputs.index(input), self.outputs.index(output)
         resolvent = 1j * omega[:, None, None] * np.eye(len(self.states)) - self.A
@@ -98,8 +97,7 @@ class LinearModel:
             found = found * self._applied.transfer(input, omega) * self._applied.transfer(output, omega)
         return found * np.exp(-1j * omega * number(delay, "response: delay"))
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
 
 def linear_model(
@@ -206,9 +204,7 @@ def _by_name(at: Mapping[str, float] | Trim, model: Model) -> dict[str, float]:
         steady = dict(zip(("u", "v", "w", "p", "q", "r", "phi", "theta"), at.state.tolist(), strict=True)) | at.inputs
         return {name: value for name, value in steady.items() if name in (*model.states, *model.inputs)}
     found = numbers_by_name(at, "linear_model: at")
-    for name in found:
-        if name not in (*model.states, *model.inputs):
-            raise unknown("state or input", name, (*model.states, *model.inputs), "linear_model: at")
+    check_known("state or input", found, (*model.states, *model.inputs), "linear_model: at")
     return found
 
 

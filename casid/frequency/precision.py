@@ -83,8 +83,7 @@ class Precision:
     parameters: dict[str, ParameterPrecision]
     drop: tuple[str, ...]
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
     def __str__(self) -> str:
         width = max(9, *(len(name) for name in self.parameters))

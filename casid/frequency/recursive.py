@@ -57,8 +57,7 @@ class TrackedDerivatives:
     std: dict[str, float]
     noise: dict[str, float]
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
 
 def track_derivatives(

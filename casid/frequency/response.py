@@ -159,8 +159,7 @@ class FrequencyResponse:
         """
         save(self, path)
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
     def __str__(self) -> str:
         given = f", given {', '.join(self.other_inputs)}" if self.other_inputs else ""

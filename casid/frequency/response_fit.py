@@ -82,8 +82,7 @@ class MeasuredResponse:
         """(frequencies,) whether the coherence is at least 0.6."""
         return self.coherence >= USABLE
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
 
 AnyResponse = FrequencyResponse | MeasuredResponse
@@ -186,8 +185,7 @@ class ResponseFit:
     def __getitem__(self, name: str) -> ResponseParameter:
         return self.parameters[name]
 
-    def __repr__(self) -> str:
-        return brief(self)
+    __repr__ = brief
 
     def __str__(self) -> str:
         width = max(9, *(len(name) for name in (*self.parameters, *self.fixed)))
@@ -226,10 +224,8 @@ def fit_responses(
     starts: np.ndarray,
     fixed: Mapping[str, float],
 ) -> tuple[ResponseFit, np.ndarray]:
-    """The best fit from several starts (starts, parameters), and its parameters (parameters,).
-
-    Raises EstimationError where no start has a finite cost, and for more parameters than the responses have numbers.
-    """
+    """The best fit from several starts (starts, parameters), and its parameters (parameters,). Raises EstimationError
+    where no start has a finite cost, and for more parameters than numbers in the responses."""
     count = sum(2 * len(one.error) for one in measured)
     if starts.shape[1] >= count:
         raise EstimationError(
@@ -282,10 +278,8 @@ def label_of(response: AnyResponse) -> str:
 def measured_responses(
     responses: AnyResponse | Sequence[AnyResponse], band: tuple[float, float] | None, where: str
 ) -> list[Measured]:
-    """Each response at the usable frequencies in the band, with its weights.
-
-    Raises InputError for what is no response, the same one twice, and a band without usable frequencies.
-    """
+    """Each response at the usable frequencies in the band, with its weights. Raises InputError for what is no response,
+    the same one twice, and a band without usable frequencies."""
     many = [responses] if isinstance(responses, FrequencyResponse | MeasuredResponse) else list(responses)
     found: dict[str, Measured] = {}
     for one in many:

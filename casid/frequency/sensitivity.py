@@ -73,10 +73,8 @@ def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np
 
 
 def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearSensitivity:
-    """That of a model about states x (n,), inputs u (m,) at parameters p, by exact derivatives, without disturbances.
-
-    `free` (f,) are the indices of the free parameters in `model.parameters`.
-    """
+    """That of a model about states x (n,), inputs u (m,) at parameters p, of which `free` (f,) are free, by exact
+    derivatives."""
     check_continuous(model, "linear model")
     n, m, o = len(model.states), len(model.inputs), len(model.outputs)
     function = cached(model, ("linear model", *free), lambda: _function(model, free))

@@ -32,32 +32,11 @@ class Spectra:
 def spectra(
     parts: Sequence[Stretch], channels: Sequence[str], omega: np.ndarray, window: float, overlap: float
 ) -> Spectra:
-    """Average over all windows that fit into the stretches, which may come from several records.
+    """Average over all windows that fit into stretches of the channels, which may come from several records.
 
-    Every window is tapered by Hann's function, after the mean of its samples was taken off.
-
-    Parameters
-    ----------
-    parts
-        Stretches of these channels, as `casid.frequency.transform.stretches` gives them.
-    channels
-        Their names.
-    omega
-        (frequencies,) [rad/s].
-    window
-        Length [s].
-    overlap
-        Part of a window that the next one shares with it, from 0 to below 1.
-
-    Raises
-    ------
-    InputError
-        When no stretch is as long as the window.
-
-    References
-    ----------
-    Welch, The use of fast Fourier transform for the estimation of power spectra, IEEE Trans. Audio Electroacoustics 15
-    (1967), also for the number of independent averages.
+    Every window of so many seconds is tapered by Hann's function, after the mean of its samples was taken off, and
+    shares the part `overlap`, below 1, with the next (Welch, IEEE Trans. Audio Electroacoustics 15, 1967, also for the
+    number of independent averages). Raises InputError when no stretch is as long as the window.
     """
     total = np.zeros((len(omega), len(channels), len(channels)), dtype=complex)
     segments, scatter = 0, 0.0

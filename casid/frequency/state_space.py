@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from casid.arguments import names, numbers_by_name, require
-from casid.errors import EstimationError, unknown
+from casid.errors import EstimationError, check_known
 from casid.estimation.problem import chosen_parameters
 from casid.frequency.model_response import Point, linear_model
 from casid.frequency.regression import check_band
@@ -88,20 +88,15 @@ def fit_state_space(
             ("input", one.response.input, model.inputs),
             ("output", one.response.output, model.outputs),
         ):
-            if name not in valid:
-                raise unknown(what, name, valid, f"{where}: model '{model.name}'")
+            check_known(what, (name,), valid, f"{where}: model '{model.name}'")
     chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
     known = numbers_by_name(fixed or {}, f"{where}: fixed")
     late = names(delays, f"{where}: delays")
-    for name in late:
-        if name not in (*model.inputs, *model.outputs):
-            raise unknown("input or output", name, (*model.inputs, *model.outputs), f"{where}: delays")
+    check_known("input or output", late, (*model.inputs, *model.outputs), f"{where}: delays")
     own = tuple(name for name in chosen if name not in known)
     begin = numbers_by_name(start or {}, f"{where}: start")
     free_names = (*own, *(f"tau_{name}" for name in late if f"tau_{name}" not in known))
-    for name in begin:
-        if name not in free_names:
-            raise unknown("free parameter", name, free_names, f"{where}: start")
+    check_known("free parameter", begin, free_names, f"{where}: start")
     of_model = {name: value for name, value in known.items() if name not in {f"tau_{one}" for one in late}}
     point = linear_model(model, at if at is not None else {}, values=of_model).point
     index = np.array([model.parameters.index(name) for name in own], dtype=int)

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from casid.arguments import numbers_by_name, require
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.frequency.regression import check_band
 from casid.frequency.response_fit import (
     AnyResponse,
@@ -209,8 +209,7 @@ def fit_transfer_functions(
     measured = measured_responses(responses, band, where)
     outputs = [one.response.output for one in measured]
     for output in outputs:
-        if output not in forms:
-            raise unknown("output", output, forms, f"{where}: form")
+        check_known("output", (output,), forms, f"{where}: form")
         if outputs.count(output) > 1:
             raise InputError(f"{where}: two responses of '{output}'; expected one for each form")
     used = {output: forms[output] for output in outputs}
@@ -218,9 +217,7 @@ def fit_transfer_functions(
     known = numbers_by_name(fixed or {}, f"{where}: fixed")
     begin = numbers_by_name(start or {}, f"{where}: start")
     for table in (known, begin):
-        for name in table:
-            if name not in names:
-                raise unknown("parameter", name, names, where)
+        check_known("parameter", table, names, where)
     free = tuple(name for name in names if name not in known)
     if not free:
         raise InputError(f"{where}: every parameter is fixed; expected one that is free")
@@ -236,8 +233,7 @@ def fit_transfer_functions(
 def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferFunction]:
     where = "fit_transfer_functions: form"
     if isinstance(form, str):
-        if form not in LOW_ORDER:
-            raise unknown("form", form, LOW_ORDER, "fit_transfer_functions")
+        check_known("form", (form,), LOW_ORDER, "fit_transfer_functions")
         return LOW_ORDER[form]
     for one in require(form, Mapping, where, '"short period" or {"q": cs.TransferFunction(gain="K_q", ...)}').values():
         require(one, TransferFunction, where, 'cs.TransferFunction(gain="K_q", ...)')

@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import casadi as ca
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.model.tables import Table
 
 Aerodynamics = Callable[[Any], Mapping[str, Any]]
@@ -76,9 +76,7 @@ def own_coefficients(
         raise unknown("quantity", missing, quantities, "aerodynamics") from None
     if not isinstance(found, Mapping):
         raise InputError(f"aerodynamics must return coefficients by name, {', '.join(valid)}; got {type(found)}")
-    for name in found:
-        if name not in valid:
-            raise unknown("coefficient", str(name), valid, "aerodynamics")
+    check_known("coefficient", found, valid, "aerodynamics")
     return {name: ca.SX(value) for name, value in found.items()}
 
 

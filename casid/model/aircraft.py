@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.arguments import Kind, a_path, given, is_path, number, numbers_by_name, one_line, require, sequence, table_of
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
@@ -176,9 +176,7 @@ class Aircraft:
 
     def _check_rotors(self, names: Iterable[str], where: str) -> None:
         own = self.rotors.names if self.rotors else ()
-        for name in names:
-            if name not in (*own, ALL):
-                raise unknown("rotor", name, (*own, ALL), where)
+        check_known("rotor", names, (*own, ALL), where)
 
     @property
     def winged(self) -> bool:
@@ -416,9 +414,9 @@ def _checked(
     table: Mapping[str, float], valid: Iterable[str], section: str, what: str, positive: Iterable[str]
 ) -> dict[str, float]:
     pool, above_zero = tuple(valid), tuple(positive)
-    for key in table_of(table, section, "{'alpha': 0.0035}" if what == "channel" else "{'V': 60.0}"):
-        if key not in pool:
-            raise unknown(what, key, pool, section)
+    check_known(
+        what, table_of(table, section, "{'alpha': 0.0035}" if what == "channel" else "{'V': 60.0}"), pool, section
+    )
     return {key: number(v, f"{section}: '{key}'", positive=key in above_zero) for key, v in table.items()}
 
 

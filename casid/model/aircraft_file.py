@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from casid.arguments import given, number
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 
@@ -16,9 +16,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+", re.ASCII)
 def check_keys(table: Mapping[str, Any], valid: Iterable[str], section: str, required: Iterable[str] = ()) -> None:
     """Raise InputError for a key of `table` that is not `valid`, or a `required` one that is absent."""
     pool = tuple(valid)
-    for key in table:
-        if key not in pool:
-            raise unknown("key", key, pool, section)
+    check_known("key", table, pool, section)
     for key in required:
         if key not in table:
             raise InputError(f"{section}: '{key}' is missing; add it")
@@ -47,11 +45,8 @@ def text(value: Any, what: str) -> str:
 
 
 def toml_text(sections: Iterable[tuple[str, Mapping[str, Any]]]) -> str:
-    """TOML of (header, table) pairs in their order; a header is e.g. "[aircraft]" or "[[effects]]".
-
-    Values are numbers, texts, lists, and tables, which are written inline. Floats are written so that they are read
-    back equal.
-    """
+    """TOML of (header, table) pairs in their order; a header is e.g. "[aircraft]" or "[[effects]]". Values are numbers,
+    texts, lists, and inline tables. Floats are read back equal."""
     blocks = []
     for header, table in sections:
         lines = [header, *(f"{quoted(key)} = {_value(value)}" for key, value in table.items())]

@@ -36,22 +36,8 @@ _SPELLINGS = {"^": "", "**": "", "²": "2", "*": " ", "-": " ", "·": " ", "lbs"
 
 
 def in_si(value: Any, si: str, what: str) -> Any:
-    """A number of a file in SI: of a text with a unit its value, all else as it is.
-
-    Parameters
-    ----------
-    value
-        What stands in the file.
-    si
-        SI unit of the quantity: "kg", "kg m2", "m" or "m2".
-    what
-        Names it in an error.
-
-    Raises
-    ------
-    InputError
-        For a text that is no number with a unit of that quantity.
-    """
+    """A number of a file, which `what` names, in the unit `si` ("kg", "kg m2", "m" or "m2"): of a text with a unit its
+    value, all else as it is. Raises InputError for a text that is no number with a unit of that quantity."""
     if not isinstance(value, str):
         return value
     number, unit = _parts(value)
@@ -85,11 +71,8 @@ def _parts(text: str) -> tuple[float | None, str]:
 
 
 def with_comments_of(original: str, content: str) -> str:
-    """The TOML text `content`, written into the layout of `original`.
-
-    Keys that both have keep their place and comment, new keys are added to the end of their table, keys that `content`
-    lacks are taken away.
-    """
+    """The TOML text `content`, written into the layout of `original`: keys of both keep place and comment, new ones
+    come at the end of their table, those that `content` lacks are taken away."""
     document = tomlkit.parse(original)
     _merge(document, tomllib.loads(content))
     return tomlkit.dumps(document)

@@ -88,10 +88,8 @@ class Applied:
 
 
 def axes_of(records: Sequence[Record]) -> str:
-    """The largest model that the surfaces of all records can feed: "full", "longitudinal" or "lateral".
-
-    Raises InputError when they feed none.
-    """
+    """The largest model that the surfaces of all records can feed: "full", "longitudinal" or "lateral"; InputError for
+    none."""
     has = {s for s in SURFACES if all(s in record for record in records)}
     if has == set(SURFACES):
         return "full"
@@ -123,13 +121,9 @@ def apply_effects(
     outputs: Iterable[str] | None = None,
     like: Model | None = None,
 ) -> Applied:
-    """Model and records of an aircraft file, its effects in force.
-
-    axes     see `axes_of`, the default; outputs  default: every modelled channel that some record has, heading and
-             altitude only when an effect is about them; like  the model of this aircraft with the same effects, of
-             other sizes: its expressions are taken
-    Raises InputError when a record cannot feed the model, when nothing that it models is measured, and for two
-    symbolic effects of one kind and target.
+    """Model and records of an aircraft file, its effects in force. `axes` as `axes_of`; `outputs`, by default every
+    modelled channel that some record has, heading and altitude only when an effect is about them. Raises InputError
+    when a record cannot feed the model, nothing modelled is measured, or two symbolic effects have one kind and target.
     """
     axes = axes or axes_of(records)
     chosen = tuple(outputs) if outputs is not None else _measured(_modelled(aircraft, axes), records)

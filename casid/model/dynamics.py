@@ -13,7 +13,7 @@ from scipy.signal import savgol_filter
 from scipy.spatial.transform import Rotation
 
 from casid.arguments import names
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.effect import Effect
@@ -65,12 +65,9 @@ def equation_error(
     effects: Sequence[Effect],
     known: Sequence[str] = (),
 ) -> EquationForm:
-    """Equation-error form: coefficients computed from measured accelerations (paper eq. 6, 7) against the aerodynamic
-    model evaluated on measured air data, rates and surfaces (eq. 8). Accelerometers are moved to the c.g.
-
-    `names` are the coefficients that it has. `known` disturbances act, but for the wind: what is measured of the air
-    has it already.
-    """
+    """Equation-error form: coefficients `names` computed from measured accelerations at the c.g. (paper eq. 6, 7)
+    against the aerodynamic model evaluated on measured air data, rates and surfaces (eq. 8). `known` disturbances act,
+    but for the wind, which the measured air data have already."""
     channels = (
         "V",
         "alpha",
@@ -200,9 +197,8 @@ def _filled(record: Record, name: str, default: float) -> np.ndarray:
 def state_guess(
     aircraft: Aircraft, states: Sequence[str] = STATES, further: Mapping[str, str] = MappingProxyType({})
 ) -> Callable[[Record], np.ndarray]:
-    """First guess of the trajectory (N, states + further) from measured air data, rates and attitude; what is not
-    measured is taken from trim. `further` states start as the channels that are given for them. An aircraft with
-    rotors has the velocity over ground where no airspeed is measured, and hovers where neither is."""
+    """First guess of the trajectory (N, states + further) from measured air data, rates and attitude, else from trim,
+    or from the velocity over ground with rotors. `further` states start as the channels given for them."""
     return partial(_measured_flight, dict(aircraft.trim), tuple(states), dict(further), aircraft.rotors is not None)
 
 
@@ -368,8 +364,7 @@ def aircraft_model(
 
 
 def _check_axes(aircraft: Aircraft, axes: str) -> None:
-    if axes not in MOVING:
-        raise unknown("axes", str(axes), MOVING, "aircraft_model")
+    check_known("axes", (axes,), MOVING, "aircraft_model")
     if aircraft.rotors is not None and axes != "full":
         raise InputError(f"aircraft_model: axes is '{axes}'; the rotors of '{aircraft.name}' move all: write 'full'")
 
@@ -400,9 +395,7 @@ def _outputs(aircraft: Aircraft, axes: str, outputs: Iterable[str] | None) -> tu
     own = outputs_of(aircraft, axes)
     chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else own
     valid = (*own, *INTEGRATED[axes], *(GROUND if axes == "full" else ()))
-    for name in chosen:
-        if name not in valid:
-            raise unknown("output", name, valid, f"{axes} model of '{aircraft.name}'")
+    check_known("output", chosen, valid, f"{axes} model of '{aircraft.name}'")
     return tuple(chosen)
 
 
@@ -510,8 +503,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     True
     """
     aircraft, record = given_aircraft(aircraft, "flight_inputs"), given_record(record, "flight_inputs")
-    if axes not in MOVING:
-        raise unknown("axes", str(axes), MOVING, "flight_inputs")
+    check_known("axes", (axes,), MOVING, "flight_inputs")
     check_radians(record)
     rotors, pull = aircraft.rotors.inputs if aircraft.rotors else (), force_inputs([record])
     _check_complete(record, (*SURFACES, "thrust", "rho", *rotors, *pull))

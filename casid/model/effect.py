@@ -295,9 +295,7 @@ def cause(
     candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
-
-    `candidates` are one effect for every target when they are not given.
-    """
+    `candidates` are one effect for every target when they are not given."""
     valid = tuple(targets)
 
     def register(make: Callable[..., Effect]) -> Callable[..., Effect]:

@@ -63,13 +63,7 @@ _NAME = re.compile(r"(?P<kind>\w+)(?:\((?P<target>[^:,()]*)(?::(?P<term>[^,()]*)
 
 
 def effect_named(name: str) -> Effect:
-    """The Effect of a name in tables, "actuator_lag(delta_e)", "aero_term(Cm:alpha^2)".
-
-    Raises
-    ------
-    InputError
-        When there is no such effect.
-    """
+    """The Effect of a name in tables, "actuator_lag(delta_e)", "aero_term(Cm:alpha^2)"; InputError for none."""
     parts = _NAME.fullmatch(name.strip())
     if parts is None:
         raise InputError(f"effect '{name}': expected kind(target) or kind(target:term), like actuator_lag(delta_e)")
@@ -85,13 +79,8 @@ def effect_named(name: str) -> Effect:
 
 
 def effect_value(text: str) -> EffectValue:
-    """An effect and its size in SI from a text like "actuator_lag(delta_e)=0.1"; further parameters are typical ones.
-
-    Raises
-    ------
-    InputError
-        For a text that is none.
-    """
+    """An effect and its size in SI from a text like "actuator_lag(delta_e)=0.1", further parameters typical ones.
+    InputError for a text that is none."""
     name, _, size = text.rpartition("=")
     try:
         value = float(size)

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 
 Vectors = Mapping[str, tuple[ca.SX, Sequence[str]]]  # letter -> the vector and the names of its rows
 _LONGEST = 80  # letters of an expression in a message
@@ -33,11 +33,9 @@ class Symbols:
 def expressions(
     function: Callable[[Any], Mapping[str, Any]], space: Symbols, names: Sequence[str], what: str, where: str
 ) -> ca.SX:
-    """Column of the expressions that `function` returns by name, in the order of `names`.
-
-    `what` names the function, "dynamics", and `where` the model. Raises InputError for what is not a table of one
-    expression for each name, and for an expression with a number that is none in it.
-    """
+    """Column of the expressions that `function`, called `what` in messages, returns by name, in the order of `names`.
+    Raises InputError for what is not a table of one expression for each name, and for an expression with a number that
+    is none."""
     if not callable(function):
         raise InputError(
             f"{where}: {what} is {given(function)}; expected a function of the symbols, like lambda s: ..."
@@ -57,9 +55,7 @@ def expressions(
     if not isinstance(found, Mapping):
         like = ", ".join(f"'{name}': ..." for name in names[:3])
         raise InputError(f"{where}: {what} returned {given(found)}; expected a table by name, {{{like}}}")
-    for name in found:
-        if name not in names:
-            raise unknown(f"name in {what}", str(name), names, where)
+    check_known(f"name in {what}", found, names, where)
     lacking = [name for name in names if name not in found]
     if lacking:
         raise InputError(f"{where}: {what} returned no expression for {', '.join(lacking)}")
@@ -100,10 +96,8 @@ def check_symbols(expression: ca.SX, vectors: Vectors, where: str) -> None:
 
 
 def origin(expression: ca.SX, vectors: Vectors, values: Mapping[str, np.ndarray]) -> str:
-    """Where a scalar expression gets a value that is no number, "sqrt(alpha) of alpha = -0.1"; "" when it has one.
-
-    `values` has those of every vector, by letter.
-    """
+    """Where a scalar expression gets a value that is no number, "sqrt(alpha) of alpha = -0.1", at `values` by vector;
+    "" if none."""
     named = [ca.vertcat(*[ca.SX.sym(n) for n in names]) if names else ca.SX(0, 1) for _, names in vectors.values()]
     symbols = [vector for vector, _ in vectors.values()]
     numbers = [np.asarray(values[letter], dtype=float) for letter in vectors]

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, names, number
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.native.tape import BATCHED
 
 Function = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
@@ -84,9 +84,7 @@ def external_function(
     taken, given_names = names(takes, "external_function: takes"), names(gives, "external_function: gives")
     if not taken or not given_names:
         raise InputError("external_function: takes and gives need one name at least")
-    for name in sizes or {}:
-        if name not in taken:
-            raise unknown("name", name, taken, "external_function: sizes")
+    check_known("name", sizes or {}, taken, "external_function: sizes")
     scale = [
         number((sizes or {}).get(name, 1.0), f"external_function: size of '{name}'", positive=True) for name in taken
     ]

@@ -135,11 +135,9 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
 
 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative. For
-    uniform t; a cubic spline between samples, because straight lines weaken what is near the mode's frequency.
-
-    Raises InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows.
-    """
+    """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative, for
+    uniform t. A cubic spline between samples, because straight lines weaken what is near the mode's frequency. Raises
+    InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows."""
     w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
     if not (0.0 < frequency_hz * dt <= CYCLES and damping >= 0.0):
         raise InputError(

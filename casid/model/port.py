@@ -14,7 +14,7 @@ import casadi as ca
 
 from casid.arguments import names as names_of
 from casid.arguments import require
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.system import Model
 
 Place = Literal["state derivative", "input", "output"]
@@ -57,8 +57,7 @@ class ModelPort:
     words: str = ""
 
     def __post_init__(self) -> None:
-        if self.kind not in ("state derivative", "input", "output"):
-            raise unknown("kind of port", str(self.kind), ("state derivative", "input", "output"))
+        check_known("kind of port", (self.kind,), ("state derivative", "input", "output"))
         if self.matters is not None and not self.matters > 0.0:
             raise InputError(f"port '{self.name}': matters is {self.matters}; expected a positive number, or None")
         if not self.words:
@@ -77,9 +76,7 @@ class ModelPort:
 
 def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
     """A port at every state derivative, input and output whose name is not in `exact`."""
-    for name in names_of(exact, "exact"):
-        if name not in (*model.states, *model.inputs, *model.outputs):
-            raise unknown("name", name, (*model.states, *model.inputs, *model.outputs), "exact")
+    check_known("name", names_of(exact, "exact"), (*model.states, *model.inputs, *model.outputs), "exact")
     equations = [ModelPort(kind="state derivative", name=name) for name in model.states if name not in exact]
     inputs = [ModelPort(kind="input", name=name) for name in model.inputs if name not in exact]
     # an exact equation does not vouch for the instrument that reads the state of the same name
@@ -93,8 +90,7 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
     valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
         require(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
-        if port.name not in valid[port.kind]:
-            raise unknown(port.kind, port.name, valid[port.kind], f"ports of '{model.name}'")
+        check_known(port.kind, (port.name,), valid[port.kind], f"ports of '{model.name}'")
     names = [port.disturbance for port in ports]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

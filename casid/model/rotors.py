@@ -284,11 +284,8 @@ def effectiveness(name: str) -> str:
 
 
 def parameters_of(rotors: Rotors) -> dict[str, tuple[float, float]]:
-    """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated.
-
-    Reaction torques are as in the file: steady flight balances them, whatever their size, and what quick commands
-    do to the yaw rate is mostly the inertia of the rotors.
-    """
+    """Name of each parameter of a model -> its value and a-priori 1-sigma, 0 where none is stated. Reaction torques are
+    as in the file: what quick commands do to the yaw rate is mostly the inertia of the rotors."""
     share = rotors.relative_uncertainty
     found = {effectiveness(one.name): (one.effectiveness, one.std or share * one.effectiveness) for one in rotors.each}
     for axis, value in zip("xyz", rotors.drag, strict=True):

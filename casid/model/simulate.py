@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, listed, number, numbers_by_name, one_of, require, table_of, whole
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period
@@ -61,8 +61,7 @@ class Simulation:
         name
             Of the state.
         """
-        if name not in self.model.states:
-            raise unknown("state", str(name), self.model.states, f"simulation of '{self.model.name}'")
+        check_known("state", (name,), self.model.states, f"simulation of '{self.model.name}'")
         return self.states[:, self.model.states.index(name)]
 
     def output(self, name: str) -> np.ndarray:
@@ -73,8 +72,7 @@ class Simulation:
         name
             Of the output.
         """
-        if name not in self.model.outputs:
-            raise unknown("output", str(name), self.model.outputs, f"simulation of '{self.model.name}'")
+        check_known("output", (name,), self.model.outputs, f"simulation of '{self.model.name}'")
         return self.outputs[:, self.model.outputs.index(name)]
 
     def __repr__(self) -> str:
@@ -193,9 +191,7 @@ def simulate(
 def _start(model: Model, start: object) -> np.ndarray:
     order = ", ".join(model.states)
     if isinstance(start, Mapping):
-        for name in start:
-            if name not in model.states:
-                raise unknown("state", str(name), model.states, "simulate: start")
+        check_known("state", start, model.states, "simulate: start")
         missing = [name for name in model.states if name not in start]
         if missing:
             raise InputError(f"simulate: start has no {', '.join(missing)}; give a value of each state: {order}")
@@ -222,8 +218,7 @@ def _check_inputs(model: Model, record: Record) -> None:
 
 
 def _disturbance(model: Model, name: str) -> int:
-    if name not in model.disturbances:
-        raise unknown("disturbance", str(name), model.disturbances, f"simulate: model '{model.name}'")
+    check_known("disturbance", (name,), model.disturbances, f"simulate: model '{model.name}'")
     return model.disturbances.index(name)
 
 

@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, listed, names, number, numbers_by_name
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model.algebraic import algebraic_states
 from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
 from casid.records.record import Record
@@ -182,9 +182,7 @@ class Model:
             Parameter -> value.
         """
         values = values or {}
-        for name in values:
-            if name not in self.parameters:
-                raise unknown("parameter", name, self.parameters, f"model '{self.name}'")
+        check_known("parameter", values, self.parameters, f"model '{self.name}'")
         chosen = {name: number(value, f"model '{self.name}': value of '{name}'") for name, value in values.items()}
         return np.array([chosen.get(name, self.nominal[name]) for name in self.parameters], dtype=float)
 
@@ -513,8 +511,7 @@ def _sizes(given_sizes: Mapping[str, float] | None, valid: Sequence[str], what: 
     """Positive numbers by name."""
     table = numbers_by_name(given_sizes or {}, where)
     for name, value in table.items():
-        if name not in valid:
-            raise unknown(what, name, valid, where)
+        check_known(what, (name,), valid, where)
         number(value, f"{where}: '{name}'", positive=True)
     return table
 

@@ -15,7 +15,7 @@ import scipy
 
 from casid.arguments import given, number, one_line, one_of, require, sequence
 from casid.arguments import names as argument_names
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.model.aircraft_file import check_keys, text
 from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
 
@@ -73,10 +73,8 @@ class Grid:
         return tuple(map(len, self.breakpoints))
 
     def at(self, *arguments: Any, values: Sequence[Any] | None = None) -> Any:
-        """The look-up at one argument per axis: CasADi expressions or floats.
-
-        values   expressions instead of those of the grid, in their order
-        """
+        """The look-up at one argument per axis, CasADi expressions or floats; `values` are expressions in place of the
+        grid's own."""
         axes = list(zip(arguments, self.breakpoints, strict=True))
         if values is not None:
             shares = [self._shares(x, axis) for x, axis in axes]
@@ -211,9 +209,7 @@ class Table:
         require(self.grid, Grid, f"{where}: grid", "a cs.table(...) of breakpoints and values")
         require(self.free, bool, f"{where}: free", "free=True or free=False")
         object.__setattr__(self, "axes", argument_names(self.axes, f"{where}: axes"))
-        for axis in self.axes:
-            if axis not in VARIABLES:
-                raise unknown("axis", axis, VARIABLES, where)
+        check_known("axis", self.axes, VARIABLES, where)
         if len(set(self.axes)) != len(self.axes) or len(self.axes) != len(self.grid.shape):
             raise InputError(f"{where}: {len(self.grid.shape)} axes of breakpoints for the regressors {self.axes}")
         object.__setattr__(self, "times", parse_term(one_line(self.times, f"{where}: times"), where).name)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 
 VARIABLES = ("alpha", "beta", "p", "q", "r", "delta_e", "delta_a", "delta_r", "mach", "alphadot", "betadot", "V", "Tc")
 # of the motion in the plane of symmetry, and out of it
@@ -106,10 +106,8 @@ class Term:
         return "1" if angles == 0 else "1/rad" if angles == 1 else f"1/rad{angles}"
 
     def evaluate(self, values: Mapping[str, Any]) -> Any:
-        """The product of the factors; `values` holds floats, arrays of one shape, or CasADi expressions by variable.
-
-        The constant term gives 1.0. Raises InputError when a variable has no value.
-        """
+        """The product of the factors, 1.0 of none; `values` has floats, arrays of one shape, or CasADi expressions by
+        variable, or InputError is raised."""
         product: Any = 1.0
         for index, (variable, power) in enumerate(self.factors):
             if variable not in values:
@@ -134,10 +132,8 @@ class Term:
 
 @cache
 def parse_term(text: str, where: str = "") -> Term:
-    """The Term that `text` spells, e.g. `alpha*beta^2`; `where` names the place in messages.
-
-    Raises InputError for an unknown variable, a power that is not 1..9, and everything that is no monomial.
-    """
+    """The Term that `text` spells, e.g. `alpha*beta^2`; `where` names the place in messages. Raises InputError for an
+    unknown variable, a power that is not 1..9, and everything that is no monomial."""
     prefix = f"{where}: " if where else ""
     if text.strip() == "0":
         return Term(factors=())
@@ -157,8 +153,7 @@ def parse_term(text: str, where: str = "") -> Term:
                 "like 'alpha^2' or 'alpha*delta_e'"
             )
         variable, power = match[1], int(match[2] or 1)
-        if variable not in VARIABLES:
-            raise unknown("variable", variable, VARIABLES, f"{prefix}term '{text}'")
+        check_known("variable", (variable,), VARIABLES, f"{prefix}term '{text}'")
         powers[variable] = powers.get(variable, 0) + power
         if powers[variable] > _MAX_POWER:
             raise InputError(f"{prefix}term '{text}': '{variable}' has a power above {_MAX_POWER}")
@@ -173,8 +168,7 @@ def _stretch(text: str, where: str) -> Stretch:
     match = _STRETCH.fullmatch(text)
     if not match:
         raise InputError(f"{where}: '{text.strip()}' is no stretch of a variable; expected alpha[0.1,0.14,0.24,0.28]")
-    if match[1] not in VARIABLES:
-        raise unknown("variable", match[1], VARIABLES, where)
+    check_known("variable", (match[1],), VARIABLES, where)
     try:
         corners = tuple(float(f"{float(number):.6g}") for number in match[2].split(","))
     except ValueError:
@@ -199,11 +193,8 @@ def in_words(text: str) -> str:
 
 
 def derivative_term(name: str, where: str = "", coefficients: Iterable[str] = COEFFICIENTS) -> tuple[str, Term]:
-    """Coefficient and term of a parameter: `Cm_delta_e` -> ("Cm", delta_e), `CL_0` -> ("CL", constant).
-
-    Further terms follow the same rule, `Cm_alpha*beta` -> ("Cm", alpha*beta). `coefficients` are those allowed.
-    Raises InputError with the nearest name.
-    """
+    """Coefficient and term of a parameter: `Cm_delta_e` -> ("Cm", delta_e), `CL_0` -> ("CL", constant), `Cm_alpha*beta`
+    -> ("Cm", alpha*beta). `coefficients` are those allowed. Raises InputError with the nearest name."""
     allowed = tuple(coefficients)
     coefficient, _, regressor = name.partition("_")
     plain = ("0", *VARIABLES)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.errors import unknown
+from casid.errors import check_known
 from casid.model.system import Model
 from casid.records.record import Record
 
@@ -59,6 +59,4 @@ def between_samples(record: Record, line: Timeline, values: np.ndarray, held: np
 def check_events(model: Model, records: Sequence[Record], where: str) -> None:
     """Raise InputError for an event of the records that the model does not have."""
     for record in records:
-        for name in record.events:
-            if name not in model.events:
-                raise unknown("event", name, model.events, f"{where}: record '{record.name}'")
+        check_known("event", record.events, model.events, f"{where}: record '{record.name}'")

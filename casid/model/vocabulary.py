@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.model.causes import KINDS
 from casid.model.effect import Effect, Kind
 from casid.model.rotors import ALL
@@ -45,13 +45,9 @@ LABELS = {
 
 
 def check_effect(kind: str, target: str | None, term: str | None = None, where: str = "") -> None:
-    """Raise InputError, with the nearest valid name, unless `kind`, `target` and `term` fit together.
-
-    A kind without target takes None or "". `where` names the place in the message.
-    """
+    """Raise InputError, with the nearest valid name, unless kind, target (None or "": none) and term fit together."""
     prefix = f"{where}: " if where else ""
-    if kind not in KINDS:
-        raise unknown("effect kind", kind, KINDS, where)
+    check_known("effect kind", (kind,), KINDS, where)
     entry = KINDS[kind]
     if not target and (entry.targets or entry.of_rotors) and not entry.optional:
         valid = (*entry.targets, *(("the name of a rotor", ALL) if entry.of_rotors else ()))

@@ -29,10 +29,8 @@ def processors() -> int:
 
 
 def share_out(parts: int, run: Callable[[int, int], None]) -> None:
-    """Call run(first, last) on stretches of all parts, one a processor. `run` must not raise.
-
-    Threads are begun for each call: a pool would not live through a fork, and to begin a thread costs 0.1 ms.
-    """
+    """Call run(first, last), which must not raise, on stretches of all parts, one a processor. Threads are begun for
+    each call, in 0.1 ms: a pool would not live through a fork."""
     if parts == 0:
         return
     bounds = np.linspace(0, parts, min(processors(), parts) + 1).astype(int).tolist()

@@ -32,11 +32,9 @@ _SEA_LEVEL = 101325.0  # Pa
 
 
 def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a DataFlash log on the clock of its inertial unit; needs the extra `ardupilot`.
-
-    Surfaces are normalised commands and motors are called ``m1``, ``m2`` ..., as in `read_ulog`. `notes` of the table
-    say what is an estimate of the autopilot and what is lost.
-    """
+    """Table of a DataFlash log on the clock of its inertial unit; needs the extra `ardupilot`. Surfaces are normalised
+    commands, motors ``m1``, ``m2`` ..., as in `read_ulog`. `notes` say what is an estimate of the autopilot and what is
+    lost."""
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
     def load() -> dict[str, Any]:

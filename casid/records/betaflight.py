@@ -24,10 +24,8 @@ _ONE_G = 2048.0  # of the accelerometer where the head does not say
 
 
 def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a Betaflight blackbox log on the clock of its rates; needs the extra `betaflight`.
-
-    Motors are ``m1``, ``m2`` ..., as the firmware commands them; every other field keeps its name.
-    """
+    """Table of a Betaflight blackbox log on the clock of its rates; needs the extra `betaflight`. Motors are ``m1``,
+    ``m2`` ..., as the firmware commands them; every other field keeps its name."""
     orangebox = library("orangebox", path, "betaflight")
 
     def load() -> dict[str, Any]:

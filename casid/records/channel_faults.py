@@ -137,10 +137,8 @@ def stretches(at: np.ndarray) -> list[tuple[int, int]]:
 def channel_faults(
     record: Record, limits: Limits = LIMITS, answers: Mapping[str, np.ndarray] | None = None
 ) -> list[ChannelFault]:
-    """The faults that channels of a record show by themselves, in the order in which they are to be taken out.
-
-    `answers`: channel -> (N,) what surfaces make of it at once. A sample that this explains is no outlier.
-    """
+    """The faults that channels of a record show by themselves, in the order in which they are to be taken out. A sample
+    that `answers`, channel -> (N,) what surfaces make of it at once, explain is no outlier."""
     found: list[ChannelFault] = []
     parts, commanded = _unbroken(record), _commanded(record)
     for name, values in record.channels.items():

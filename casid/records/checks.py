@@ -82,9 +82,8 @@ def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str)
 
 
 def check_channel(name: str, values: np.ndarray, place: Place, column: str, limited: bool = True) -> None:
-    """Values that cannot be: an input with gaps, degrees in a radian column, no airspeed; InputError with the row.
-
-    `limited`: sizes are judged by what aircraft do; not so where the unit is stated, which is believed."""
+    """Refuse values that cannot be, with the row: an input with gaps, degrees in a radian column, no airspeed.
+    `limited`: sizes are judged by what aircraft do; not where the unit is stated, which is believed."""
     missing = np.flatnonzero(np.isnan(values))
     if name in INPUTS and len(missing):
         raise InputError(

@@ -78,10 +78,8 @@ def _offset(zone: str) -> int:
 
 
 def clock_of(cells: Sequence[str]) -> np.ndarray | None:
-    """(N,) seconds of a column of dates or clocks; None where a cell is none.
-
-    Of two orders of day and month the one with the shorter record is taken. A clock goes on over midnight.
-    """
+    """(N,) seconds of a column of dates or clocks, on over midnight; None where a cell is none. Of two orders of day
+    and month the one with the shorter record is taken."""
     found: list[np.ndarray] = []
     for day_first in (False, True):
         if cells and seconds_of(cells[0], day_first) is None:
@@ -97,10 +95,8 @@ def clock_of(cells: Sequence[str]) -> np.ndarray | None:
 
 
 def from_first(t: np.ndarray, stated: bool) -> tuple[np.ndarray, str]:
-    """Time from the first sample where the stamps are dates, and the remark that says so; else as it is, and "".
-
-    Dates may be in s, ms, us or ns since 1970, by their size; in s where the unit is `stated`.
-    """
+    """Time from the first sample where the stamps are dates, and the remark that says so; else as it is, and "". Dates
+    are in s, ms, us or ns since 1970, by their size; in s where the unit is `stated`."""
     if not np.isfinite(t).all() or len(t) < 2:
         return t, ""
     step = float(np.median(np.diff(t)))

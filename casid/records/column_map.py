@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.arguments import a_path, given, is_path, table_of
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.records.toml_file import read_toml
 from casid.signals import is_unit
 
@@ -88,9 +88,7 @@ class ColumnMap:
             Name of the file.
         """
         data = read_toml(a_path(path, "ColumnMap.read"))
-        for key in data:
-            if key not in ("columns", "variable"):
-                raise unknown("key", key, ("columns", "variable"), str(path))
+        check_known("key", data, ("columns", "variable"), str(path))
         columns, variable = data.get("columns"), data.get("variable")
         if not isinstance(columns, dict) or not columns:
             raise InputError(f'{path}: a column map needs a table [columns] with lines like alpha = "12:deg"')
@@ -124,10 +122,8 @@ class ColumnMap:
 
 
 def parse_map_option(option: str) -> ColumnMap:
-    """The map of one `--map` setting: `alpha=ALCG:deg`, `delta_a=0.5*28:deg,-0.5*27:deg`.
-
-    Raises InputError for everything else.
-    """
+    """The map of one `--map` setting, `alpha=ALCG:deg` or `delta_a=0.5*28:deg,-0.5*27:deg`; InputError for everything
+    else."""
     channel, equals, columns = option.partition("=")
     if not equals or not channel.strip() or not columns.strip():
         raise InputError(f"--map '{option}': expected channel=column or channel=column:unit, like alpha=ALCG:deg")
@@ -145,7 +141,7 @@ def _term(item: Any, where: str) -> ColumnTerm:
     text = str(item) if isinstance(item, int) and not isinstance(item, bool) else item
     match = _TERM.fullmatch(text) if isinstance(text, str) else None
     name = match[2] if match else ""
-    odd = name.startswith(":") or (":" in name and bool(match and match[3]) and not is_unit(match[3] or ""))
+    odd = name.startswith(":") or (":" in name and bool(match and match[3] and not is_unit(match[3])))
     if not match or odd or (match[1] and match[4]):
         raise InputError(
             f"{where}: {item!r:.40} is not a column; expected NAME:unit or NUMBER:unit, with a weight as in '12:deg*-1'"

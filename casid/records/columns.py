@@ -47,13 +47,9 @@ def split_header(header: str) -> tuple[str, str]:
 
 
 def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
-    """Channels of a table: what the map says, and every other named column under its own name; `own` names those of a
-    system that is no aircraft, where nothing is nearly a channel of one.
-
-    Raises InputError for names that are nearly those of absent channels, all of them, and for two columns of one name.
-    Also for a unit that is unknown or does not fit, text where a number belongs, and a column of the map that is not
-    there.
-    """
+    """Channels of a table: what the map says, and every other named column under its own name; `own` are those of a
+    system that is no aircraft. Raises InputError for names nearly those of absent channels, two columns of one name, a
+    unit that is unknown or does not fit, text where a number belongs, and a mapped column that is not there."""
     if table.names is None and not column_map.columns:
         raise InputError(
             f"{table.source}: its {table.values.shape[1]} columns have no names; say which is which with a column map, "

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.records.clock import seconds_of
 from casid.records.limits import MOST_CELLS
 from casid.records.log import of_log
@@ -36,8 +36,7 @@ def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: 
     arrays = dict(_fields(arrays))
     numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
     if variable is not None:
-        if variable not in numeric:
-            raise unknown("variable", variable, numeric, str(path))
+        check_known("variable", (variable,), numeric, str(path))
         numeric = {variable: numeric[variable]}
     vectors = {name: v.ravel() for name, v in numeric.items() if max(v.shape) == v.size}
     matrices = {name: v for name, v in numeric.items() if v.ndim == 2 and name not in vectors}
@@ -114,8 +113,7 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
 
     book = loaded(path, load)
     name, rows, sheets = book["name"], book["rows"], book["names"]
-    if name not in sheets:
-        raise unknown("sheet", name, sheets, str(path))
+    check_known("sheet", (name,), sheets, str(path))
     if len(rows) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
     head, *body = rows
@@ -179,10 +177,8 @@ def library(module: str, path: Path, extra: str) -> Any:
 
 
 def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct.
-
-    scipy reads it, and crashes itself with some forged flags in the header; see `limits.apart`.
-    """
+    """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct. scipy
+    crashes with some forged flags in the header; see `limits.apart`."""
     from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
 
     try:

@@ -22,10 +22,8 @@ def given_record(value: Any, where: str, own: Sequence[str] = ()) -> Record:
 
 
 def given_records(value: Any, where: str, own: Sequence[str] = ()) -> tuple[Record, ...]:
-    """Records of a list in which files and patterns may stand too, or one of either alone; InputError otherwise.
-
-    `own`: channels of no aircraft, for the files.
-    """
+    """Records of a list in which files and patterns may stand too, or one of either alone; InputError otherwise. `own`:
+    channels of no aircraft, for the files."""
     if isinstance(value, Record):
         return (value,)
     if is_path(value):

@@ -81,10 +81,8 @@ def _is_comment(line: str) -> bool:
 
 
 def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str, int, bool] | None:
-    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin.
-
-    A row of numbers begins with one, or with a time; where no row does, any row of which most cells are numbers counts.
-    """
+    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin. A
+    row begins with a number or a time; where none does, any row of which most cells are numbers counts."""
     for strict in (True, False):
         for (i, here), (_, after) in _pairs(lines):
             one, two = cells_of(here, delimiter), cells_of(after, delimiter)

@@ -92,11 +92,8 @@ def beside(folder: Path, name: str, what: str) -> Path:
 
 
 def apart(read: Callable[..., Made], path: Path, *arguments: Any) -> Made:
-    """Call `read` in a process of its own, so that a library that crashes, loops or wants too much memory ends with it.
-
-    Linux has such processes at a cost of milliseconds; elsewhere the call is made here. Raises InputError, also what
-    `read` raises.
-    """
+    """Call `read` in a process of its own, so that a library that crashes, loops or wants too much memory ends with it;
+    outside Linux, here. Raises InputError, also what `read` raises."""
     if sys.platform != "linux" or not path.is_file():
         return _made(read, path, *arguments)
     seconds = int(_SECONDS + _SECONDS_PER_MB * path.stat().st_size / 1e6)

@@ -61,12 +61,8 @@ def _bare(name: str) -> str:
 def of_log(
     path: Path, series: Mapping[str, Series], flying: Series | None = None, notes: tuple[str, ...] = ()
 ) -> RawTable:
-    """The table of a log on the clock of its rates, or of its fastest channel, from the first to the last time at which
-    all that drives a model was recorded.
-
-    `flying` is true while the aircraft is in the air; rows on the ground are left out, and that is said. Pauses stay
-    gaps.
-    """
+    """The table of a log on the clock of its rates, or of its fastest channel, while all that drives a model was
+    recorded and, where `flying` says so, the aircraft was in the air. Pauses stay gaps."""
     series, notes = _whole(series, notes)
     if not series:
         raise InputError(f"{path}: no channel has two samples; expected time series")

@@ -29,9 +29,8 @@ _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
 def high_band_sigma(values: np.ndarray) -> float:
     """Standard deviation of the white noise in a uniformly sampled series (N,); NaN when fewer than 20 differences.
 
-    Robust (median absolute deviation) scale of the fourth differences, which pass white noise with gain sqrt(70) and
-    suppress a motion of frequency f by (2 sin(pi f dt))^4. That is below 2 % of its amplitude at a tenth of the
-    sampling rate. Assumes noise that is white at the sampling rate. A series without noise gives a value near 0.
+    Robust scale of the fourth differences, which pass white noise with gain sqrt(70) and a motion of frequency f with
+    (2 sin(pi f dt))^4: below 2 % at a tenth of the sampling rate.
     """
     good = values[np.isfinite(values)]
     if len(good) < 20 + _ORDER:
@@ -55,12 +54,9 @@ def resolution(values: np.ndarray, fewest: int = _LEVELS) -> float:
 
 
 def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """(N,) True at the readings of a channel (N,) that are new: of one that a slower recorder updates, and that is held
-    in between, the first after each update. Of any other, all that are there (not NaN).
-
-    A slower recorder shows by its beat: the value changes after the same time again and again, or after a multiple of
-    it where it happens not to change. A channel of coarse steps changes at any time, and by one step at a time.
-    """
+    """(N,) True at the readings of a channel (N,) that are new, the first after each update of a slower recorder; of
+    any other channel all that are there. A slower recorder shows by its beat: the value changes after multiples of one
+    time, while a channel of coarse steps changes at any time, by one step."""
     there = np.isfinite(values)
     at = np.flatnonzero(there)
     if len(at) < _FEWEST:
@@ -109,12 +105,9 @@ def mean_over(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.nda
 
 
 def quiet_windows(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """(first, last) samples of a window at every sample of a series (N,) with white noise `sigma`.
-
-    The widest window, centred or to one side, whose mean is still compatible with those of all narrower ones
-    (intersection of confidence intervals; Goldenshluger and Nemirovski 1997). It is long while a surface rests and up
-    to where it begins to move, one sample while it moves.
-    """
+    """(first, last) samples of a window at every sample of a series (N,) with white noise `sigma`: the widest, centred
+    or to one side, whose mean agrees with those of all narrower ones (intersection of confidence intervals;
+    Goldenshluger and Nemirovski 1997). It is long while a surface rests and one sample while it moves."""
     at = np.arange(len(values))
     begin, end = at.copy(), at.copy()
     if not sigma > 0.0:

@@ -32,11 +32,9 @@ _OF_QUANTILE = 1.36  # scatter of that quantile over that of the mean, Gaussian
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
     """Whether the high-band noise of a channel may stand for its noise at all frequencies.
 
-    Not when the upper half of its spectrum falls where the motion is quiet (a gentle filter). Surfaces that jump, and
-    quick aircraft at low rates, move in that half, too, but a filter is there all the time. Nor when somewhere beyond
-    twice the frequency `edge_hz`, the end of the motion, it falls more steeply from one octave to the next than motion
-    does. That is a sharp filter, with what came in behind it as floor. Nor when the high band shows little more than
-    the quantisation. Short records, and few levels, do not tell; they are taken as good.
+    Not when the upper half of its spectrum falls where the motion is quiet (a gentle filter), when it falls more
+    steeply beyond twice `edge_hz`, the end of the motion, than motion does (a sharp filter), or when the high band
+    shows little more than the quantisation. Short records and few levels are taken as good.
     """
     series = [record[channel] for record in records]
     sigma = pooled_sigma(series)
@@ -76,11 +74,8 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
 
 
 def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float, float]) -> float:
-    """1-sigma of the white noise, at the channel's own rate, that has its density in a band.
-
-    The median over the band's frequencies, so that a line or a structural mode in it does not count. Of a band that
-    reaches beyond half the sampling rate, as many octaves below that are taken.
-    """
+    """1-sigma of the white noise, at the channel's own rate, that has its density in a band, or in as many octaves
+    below half the sampling rate. The median over frequencies, so that a line or a structural mode does not count."""
     nyquist = 0.5 * min(1.0 / _own_step(record, channel) for record in records)
     highest = min(band_hz[1], nyquist)
     low, high = (edge * highest / (band_hz[1] * nyquist) for edge in band_hz)
@@ -89,10 +84,8 @@ def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float,
 
 
 def motion_edge(records: Sequence[Record]) -> float:
-    """Frequency [Hz] below which 90 % of the power of angular acceleration lies; 0 when no rate is measured or moves.
-
-    Angular acceleration, here the slope of p, q and r with their noise taken off, is the quickest part of the motion.
-    """
+    """Frequency [Hz] below which 90 % of the power of angular acceleration, the quickest part of the motion, lies; 0
+    when no rate is measured or moves. It is the slope of p, q and r with their noise taken off."""
     frequency, power = [], []
     for name in ("p", "q", "r"):
         if not all(name in record and np.isfinite(record[name]).sum() >= _FEWEST for record in records):
@@ -120,10 +113,7 @@ def _own_step(record: Record, channel: str) -> float:
 
 def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
-
-    Samples that are missing are left out, as of a channel recorded at a lower rate than the others. So are
-    outliers.
-    """
+    Missing samples and outliers are left out."""
     values = record[channel]
     values = values[np.isfinite(values)]
     values = values[~isolated(values, _OUTLYING)]

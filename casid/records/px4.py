@@ -57,12 +57,9 @@ _PULSE = 800.0  # us: an output above is a pulse width
 
 
 def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a PX4 ULog on the clock of its rates; needs the extra `ulog`.
-
-    The attitude is made of its quaternion. Surfaces of PX4 are normalised commands, kept as ``delta_e_command`` and so
-    on; a column map with the throw as weight makes them surfaces: ``--map delta_e=delta_e_command:deg*-25``. Motors of
-    multirotors are ``m1``, ``m2`` ....
-    """
+    """Table of a PX4 ULog on the clock of its rates; needs the extra `ulog`. Surfaces are normalised commands
+    ``delta_e_command``, which a map with the throw makes surfaces: ``--map delta_e=delta_e_command:deg*-25``. Motors
+    are ``m1``, ``m2`` ...."""
     pyulog = library("pyulog", path, "ulog")
 
     def load() -> Any:

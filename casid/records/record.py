@@ -12,7 +12,7 @@ import numpy as np
 
 from casid.arguments import given, listed, one_line, require
 from casid.arguments import names as argument_names
-from casid.errors import InputError, nearest, unknown
+from casid.errors import InputError, check_known, nearest, unknown
 from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
@@ -161,8 +161,7 @@ class Record:
     def __getitem__(self, channel: str) -> np.ndarray:
         if channel == "t":
             return self.t
-        if channel not in self.channels:
-            raise unknown("channel", str(channel), self.channels, f"record '{self.name}'")
+        check_known("channel", (channel,), self.channels, f"record '{self.name}'")
         return self.channels[channel]
 
     def __contains__(self, channel: str) -> bool:
@@ -320,9 +319,7 @@ def _checked_hold(hold: Any, channels: Mapping[str, np.ndarray], where: str) -> 
     """The hold in its own words, a table read-only."""
     if not isinstance(hold, Mapping):
         return _hold_word(hold, where)
-    for name in hold:
-        if name not in channels:
-            raise unknown("channel", str(name), channels, f"{where}: hold")
+    check_known("channel", hold, channels, f"{where}: hold")
     return MappingProxyType({name: _hold_word(how, f"{where}: '{name}'") for name, how in hold.items()})
 
 

@@ -24,11 +24,8 @@ _PLAIN = b"0123456789+-.eE\n"
 
 
 def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndarray | None:
-    """(rows, width) numbers of the text from byte `start` on; None where anything but plain numbers stands there.
-
-    Every line must have `width` cells and none may be empty: whoever gets None reads the slow way, which says what is
-    wrong and where.
-    """
+    """(rows, width) numbers of the text from byte `start` on; None unless every line has `width` plain numbers: whoever
+    gets None reads the slow way, which says what is wrong and where."""
     mark = delimiter.encode()
     end = len(raw)
     while end > start and raw[end - 1] in b"\r\n":
@@ -102,11 +99,9 @@ def shown(cell: str) -> str:
 
 
 def read_text(path: Path) -> RawTable:
-    """Table of a text file: columns parted by commas, semicolons, tabs, bars or blanks, with decimal points or commas,
-    in UTF-8, UTF-16 or an encoding of one byte, below any preamble; see `layout`.
-
-    A last row that is cut short is left out, and said.
-    """
+    """Table of a text file: columns parted by commas, semicolons, tabs, bars or blanks, decimal points or commas, in
+    UTF-8, UTF-16 or an encoding of one byte, below any preamble; see `layout`. A last row that is cut short is left
+    out, and said."""
     raw = read_bytes(path)
     quick = _plain_table(path, raw)
     if quick is not None:

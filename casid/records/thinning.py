@@ -18,11 +18,9 @@ def thinned(record: Record, rate_hz: float) -> Record:
 
 
 def averaged(record: Record, every: int) -> Record:
-    """The means of `every` samples after each other, at the mean of their times.
-
-    Averages of white noise are white noise. Motion of frequency f loses the share (pi f every dt)^2 / 6 of its
-    amplitude. A mean of which a sample is missing is missing. Samples at the end that fill no mean are left out.
-    """
+    """The means of `every` samples after each other, at the mean of their times; missing where a sample is. Motion of
+    frequency f loses the share (pi f every dt)^2 / 6 of its amplitude; samples at the end that fill no mean are left
+    out."""
     if every == 1:
         return record
     whole = len(record) // every * every

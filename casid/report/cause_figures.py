@@ -58,10 +58,8 @@ def reconstruct(diagnosis: Diagnosis) -> Reconstruction:
 
 
 def derivatives_beside(fit: FlightFit, missing: MissingInput) -> dict[str, float]:
-    """Fitted derivatives with the latent input in place, which they need not imitate any more.
-
-    The mean of the joint posterior of derivatives and input, from the same linearisation as the input itself.
-    """
+    """Fitted derivatives with the latent input in place, which they need not imitate any more: the mean of their joint
+    posterior, by the linearisation of the input itself."""
     evidence = weigh(fit, discrepancy=False)
     series = np.zeros((*fit.batch.live.shape, 1))
     for r, record in enumerate(fit.flight.records):
@@ -82,11 +80,9 @@ _MAX_RECORDS = 3
 
 
 def shape(diagnosis: Diagnosis, cause: Cause, before: Mapping[str, MissingInput]) -> Picture | None:
-    """The reconstructed missing coefficient against the regressor of the named term, with the named curve over it.
-
-    `before`: latent inputs by station, before naming. The changes of the other derivatives that came with
-    the term are taken off it, so that the term alone is left. None for a cause that is no aerodynamic term.
-    """
+    """The missing coefficient as reconstructed against the regressor of the named term, with the named curve over it
+    and without what the other derivatives changed by; None for a cause that is no aerodynamic term. `before`: latent
+    inputs by station."""
     effect = cause.effect
     missing = before.get(effect.enters or "")
     if effect.regressor is None or missing is None:
@@ -237,11 +233,8 @@ def wind(diagnosis: Diagnosis) -> Picture:
 
 
 def named_series(diagnosis: Diagnosis, missing: MissingInput) -> np.ndarray:
-    """(N, R) what the extended model adds at a station to the bare one that the latent input was added to.
-
-    Effects that enter there, and what the derivatives and terms of the coefficient differ by: both models then give the
-    coefficient the same value where the extension is right.
-    """
+    """(N, R) what the extended model adds at a station to the bare one that the latent input was added to: effects that
+    enter there, and what the derivatives and terms of the coefficient differ by."""
     before, after = diagnosis.bare, diagnosis.extended.fit
     total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
     if missing.place.kind == "wind":
@@ -393,9 +386,8 @@ _SHOWN = 8.0  # s of a time history
 def cause_response(diagnosis: Diagnosis, cause: Cause) -> Picture | None:
     """Gain and phase of flight, of the file as given and of the extended model, beside their time histories.
 
-    All three are estimated in the same way, the models from their simulations with the recorded inputs, so that also a
-    cause that is not linear has one. None for a cause that is neither at a surface nor in the time of an instrument,
-    and where the records give no response with enough coherence.
+    All are estimated in the same way, the models from their simulations, so that a cause that is not linear has one
+    too. None for a cause that is neither at a surface nor in an instrument's time, and without enough coherence.
     """
     effect = cause.effect
     if effect.transfer is None and not effect.of_a_surface:

@@ -27,11 +27,8 @@ _APART = 1.0  # s between records on the time axis
 
 
 def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged: Sequence[Record]) -> Picture | None:
-    """Suspected channels over all records, one after the other; None when nothing is suspected.
-
-    `recorded` are the records as they were given, `judged` the same as they should be. Grey: as recorded; green: as
-    corrected; what a finding says of a part of a record is shaded.
-    """
+    """Suspected channels over all records, as recorded in grey, as they should be in green; what a finding says of a
+    part of a record is shaded. None when nothing is suspected."""
     there = {name for record in recorded for name in record.channels}
     suspected = [name for name in _suspected(findings) if name in there][:_MOST]
     if not suspected:

@@ -316,11 +316,8 @@ def confusion_matrix(
     right: Mapping[str, Sequence[str]],
     title: str,
 ) -> Picture:
-    """What was hidden (rows) against what was named first (columns), in sets.
-
-    counts  (row, column) -> number;  rows without any are left out
-    right   row -> columns that are correct answers, framed; the others are mistakes
-    """
+    """What was hidden (rows; those without any are left out) against what was named first (columns), from (row, column)
+    -> number of sets. `right`: row -> columns that are correct answers, framed."""
     shown = [row for row in rows if any(counts.get((row, column)) for column in columns)]
     totals = {row: sum(counts.get((row, column), 0) for column in columns) for row in shown}
     figure = Figure(figsize=(9.6, 2.4 + 0.25 * len(shown)), layout="constrained")

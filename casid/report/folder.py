@@ -46,10 +46,10 @@ def out_folder(text: str) -> Path:
 def whole_folder(folder: str | Path) -> Iterator[Path]:
     """Make a folder beside `folder`, which takes its place in one step when the block ends well.
 
-    What was there under the same names is gone then, and other files go over; modes of files and folders stay. The new
-    folder has a random name, and no link is followed. What a killed run left is taken away, or finished. A folder that
-    cannot be renamed, such as the one in which the user stands, gets its files one after the other, all or none.
-    Raises InputError at once, before any work is done, when nothing can be written.
+    What was there under the same names is gone then, other files go over; modes stay. The name is random, no link is
+    followed, and what a killed run left is taken away. A folder that cannot be renamed, such as the one in which the
+    user stands, gets its files one by one, all or none. Raises InputError before any work is done when nothing can be
+    written.
     """
     target = Path(os.path.abspath(folder))
     if target.is_symlink() or (target.exists() and not target.is_dir()):

@@ -321,10 +321,8 @@ def _within(values: np.ndarray) -> np.ndarray:
 
 
 def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
-    """Residual over its noise in a fitted record: before, what the causes explain of it, and what is left.
-
-    Before is the re-estimated model where causes were found: what new values explain does not point to a cause.
-    """
+    """Residual over its noise in a fitted record: before (re-estimated where causes were found: what new values explain
+    does not point to a cause), what the causes explain of it, and what is left."""
     before, after = diagnosis.refitted if diagnosis.causes else diagnosis.as_given, diagnosis.extended
     wrong_by = "re-estimated model" if diagnosis.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)

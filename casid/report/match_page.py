@@ -59,10 +59,8 @@ def plot(proof: ProofOfMatch, test: str | None) -> Figure:
 
 
 def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = blank) -> Picture:
-    """A panel for each channel that is compared, in the unit of its tolerance, and one for the inputs.
-
-    Pale band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
-    """
+    """A panel for each compared channel, in the unit of its tolerance, and one for the inputs. Pale band: the tolerance
+    about flight. A bar at the foot: where a simulation leaves it."""
     channels = _panels(one)
     power = "thrust" if one.test.manoeuvre == "power change" else None
     count = len(channels) + 1 + bool(power)

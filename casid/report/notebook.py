@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from casid.diagnosis.result import Diagnosis
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.estimation.fit import Fit
 from casid.frequency.output_error import FourierOutputError
 from casid.frequency.regression import FourierEquationError
@@ -67,8 +67,7 @@ def plot_fit(fit: Fit, record: str | None) -> Figure:
     """Measured and predicted channels of one record, or their amplitudes over frequency where they are transforms."""
     records = {r.name: r for r in fit.problem.records}
     name = next(iter(records)) if record is None else record
-    if name not in records:
-        raise unknown("record", str(name), records, "fit.plot")
+    check_known("record", (name,), records, "fit.plot")
     predicted = fit.predictions[name]
     measured = predicted + fit.residuals[name]
     if isinstance(cost := fit.problem.cost, FourierEquationError | FourierOutputError):

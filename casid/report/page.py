@@ -82,10 +82,8 @@ _MOST = 3  # causes, and places where something is unexplained, that have pictur
 
 
 def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str, Picture]:
-    """Name -> picture, the one most convincing for this verdict first.
-
-    Pictures that cannot be drawn are added to `failed` with the error; without such a list the error is raised.
-    """
+    """Name -> picture, the one most convincing for this verdict first. Those that cannot be drawn are added to `failed`
+    with the error; without such a list it is raised."""
     seen = reconstruct(diagnosis)
     ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
     budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)

@@ -19,10 +19,8 @@ def browser() -> str | None:
 
 
 def print_to_pdf(page: Path, pdf: Path) -> None:
-    """Print a page of this computer, as its style sheet for print has it.
-
-    Raises InputError when no browser is installed, or when it fails.
-    """
+    """Print a page of this computer, as its style sheet for print has it; InputError when no browser is installed, or
+    it fails."""
     found = browser()
     if found is None:
         raise InputError(

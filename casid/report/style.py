@@ -66,10 +66,8 @@ class Picture:
     histories: bool = False
 
     def svg(self) -> bytes:
-        """The figure as SVG; the same figure gives the same bytes.
-
-        The canvas is asked itself, which draws once: `Figure.savefig` draws twice to have the axes placed.
-        """
+        """The figure as SVG, the same bytes for the same figure. The canvas itself draws once; `Figure.savefig` draws
+        twice."""
         buffer = io.BytesIO()
         with settings():
             shown = self.figure.canvas

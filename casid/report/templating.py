@@ -75,10 +75,8 @@ class Figure:
 
 @contextmanager
 def noting(failed: list[str] | None, what: str) -> Iterator[None]:
-    """A block that draws: its error is noted in `failed`, since a picture must not cost the results that it shows.
-
-    Without a list the error is raised.
-    """
+    """A block that draws, and notes its error in `failed`: a picture must not cost the results. Without a list it is
+    raised."""
     try:
         yield
     except Exception as error:  # whatever matplotlib, or the data of a stranger, may raise

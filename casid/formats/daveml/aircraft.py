@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import number
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.formats.daveml.functions import DaveFile, Values, dave_file
 from casid.formats.file_tables import FileTable, Tried, blanked, comment, file_tables, holding, said, with_numbers
 from casid.formats.jsbsim.aircraft import INCREMENTS
@@ -190,9 +190,7 @@ def dave_aerodynamics(
 ) -> DaveAerodynamics:
     """The aerodynamics of a file, moments about a centre of mass [m] from its reference. Raises InputError."""
     file = _read(path)
-    for name in held:
-        if name not in file.inputs:
-            raise unknown("input", name, file.inputs, f"{path}: held")
+    check_known("input", held, file.inputs, f"{path}: held")
     if len(cm) != 3:
         raise InputError(f"{path}: the centre of mass must be three numbers, got {len(cm)}")
     try:
@@ -223,14 +221,12 @@ def _read(path: str | Path) -> DaveFile:
 
 
 def _varid(file: DaveFile, name: str) -> str:
-    if name not in file.names:
-        raise unknown("variable", name, file.names)
+    check_known("variable", (name,), file.names)
     return file.names[name]
 
 
 def _unit(file: DaveFile, varid: str) -> float:
-    if file.units[varid] not in _UNITS:
-        raise unknown(f"unit of '{varid}'", file.units[varid], _UNITS)
+    check_known(f"unit of '{varid}'", (file.units[varid],), _UNITS)
     return _UNITS[file.units[varid]]
 
 
@@ -256,11 +252,8 @@ def rewritten(
 def mended_text(
     text: str, tables: Sequence[FileTable], effects: Sequence[EffectValue], terms: Mapping[str, Mapping[str, float]]
 ) -> str:
-    """The text of a file with wrong stretches of its tables mended where they stand.
-
-    effects  as an aircraft file has them
-    terms    coefficient -> monomial -> value, increments of coefficients, which no table of the file can have
-    """
+    """The text of a file with wrong stretches of its tables mended where they stand; `terms`, coefficient -> monomial
+    -> value, no table of it can have."""
     left: list[str] = []
     for effect in effects:
         held = None if effect.records or effect.onset_s else holding(tables, effect)

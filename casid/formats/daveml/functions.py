@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
@@ -199,8 +199,7 @@ class DaveFile:
         return Entry(name=node.get("name", ""), over=over, grid=grid)
 
     def _axis(self, identifier: str) -> list[float]:
-        if identifier not in self._breakpoints:
-            raise unknown("breakpoints", identifier, self._breakpoints)
+        check_known("breakpoints", (identifier,), self._breakpoints)
         return self._breakpoints[identifier]
 
 

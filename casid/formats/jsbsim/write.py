@@ -60,13 +60,9 @@ def extended_text(
     axes: str,
     tables: Sequence[FileTable] = (),
 ) -> str:
-    """The text of a file with further parts.
-
-    terms    coefficient -> monomial -> value, of coefficients of the force `axes` about the centre of gravity
-    effects  as an aircraft file has them
-    tables   of the file: a wrong stretch of one of them is mended where it stands
-    Raises InputError when the file keeps its aerodynamics or mass balance in another one.
-    """
+    """The text of a file with increments of coefficients (`terms`: coefficient -> monomial -> value, force `axes` about
+    the c.g.), effects, and wrong stretches of its `tables` mended. InputError when its aerodynamics or mass balance are
+    elsewhere."""
     root = ET.fromstring(text)
     for tag in ("aerodynamics", "mass_balance"):
         if part(root, tag).get("file"):
@@ -161,11 +157,8 @@ def _increment(row: Mapping[str, float]) -> str:
 
 
 def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str, float]], axes: str) -> str:
-    """Increments as functions, and what each axis of the file makes of them.
-
-    Increments are about the centre of gravity; JSBSim takes forces to act at its reference point, whose moment is
-    taken off again.
-    """
+    """Increments about the centre of gravity as functions, and what each axis of the file makes of them. JSBSim takes
+    forces to act at its reference point, whose moment is taken off again."""
     aerodynamics = part(root, "aerodynamics")
     has = {axis.get("name", "").strip() for axis in aerodynamics.findall("axis")}
     names = next((n for first, n in _FORCE_AXES.items() if {first, n[2]} & has), _FORCE_AXES["DRAG"])
@@ -357,13 +350,8 @@ _SURFACES = (
 
 
 def jsbsim_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
-    """The file, and what it does not hold, a line each; effects that it cannot hold stand in a comment of it.
-
-    Raises
-    ------
-    InputError
-        For tables and own aerodynamics.
-    """
+    """The file, and what it does not hold, a line each, effects in a comment of it. Raises InputError for tables and
+    own aerodynamics."""
     if aircraft.tables or aircraft.aerodynamics is not None:
         raise InputError(
             f"'{aircraft.name}': tables and own aerodynamics are not written as a new JSBSim file; an aircraft that "

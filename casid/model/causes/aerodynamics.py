@@ -21,11 +21,11 @@ _IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a prop
 
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
-    """Every polynomial and cross term of second and third order in two variables at most, every first-order term and
-    Mach, on the six coefficients, that the aircraft file does not have. What three variables make together, wind
-    tunnels do not measure, and there are as many of such terms as of all others. Rates do not act across the plane of
-    symmetry, such as yaw rate on the pitching moment: the gyroscopic moment of a rotor does that, which is no
-    aerodynamics. And what a slipstream does at the tail, which at a constant deflection looks like another thrust line.
+    """Terms of second and third order in two variables at most, of first order, and Mach, that the file lacks.
+
+    What three variables make together, wind tunnels do not measure. Rates do not act across the plane of symmetry: yaw
+    rate on the pitching moment is the gyroscopic moment of a rotor. A slipstream at the tail at a constant deflection
+    looks like another thrust line.
     """
     terms = [*_VARIABLES, "mach"]
     for degree in (2, 3):
