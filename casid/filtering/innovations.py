@@ -270,8 +270,9 @@ def linearise(
     X: np.ndarray,
     W: np.ndarray | None = None,
 ) -> Linear:
-    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw); the step matrices, which
-    steer filter and search, are second-order in dt, state and output exact RK4."""
+    """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw). State and output are those
+    of a Runge-Kutta step, the step matrices its derivatives for a linear model: a resonance with a few samples per
+    cycle stays as stable as it is."""
     model = functions.model
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     held = batch.held_at(model)
@@ -314,10 +315,12 @@ def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     nx = sizes[0]
     inside, h = live[1:, :, None, None], dt[..., None, None]
     J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
-    A = np.eye(nx) + h / 2 * (J + K) + h**2 / 2 * (K @ J)
+    S = K @ J
+    A = np.eye(nx) + h / 2 * (J + K) + h**2 * (S / 2 + S @ (h / 12 * (J + K) + h**2 / 24 * S))
     Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
-    Bp = h / 2 * (Fp0 + Fp1) + h**2 / 2 * (K @ Fp0)
-    Bw0, Bw1 = h / 2 * Fw0 + h**2 / 3 * (K @ Fw0), h / 2 * Fw1 + h**2 / 6 * (K @ Fw0)
+    Kp, once, again = K @ Fp0, h**2 * (K @ Fw0), h**3 * (S @ Fw0)
+    Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + S @ (h / 6 * Fp0 + h**2 / 24 * Kp))
+    Bw0, Bw1 = h / 2 * Fw0 + once / 3 + again / 8, h / 2 * Fw1 + once / 6 + again / 24
     late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
     Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
     intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))

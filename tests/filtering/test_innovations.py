@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 from filter_cases import DT, GUSTY, filtered, gusty_flight, gusty_short_period
+from scipy.linalg import expm
 
 from casid.filtering.innovations import (
     NoiseModel,
@@ -20,8 +21,11 @@ from casid.filtering.innovations import (
     make_batch,
 )
 from casid.filtering.kalman import augmented, kalman_filter, residual_about, residual_column
+from casid.filtering.kernel import filter_kernel
 from casid.model.dynamics import aircraft_model
+from casid.model.port import ports_of, with_ports
 from casid.model.simulate import simulate
+from casid.model.system import define_model
 from casid.model.trim import trim
 from casid.records.record import Record
 from problems.do328 import do328
@@ -265,6 +269,32 @@ def test_compiled_step_matrices_equal_the_plain_ones_to_rounding() -> None:
     plain = _interval(jacobians, sizes, batch.dt, batch.live, batch.held_at(model), linear.seen)
     for name, expected in zip(("A", "Bp", "Bw0", "Bw1", "C", "Dp", "Dw"), plain, strict=True):
         np.testing.assert_allclose(getattr(linear, name), expected, rtol=1e-12, atol=1e-15, err_msg=name)
+
+
+@pytest.mark.parametrize("plain", [True, False])
+def test_step_matrices_of_a_resonance_are_those_of_its_motion(plain: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Truth: the matrix exponential, of an undamped oscillator with nine samples per cycle, which must not grow."""
+    monkeypatch.setattr("casid.filtering.innovations.filter_kernel", (lambda *sizes: None) if plain else filter_kernel)
+    model = define_model(
+        "swing",
+        states=("x", "v"),
+        inputs=("u",),
+        parameters={"b": 1.0},
+        outputs=("y",),
+        dynamics=lambda s: {"x": s.v, "v": s.b * s.u - s.x},
+        output=lambda s: {"y": s.x},
+    )
+    model = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
+    h = 2.0 * np.pi / 9.0
+    record = Record(name="m1", t=h * np.arange(5), channels={"u": np.ones(5), "y": np.zeros(5)})
+    batch = make_batch(model, [record])
+    linear = linearise(PointFunctions(model, ("b",)), batch, np.ones((1, 1)), np.zeros((5, 1, 2)))
+    J = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    assert linear.A[1, 0] == pytest.approx(expm(h * J), abs=2e-3)  # a step of fourth order: h^5 / 120
+    assert np.abs(np.linalg.eigvals(linear.A[1, 0])).max() < 1.0
+    constant = np.linalg.solve(J, expm(h * J) - np.eye(2))
+    assert linear.Bp[1, 0, :, 0] == pytest.approx(constant[:, 1], abs=3e-3)
+    assert linear.Bw0[1, 0] + linear.Bw1[1, 0] == pytest.approx(constant, abs=1e-2)  # third order
 
 
 def test_histories_linearised_about_change_nothing_of_a_linear_model() -> None:

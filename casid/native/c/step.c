@@ -26,7 +26,8 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
               double *C, double *Dp, double *Dw)
 {
     long rows = nx + ny, widest = nx > np ? nx : np;
-    double *moved = malloc(nx * (widest > nw ? widest : nw) * sizeof(double));
+    long room = nx * (widest > nw ? widest : nw);
+    double *moved = malloc((2 * room + nx * nx) * sizeof(double)), *twice = moved + room, *S = twice + room;
     for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
         long at = k * R + r, next = at + R;
         const double *J = by_x + at * rows * nx, *P = by_p + at * rows * np, *W = by_w + at * rows * nw;
@@ -45,15 +46,22 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
         }
         double h = dt[at];
         const double *K = by_x + next * rows * nx, *P1 = by_p + next * rows * np, *W1 = by_w + next * rows * nw;
-        moved_by(nx, nx, K, J, moved);
-        for (long i = 0; i < nx * nx; i++) a[i] = h / 2 * (J[i] + K[i]) + h * h / 2 * moved[i];
+        moved_by(nx, nx, K, J, S);
+        for (long i = 0; i < nx * nx; i++) moved[i] = h / 12 * (J[i] + K[i]) + h * h / 24 * S[i];
+        moved_by(nx, nx, S, moved, twice);
+        for (long i = 0; i < nx * nx; i++) a[i] = h / 2 * (J[i] + K[i]) + h * h * (S[i] / 2 + twice[i]);
         for (long i = 0; i < nx; i++) a[i * nx + i] += 1.0;
         moved_by(nx, np, K, P, moved);
-        for (long ij = 0; ij < nx * np; ij++) bp[ij] = h / 2 * (P[ij] + P1[ij]) + h * h / 2 * moved[ij];
+        for (long ij = 0; ij < nx * np; ij++) bp[ij] = h / 6 * P[ij] + h * h / 24 * moved[ij];
+        moved_by(nx, np, S, bp, twice);
+        for (long ij = 0; ij < nx * np; ij++)
+            bp[ij] = h / 2 * (P[ij] + P1[ij]) + h * h * (moved[ij] / 2 + twice[ij]);
         moved_by(nx, nw, K, W, moved);
+        moved_by(nx, nw, S, W, twice);
         for (long i = 0; i < nx; i++) for (long j = 0; j < nw; j++) {
             long ij = i * nw + j;
-            double first = h / 2 * W[ij] + h * h / 3 * moved[ij], second = h / 2 * W1[ij] + h * h / 6 * moved[ij];
+            double once = h * h * moved[ij], again = h * h * h * twice[ij];
+            double first = h / 2 * W[ij] + once / 3 + again / 8, second = h / 2 * W1[ij] + once / 6 + again / 24;
             double share = held[r * nw + j], late = fmax(share, 0.0), early = fmax(-share, 0.0);
             b0[ij] = (1.0 - early) * first + late * second;
             b1[ij] = (1.0 - late) * second + early * first;
