@@ -73,6 +73,10 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"\mathbf r_i = \mathbf r_{i,\mathrm{file}} - v\,\mathbf e",
         r"Forces $\mathbf F$ turn about another point, and every instrument $i$ has another arm.",
     ),
+    "moment_reference": (
+        r"\mathbf M = \mathbf M_\mathrm{file} + v\,\mathbf e \times \mathbf F_\mathrm{aero}",
+        r"Aerodynamic forces act at the point that the moments of the file are about.",
+    ),
     "mass": (r"m = m_\mathrm{file} + v", ""),
     "inertia": (r"I = I_\mathrm{file} + v", r"$I$ is the component that is its target."),
     "table_increment": (

@@ -43,6 +43,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
     "cg_offset": {"target": "x", "value": 0.2},
     "mass": {"target": "", "value": 1000.0},
     "inertia": {"target": "Ixz", "value": 8000.0},
+    "moment_reference": {"target": "x", "value": 0.2},
     "thrust_line": {"target": "", "value": 0.3},
     "thrust_asymmetry": {"target": "", "value": 0.1},
     "aero_term": {"target": "Cm", "value": 2.0, "term": "alpha^2"},

@@ -391,6 +391,8 @@ class Cause:
         Increase of the log likelihood per reading of the held-out records; None for an event that does not recur there.
     onset_s
         Record -> interval [s] that contains the onset with 95 % probability or more; None for a cause that always acts.
+    end_s
+        The same for the end; None for a cause that does not end.
     indistinguishable_from
         The other causes of its ambiguity set: kind, target, term, title, value, unit, gain and probability of each.
     share
@@ -424,6 +426,7 @@ class Cause:
     share: float
     on_readings: float = math.inf
     onset_s: Mapping[str, tuple[float, float]] | None = None
+    end_s: Mapping[str, tuple[float, float]] | None = None
     dof: int = 1
     held_out_gain: float | None = None
     indistinguishable_from: tuple[Mapping[str, Any], ...] = ()
@@ -483,11 +486,12 @@ class Cause:
         dict
             Numbers, texts, lists and tables, as JSON holds them.
         """
-        onsets = {record: list(ends) for record, ends in self.onset_s.items()} if self.onset_s else None
+        times = {"onset_s": self.onset_s, "end_s": self.end_s}
+        times = {name: {r: list(ends) for r, ends in one.items()} if one else None for name, one in times.items()}
         told = ("name", "kind", "target", "term", "value", "std", "unit", "statistic", "dof", "probability", "alone")
         return {name: getattr(self, name) for name in (*told, "log_odds", "held_out_gain", "sentence", "share")} | {
             "records": list(self.records),
-            "onset_s": onsets,
+            **times,
             "indistinguishable_from": [dict(other) for other in self.indistinguishable_from],
             "parameters": dict(self.parameters),
         }

@@ -24,7 +24,7 @@ from casid.diagnosis.cause import (
 )
 from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, required_gain, sine
 from casid.diagnosis.engine.held_out import Kept
-from casid.diagnosis.engine.onsets import Intervals
+from casid.diagnosis.engine.onsets import Intervals, end_intervals
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.size import meaningful_share, missing_size, plausible, plausible_size
 from casid.diagnosis.engine.structure import is_induced_drag, is_usual
@@ -226,6 +226,8 @@ def cause_of(
     one, fit, names = trial.candidate.attached, state.evidence.fit, state.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
     dof, value, std = len(values), values["value"], trial.std
+    onsets = onset_intervals(state.evidence, one, state.intervals.get(one.name, {}))
+    ends = end_intervals(state.evidence, one)
     if fit.flight.sizes is not None:
         value, std = fit.flight.sizes.told(fit, one, std)
     return Cause(
@@ -233,12 +235,13 @@ def cause_of(
         value=value,
         std=std,
         records=tuple(one.onsets) if effect.timed else one.records or names,
-        onset_s=onset_intervals(state.evidence, one, state.intervals.get(one.name, {})) if effect.timed else None,
+        onset_s=onsets if effect.timed else None,
+        end_s=ends or None,
         statistic=trial.gain.raw + trial.gain.spared,
         dof=dof,
         held_out_gain=held,
         indistinguishable_from=(*_equal(one, fit, trial.gain.raw), *(_named(t) for t in equivalents)),
-        sentence=cause_sentence(one, value, std, len(names)),
+        sentence=cause_sentence(one, value, std, len(names), (onsets, ends)),
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,

@@ -155,7 +155,7 @@ def account(facts: Facts) -> tuple[AccountStep, ...]:
         {
             "data": [f"{one.target}: {one.kind.removeprefix('data_').replace('_', ' ')}" for one in facts.corrected],
             "values": [
-                *(f"{one.row} times {one.factor:.2f}" for one in facts.factors),
+                *(one.brief for one in facts.factors),
                 *(one.change for one in named if one.parameter not in scaled),
             ],
             "structure": [one.title for one in facts.causes],

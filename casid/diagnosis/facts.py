@@ -17,7 +17,8 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows, scaled_inverse
 from casid.diagnosis.given.budget import Budget
-from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
+from casid.diagnosis.given.contradicted import Contradiction, FlightValue
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.model.numbers import digits, with_deviation
 
@@ -183,12 +184,14 @@ def changed_values(
             continue
         weight, value = float(fit.prior_weight[i]), given[slot.name]
         std = weight**-0.5 if weight > 0.0 else least * abs(value)
+        by_records = flight[slot.name]  # with a term, the slope in the middle of the flight may be what the file states
+        extended = fit[slot.name] + by_records.nearest(value).value - by_records.value
         found.append(
             ChangedValue(
                 parameter=slot.name,
                 unit=units.get(slot.name, names.get(slot.name, "")),
                 given=value,
-                extended=fit[slot.name],
+                extended=extended,
                 stated_std=std,
                 identifiable=flight[slot.name].determined,
                 effect=_effect(fit, i, fit[slot.name] - value),

@@ -24,7 +24,8 @@ from casid.diagnosis.facts import ChangedValue, Combination
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.given.budget import AccountStep, Budget, RecordError
-from casid.diagnosis.given.contradicted import Contradiction, Factor, FlightValue
+from casid.diagnosis.given.contradicted import Contradiction, FlightValue
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.kinematics import Turbulence

@@ -15,12 +15,13 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.budget import AccountStep, AsGiven, Budget
-from casid.diagnosis.given.contradicted import Contradiction, Factor
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.model.numbers import digits
 from casid.model.plausible import Doubt
-from casid.model.vocabulary import sentence_of
+from casid.model.vocabulary import sentence_of, title_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
@@ -31,16 +32,28 @@ _SMALL = " Effects that are expected, or too small to matter, are listed as mino
 _NOTHING_ELSE = "Other findings are reliable only after this has been corrected."
 
 
-def cause_sentence(one: Attached, value: float, std: float, records: int) -> str:
-    """The sentence of a fitted cause with its size; `records` is the number of fitted records."""
+Times = Mapping[str, tuple[float, float]]  # record -> interval [s]
+
+
+def cause_sentence(one: Attached, value: float, std: float, records: int, times: tuple[Times, Times]) -> str:
+    """The sentence of a fitted cause with its size; `records` is the number of fitted records, `times` are the
+    intervals of its onsets and of its ends."""
     effect = one.effect
     text = sentence_of(effect, value, std)
+    begins, ends = times
+    if both := ends.keys() & begins.keys():
+        told = (f"{r} from t = {_between(begins[r])} until t = {_between(ends[r])}" for r in sorted(both))
+        return f"{text[:-1]}: {', '.join(told)}."
     if effect.timed:
         return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
     if one.records and len(one.records) < records:
         others = " (or the other way in the others: free parameters show differences between records only)"
         return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
     return text
+
+
+def _between(interval: tuple[float, float]) -> str:
+    return f"{interval[0]:.1f} to {interval[1]:.1f} s"
 
 
 def noted(cause: Cause, remark: str) -> Cause:
@@ -179,6 +192,7 @@ def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str
         several(facts.corrected, facts.listed),
         headline(facts, found),
         moved(facts),
+        _hidden_by_air(found) if facts.turbulent and not claims.adequate(facts) else "",
         differing(facts),
         cost(facts) if facts.causes else "",
         f"The {facts.source} as given is kept: {claims.grown(facts)}." if claims.grown(facts) else "",
@@ -307,6 +321,15 @@ def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
             size = f"{100.0 * seen[channel]:.2g} %" if unit == "1" else f"{seen[channel]:.2g} {unit}"
             told.append(f"a {name} of {channel} under {size}")
     return f" What would not show here: {', '.join(told)}." if told else ""
+
+
+def _hidden_by_air(found: Diagnosis) -> str:
+    """The sentence of the smallest sudden changes that turbulence would have left visible, the largest of them."""
+    steps = [e for e in found.bare.flight.effects if e.timed and e.unit == "1" and not e.lasts]
+    sizes = [(found.detectable.get(effect.name, math.inf), effect) for effect in steps]
+    seen = [(size, title_of(effect)) for size, effect in sizes if size <= effect.limit]
+    size, title = max(seen, default=(0.0, ""))
+    return f"The turbulence would hide: {title} under {100.0 * size:.2g} %." if seen else ""
 
 
 def _first(stated: Sequence[str], most: int) -> str:

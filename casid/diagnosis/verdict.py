@@ -15,7 +15,8 @@ from casid.diagnosis import claims, sentences
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Trace, at_most
 from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
-from casid.diagnosis.given.contradicted import Contradiction, Factor, impossible
+from casid.diagnosis.given.contradicted import Contradiction, impossible
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import CasidError

@@ -46,12 +46,7 @@ class Words:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One cause at one target.
-
-    How its size is judged:
-    What a diagnosis asks:
-    What a model that has it needs:
-    """
+    """One cause at one target."""
 
     kind: str
     target: str = ""
@@ -104,7 +99,11 @@ class Effect:
     stated: bool = False
     # it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     balance: bool = False
-    extent: str | None = None  # the value that says how long it takes from its onset to its end
+    last_resort: bool = False  # proposed only where something is still missing when all other causes were tried
+    # the value that says how long it takes from its onset to its end: records determine its middle
+    extent: str | None = None
+    # the value that says how long it acts: its onset and its end are apart, and nothing is left behind it
+    lasts: str | None = None
     either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
     regressor: str | None = None  # term that the value multiplies in the coefficient `target`
     # coefficients that change together, the first by the value, the others by parameters of their names

@@ -94,7 +94,10 @@ def _in_one_line(text: str) -> str:
 
 def _where(cause: Cause) -> str:
     if cause.onset_s:
-        return ", ".join(f"{r} from {low:.1f}–{high:.1f} s" for r, (low, high) in cause.onset_s.items())
+        ends = {record: f" until {low:.1f}–{high:.1f} s" for record, (low, high) in (cause.end_s or {}).items()}
+        return ", ".join(
+            f"{r} from {low:.1f}–{high:.1f} s{ends.get(r, '')}" for r, (low, high) in cause.onset_s.items()
+        )
     return ", ".join(cause.records)
 
 

@@ -28,7 +28,7 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
 # kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file;
 # what only `problems.independent` or `problems.strips` have
 NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
-NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck")
+NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck", "moment_reference")
 ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
 ROTORS += ("rotor_inflow", "added_mass", "body_drag", "battery_sag")
 NOT_DRAWN += ROTORS  # of an aeroplane; `problems.rotors` has the generator
@@ -58,7 +58,15 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
             "clock_drift",
         ),
         "aerodynamics": ("aero_term", "unsteady_aero", "configuration_change", "table_increment"),
-        "mass and propulsion": ("cg_offset", "mass", "inertia", "thrust_asymmetry", "thrust_line", "thrust_scale"),
+        "mass and propulsion": (
+            "cg_offset",
+            "moment_reference",
+            "mass",
+            "inertia",
+            "thrust_asymmetry",
+            "thrust_line",
+            "thrust_scale",
+        ),
         "air": ("wind_shear", "gust", "turbulence"),
         "rotors": ROTORS,
     }

@@ -20,12 +20,14 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.contradicted import Contradiction, Factor
+from casid.diagnosis.given.contradicted import Contradiction
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.judgement import beside_slow_noise
 from casid.diagnosis.result import Diagnosis, plain
+from casid.diagnosis.sentences import _hidden_by_air
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
-from casid.model.causes import actuator_lag, sensor_scale
+from casid.model.causes import actuator_lag, effectiveness_change, sensor_scale
 from casid.model.plausible import Doubt
 from problems.do328 import do328
 from problems.systems.count import SYSTEMS
@@ -122,3 +124,14 @@ def cause_of(one: Attached) -> Cause:
         meaningful=True,
         share=1.0,
     )
+
+
+def test_turbulence_states_the_largest_sudden_change_that_it_would_hide() -> None:
+    """Of the sizes that would have shown; what could not be seen at any possible size is not judged instead."""
+    effects = [effectiveness_change("delta_a"), effectiveness_change("delta_r"), effectiveness_change("delta_e")]
+    sizes = dict(zip((one.name for one in effects), (0.08, 0.21, 7.0), strict=True))
+    flight = SimpleNamespace(effects=[*effects, sensor_scale("alpha")])
+    found: Any = SimpleNamespace(bare=SimpleNamespace(flight=flight), detectable=sizes)
+    assert _hidden_by_air(found) == "The turbulence would hide: rudder: effectiveness change under 21 %."
+    found.detectable = {}
+    assert not _hidden_by_air(found)

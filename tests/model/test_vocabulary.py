@@ -30,6 +30,7 @@ PUBLIC = {
     "accelerometer_position",
     "cg_offset",
     "mass",
+    "moment_reference",
     "inertia",
     "thrust_asymmetry",
     "thrust_line",

@@ -10,7 +10,7 @@ import numpy as np
 from casid.diagnosis.cause import Gate, all_passed, at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import clear_gain, look_alike, size_gates
-from casid.diagnosis.engine.onsets import Intervals, at_peak, further_records, sudden, weak_members
+from casid.diagnosis.engine.onsets import Intervals, at_peak, in_its_records, sudden, weak_members
 from casid.diagnosis.engine.size import meaningful_share
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.evidence import Evidence, weigh
@@ -218,8 +218,8 @@ def try_cause(
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
         return given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
     if attached.effect.timed:
-        wider = further_records(joint, fitted.attached[-1])
-        if len(wider.onsets) > len(attached.onsets):
+        wider = in_its_records(joint, fitted.attached[-1])
+        if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
             joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
         if joint.fit.deviance < give_up:
             joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
@@ -334,8 +334,8 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
     if fitted.attached[-1].effect.timed:
         evidence, intervals[name] = at_peak(weigh(fitted))
         fitted = evidence.fit
-        wider = further_records(evidence, fitted.attached[-1])
-        if len(wider.onsets) > len(fitted.attached[-1].onsets):
+        wider = in_its_records(evidence, fitted.attached[-1])
+        if wider.onsets.keys() != fitted.attached[-1].onsets.keys():
             attached = [*fitted.attached[:-1], wider]
             fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
             events.append(len(attached) - 1)

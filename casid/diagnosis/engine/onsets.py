@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial, reduce
 
@@ -40,24 +40,80 @@ def moved_onsets(evidence: Evidence, one: Attached) -> tuple[Attached, Intervals
     intervals
         95 % intervals of the onsets [s], by record.
     """
-    base, judge, fine = evidence.fit, Screen(evidence), evidence.criteria.numerics.events.fine
-    onsets, intervals = dict(one.onsets), {}
+    judge, moved, intervals = Screen(evidence), one, {}
+    if one.effect.lasts:  # with another size, an event that is moved to where nothing happens would not be missed
+        judge = judge.holding(one.name)
     times = {record: _looked_at(evidence, record, onset) for record, onset in one.onsets.items()}
-    now, most = history(base, one), max(map(len, times.values()))
-    shifts = (  # records are independent: all onsets are shifted at once
-        history(base, replace(one, onsets={record: float(t[min(i, len(t) - 1)]) for record, t in times.items()})) - now
-        for i in range(most)
-    )
-    prints = prints_of(evidence, one.effect, shifts)
-    for record, t in times.items():
-        drops = np.array([judge.drop(print_, base.batch.names.index(record)) for print_ in prints[: len(t)]])
-        onsets[record] = float(t[np.argmax(drops)])
-        inside = np.flatnonzero(drops > drops.max() - evidence.criteria.significance.chance)
-        # The interval ends where the profile is first too low, to within the spacing of its points.
-        low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
-        ends = (round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3))
-        intervals[record] = ends
-    return replace(one, onsets=onsets), intervals
+    # Records are independent: all onsets are shifted at once, but where each leaves the end of its record where it is.
+    for records in [[record] for record in times] if one.effect.lasts else [list(times)]:
+        most = max(len(times[record]) for record in records)
+        at = ({record: float(times[record][min(i, len(times[record]) - 1)]) for record in records} for i in range(most))
+        profile = _profile(judge, one, (begun(one, onsets) for onsets in at))
+        for record in records:
+            t = times[record]
+            drops = profile[record][: len(t)]
+            best = int(np.argmax(drops))
+            if drops[best] > 0.0:
+                moved = begun(moved, {**moved.onsets, record: float(t[best])})
+            intervals[record] = _within(drops, t, evidence)
+    return moved, intervals
+
+
+def _profile(judge: Screen, one: Attached, others: Iterable[Attached]) -> dict[str, np.ndarray]:
+    """Record -> (others,) predicted decrease of the deviance in that record if an event were another.
+
+    It is zero where the two differ by no more than the noise of the recorded input: the record cannot tell them apart.
+    """
+    base, now, changes = judge.base, history(judge.base, one), []
+    noise = np.array([base.noise.inputs.get(name, 0.0) for name in base.model.disturbances])
+
+    def histories() -> Iterator[np.ndarray]:
+        for other in others:
+            change = history(base, other) - now
+            changes.append(np.abs(change).max(axis=0))
+            yield change
+
+    prints = prints_of(judge.evidence, one.effect, histories())
+    unseen = (np.array(changes) <= judge.criteria.significance.sigmas * noise).all(axis=2)
+    drops = np.array([[judge.drop(print_, r) for r in range(len(base.batch.names))] for print_ in prints])
+    return dict(zip(base.batch.names, np.where(unseen, 0.0, drops).T, strict=True))
+
+
+def begun(one: Attached, onsets: Mapping[str, float]) -> Attached:
+    """The event with other onsets. One that lasts for a time of its own ends when it ended before, in the record that
+    is moved most."""
+    lasts = one.effect.lasts
+    if lasts is None:
+        return replace(one, onsets=dict(onsets))
+    sooner = max((one.onsets[record] - onset for record, onset in onsets.items()), key=abs)
+    return replace(one, onsets=dict(onsets), values={**one.values, lasts: max(one.values[lasts] + sooner, 0.0)})
+
+
+def end_intervals(evidence: Evidence, one: Attached) -> Intervals:
+    """Record -> 95 % interval of the end [s] of an event that `lasts`, from its profile with the onset held.
+
+    While the surface concerned does not move, nothing tells the end. An interval that reaches the end of the record
+    says that it may not have ended."""
+    lasts, found = one.effect.lasts, dict[str, tuple[float, float]]()
+    if lasts is None:
+        return found
+    judge, step = Screen(evidence).holding(one.name), evidence.criteria.numerics.events.coarse
+    for record in evidence.fit.flight.records:
+        if (onset := one.onsets.get(record.name)) is not None and onset + step < record.t[-1]:
+            ends = np.arange(onset, record.t[-1], step)[1:]
+            shapes = ({**one.values, lasts: float(end - onset)} for end in ends)
+            others = (replace(one, onsets={record.name: onset}, values=values) for values in shapes)
+            found[record.name] = _within(_profile(judge, one, others)[record.name], ends, evidence)
+    return found
+
+
+def _within(drops: np.ndarray, t: np.ndarray, evidence: Evidence) -> tuple[float, float]:
+    """Times between which a profile is significantly as high as at its peak: where it is first too low, to within the
+    spacing of its points."""
+    inside = np.flatnonzero(drops > drops.max() - evidence.criteria.significance.chance)
+    fine = evidence.criteria.numerics.events.fine
+    low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
+    return round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3)
 
 
 def _looked_at(evidence: Evidence, name: str, onset: float) -> np.ndarray:
@@ -325,12 +381,19 @@ def _statistics(steps: Sequence[_Steps], others: Mapping[int, int], records: Seq
     return np.stack([_joint(_Steps.joined([steps[r], *beside], _sum))[0] for r in records], axis=1)
 
 
-def further_records(evidence: Evidence, one: Attached) -> Attached:
-    """The event with onsets in those other records too in which, at its size and best onset, it lowers the deviance.
+def in_its_records(evidence: Evidence, one: Attached) -> Attached:
+    """The event in those records in which, at its size and best onset, it lowers the deviance.
 
-    An onset at either end of a record is not used: an event that helps most when it hardly acts is not an event.
+    An onset at either end of a record is not used: an event that helps most when it hardly acts is not an event. A
+    record that would be as well without it, as while a stuck surface has no command, does not have it.
     """
     base, judge, criteria = evidence.fit, Screen(evidence), evidence.criteria
+    if len(one.onsets) > 1:
+        others = [replace(one, onsets={k: v for k, v in one.onsets.items() if k != name}) for name in one.onsets]
+        profile = _profile(Screen(evidence).holding(one.name), one, others)
+        needs = {name: -float(profile[name][i]) for i, name in enumerate(one.onsets)}
+        least = min(criteria.significance.search, max(needs.values()))
+        one = replace(one, onsets={k: v for k, v in one.onsets.items() if needs[k] >= least})
     if len(one.onsets) == len(base.flight.records):
         return one
     further = {k: v for k, v in one.values.items() if k != "value"}

@@ -155,13 +155,29 @@ def at_baseline(baseline: Baseline) -> State:
 
 
 def _grown(state: State, say: Say) -> State:
-    """The state with causes added one at a time for as long as the sets are accepted.
+    """The state with causes added one at a time for as long as the sets are accepted; where something is still missing
+    at a port then, also those of last resort."""
+    effects, limit, missing = state.fit.flight.effects, state.fit.flight.limit, state.criteria.verdict.missing
+    usual, further = ([e for e in effects if e.last_resort is last] for last in (False, True))
+    accepted, refused = _with_accepted(state, usual, say)
+    before = None
+    for catalogue in (further, effects) if further else ():
+        if accepted is before or accepted.missing[0].gain < missing or limit.leaves_out(_FURTHER):
+            break
+        before = accepted
+        accepted, more = _with_accepted(before, catalogue, say)
+        refused = (*refused, *more)
+    if len(accepted.rounds) < 2 or not limit.leaves_out("alternatives of causes beside those named later"):
+        accepted = swapped(accepted)
+    return replace(accepted, rounds=(*accepted.rounds, *refused))
 
-    Two causes may explain together what neither explains alone. A few sets may therefore be refused on the way to an
-    accepted one.
+
+def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple[State, tuple[Round, ...]]:
+    """The state with all causes of a catalogue that are accepted, and the rounds that were refused behind it.
+
+    Two causes may explain together what neither explains alone: a few sets may be refused on the way to one.
     """
     accepted, numerics, limit = state, state.criteria.numerics.naming, state.fit.flight.limit
-    catalogue: Sequence[Effect] = state.fit.flight.effects
     for _ in range(len(state.rounds), numerics.rounds):
         if state.rounds and limit.leaves_out(_FURTHER):
             break
@@ -182,10 +198,7 @@ def _grown(state: State, say: Say) -> State:
             nonlinear = state.evidence.nonlinear
             kept = state.fit.flight.imitated_names
             catalogue = [e for e in catalogue if e.of_an_instrument or e.name in kept or (nonlinear and not e.timed)]
-    refused = tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
-    if len(accepted.rounds) < 2 or not limit.leaves_out("alternatives of causes beside those named later"):
-        accepted = swapped(accepted)
-    return replace(accepted, rounds=(*accepted.rounds, *refused))
+    return accepted, tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
 
 
 def _after_round(accepted: State, state: State) -> State:

@@ -62,6 +62,16 @@ class Screen:
         slots = len(evidence.fit.slots)
         self._terms = {} if exact else {term: slots + i for i, term in enumerate(evidence.terms)}
 
+    def holding(self, name: str) -> Screen:
+        """The same with a fitted parameter held, so that nothing may be made up for by it."""
+        slots = [slot.name for slot in self.base.slots]
+        if name in slots:
+            i = slots.index(name)
+            column = self.covariance[:, i] / max(self.covariance[i, i], 1e-300)
+            self.newton = self.newton - column * self.newton[i]
+            self.covariance = self.covariance - np.outer(column, self.covariance[i])
+        return self
+
     def projected(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float]:
         """(m'm, m'e, surviving share) of a sum of fingerprints; keep (parts, R) are weights of each record."""
         square = sum(float((k**2 * p.square).sum()) for p, k in zip(parts, keep, strict=True))
@@ -92,7 +102,8 @@ class Screen:
         reproduce.
         """
         left, match, share = self.projected(parts, keep)
-        if left <= 0.0 or share < self.criteria.screening.surviving:
+        # How much of a term survives depends on where its variables have their zero: krpm^2 far from it is a line.
+        if left <= 0.0 or (share < self.criteria.screening.surviving and not parts[0].effect.quasi_steady):
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
 

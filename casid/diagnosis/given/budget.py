@@ -189,7 +189,8 @@ def _in_record(view: View, r: int, best: View) -> dict[str, float]:
         error = view.simulated.residual[:, r, i]
         if name in best.channels and not np.isnan(error).all():
             noise = best.fit.noise.measurement[name]
-            found[name] = math.sqrt((float(np.nanmean((error / noise) ** 2)) + every - 1) / every)
+            with np.errstate(over="ignore"):  # of a simulation that departs
+                found[name] = math.sqrt((float(np.nanmean((error / noise) ** 2)) + every - 1) / every)
     return found
 
 

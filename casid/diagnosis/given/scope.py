@@ -13,14 +13,8 @@ import numpy as np
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.criteria import Criteria, GivenCriteria
 from casid.diagnosis.flight.flight import Flight, prepare
-from casid.diagnosis.given.contradicted import (
-    Contradiction,
-    Factor,
-    FlightValue,
-    borne_out,
-    common_factors,
-    contradicted,
-)
+from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
+from casid.diagnosis.given.factors import Factor, borne_out, common_factors
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import unknown
 from casid.model.aircraft import Aircraft

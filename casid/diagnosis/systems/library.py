@@ -91,7 +91,8 @@ class Library:
     kinds
         Names of kinds of causes; default all.
     degree
-        Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried.
+        Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried. Where an
+        equation is still unexplained, monomials in one or two variables of one degree more are tried.
     regressors
         Name -> further term that an equation may lack: a function of a namespace of the model's states and inputs
         that returns a CasADi expression.
@@ -140,18 +141,30 @@ class Library:
         """
         names = (*model.states, *model.inputs)
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
-        found: dict[str, ca.SX] = {}
-        if self.degree:
-            found["1"] = ca.SX(1.0)
+        found = {"1": ca.SX(1.0)} if self.degree else {}
         for degree in range(1, self.degree + 1):
-            for which in combinations_with_replacement(range(len(names)), degree):
-                powers = {names[i]: which.count(i) for i in dict.fromkeys(which)}
-                name = "*".join(n if k == 1 else f"{n}^{k}" for n, k in powers.items())
-                found[name] = ca.SX(1.0)
-                for i in which:
-                    found[name] = found[name] * symbols[i]
+            found |= _monomials(names, symbols, degree)
         space = SimpleNamespace(**dict(zip(names, symbols, strict=True)))
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
+
+    def further_terms(self, model: Model) -> dict[str, ca.SX]:
+        """The monomials of one degree more in one or two variables, by name."""
+        symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
+        names = (*model.states, *model.inputs)
+        found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
+        return {name: term for name, term in found.items() if name.count("*") <= 1}
+
+
+def _monomials(names: Sequence[str], symbols: Sequence[ca.SX], degree: int) -> dict[str, ca.SX]:
+    """Name -> product of a degree."""
+    found = {}
+    for which in combinations_with_replacement(range(len(names)), degree):
+        powers = {i: which.count(i) for i in dict.fromkeys(which)}
+        name = "*".join(names[i] if k == 1 else f"{names[i]}^{k}" for i, k in powers.items())
+        found[name] = ca.SX(1.0)
+        for i in which:
+            found[name] = found[name] * symbols[i]
+    return found
 
 
 def effects_of(
@@ -164,14 +177,14 @@ def effects_of(
 ) -> list[Effect]:
     """All causes of a library for this model: at its ports, and for its `free` parameters."""
     found: list[Effect] = []
-    terms = tuple(library.terms(model))
+    terms = dict.fromkeys(library.terms(model), False) | dict.fromkeys(library.further_terms(model), True)
     for port in ports:
         if port.kind == "input":
             found += _of_input(port, records, criteria)
         elif port.kind == "output":
             found += _of_output(port, records, criteria)
         else:
-            found += [_term(port, name) for name in terms]
+            found += [replace(_term(port, name), last_resort=last) for name, last in terms.items()]
     if len(records) > 1:
         found += [_parameter(name) for name in free]
     return [

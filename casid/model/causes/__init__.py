@@ -23,7 +23,7 @@ from casid.model.causes.instruments import (
     structural_mode,
     vane_position,
 )
-from casid.model.causes.loading import cg_offset, inertia, mass, thrust_asymmetry, thrust_line
+from casid.model.causes.loading import cg_offset, inertia, mass, moment_reference, thrust_asymmetry, thrust_line
 from casid.model.causes.recording import clock_drift, position_error, sensor_misalignment, thrust_scale
 from casid.model.causes.rotors import (
     added_mass,
@@ -61,6 +61,7 @@ __all__ = [
     "inertia",
     "input_delay",
     "mass",
+    "moment_reference",
     "position_error",
     "rate_limit",
     "rotor_delay",

@@ -173,14 +173,15 @@ def effectiveness_change(surface: str) -> Effect:
     "stuck",
     targets=SURFACES,
     unit="1",
-    quantity="part of the command that is not followed, 1: none of it, from the onset on for a duration",
+    quantity="part of the command that is not followed, 1: none of it, from the onset on for a duration; the parameter "
+    "`beside` is where the surface stands, less its record at the onset, which has noise",
     sentence="The {label} stays where it is and does not follow its command, {percent} of it.",
 )
 def stuck(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         onset, recorded = values["onset"], known[surface]
         during = operators.step(t, onset) - operators.step(t, onset + values.get("duration", _TO_THE_END))
-        held = float(np.interp(onset, t, recorded))
+        held = float(np.interp(onset, t, recorded)) + values.get("beside", 0.0)
         return {station.control(surface): values["value"] * during * (held - recorded)}
 
     return Effect(
@@ -188,9 +189,9 @@ def stuck(surface: str) -> Effect:
         target=surface,
         timed=True,
         recurring=True,
-        extent="duration",
-        grid=tuple({"duration": v} for v in (2.0, 5.0, _TO_THE_END)),
-        defaults={"duration": _TO_THE_END},
+        lasts="duration",
+        grid=tuple({"duration": v, "beside": 0.0} for v in (2.0, 5.0, _TO_THE_END)),
+        defaults={"duration": _TO_THE_END, "beside": 0.0},
         series=series,
         meaningful=0.5,
         limit=1.2,

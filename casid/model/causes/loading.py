@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
 from casid.model.effect import Effect, Symbols, cause
-from casid.model.path import SignalPath
+from casid.model.path import SignalPath, wing_loads
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
 _MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
@@ -42,6 +43,31 @@ def cg_offset(axis: str) -> Effect:
         change=change,
         meaningful=matters,
         limit=3.0,
+    )
+
+
+def _never_alone(aircraft: Airframe) -> Iterable[Effect]:
+    """None: the derivatives of the moments imitate it in every record. It is found by what these have in common."""
+    return ()
+
+
+@cause(
+    "moment_reference",
+    targets=("x",),
+    candidates=_never_alone,
+    unit="m",
+    title="moments about another point along {target}",
+    quantity="position of the point that the moments of the file are about, from the c.g., forward positive",
+    sentence="The moments of the file are about a point {size} along body {target} from the centre of gravity.",
+)
+def moment_reference(axis: str) -> Effect:
+    def change(path: SignalPath, values: Symbols) -> None:
+        (_, Y, Z), _ = wing_loads(path)
+        path.moment[1] -= values["value"] * Z
+        path.moment[2] += values["value"] * Y
+
+    return Effect(
+        kind="moment_reference", target=axis, station="moments", change=change, meaningful=_CG_MATTERS, limit=3.0
     )
 
 

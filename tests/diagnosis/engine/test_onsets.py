@@ -15,7 +15,7 @@ from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import configuration_change, effectiveness_change, wind_shear
+from casid.model.causes import configuration_change, effectiveness_change, stuck, wind_shear
 from problems.do328 import do328
 
 _T = np.arange(0.0, 40.0, 1.0 / 25.0)
@@ -78,7 +78,7 @@ def test_what_helps_most_at_the_end_of_a_record_is_no_event_there(
     monkeypatch.setattr(events, "Screen", lambda _: judge)
     monkeypatch.setattr(events, "onset_grid", lambda *_: None)
     monkeypatch.setattr(events, "fingerprints", lambda *_: prints)
-    wider = events.further_records(evidence, one)  # pyright: ignore
+    wider = events.in_its_records(evidence, one)  # pyright: ignore
     assert wider.onsets == pytest.approx({"m1": 8.0} | ({"m2": 112.0} if joins else {}))
 
 
@@ -95,3 +95,29 @@ def test_a_configuration_change_in_every_record_is_found_in_every_record() -> No
     (found,) = events.configuration_changes(evidence)
     assert found.attached.effect.members == ("CL", "CD", "Cm")
     assert found.attached.onsets == pytest.approx(onsets, abs=1.0)
+
+
+@pytest.mark.parametrize(("begun", "lasting"), [(9.0, 8.0), (13.5, 2.0)])
+def test_a_stuck_surface_is_told_from_its_onset_to_its_end(begun: float, lasting: float) -> None:
+    """Truth: from 12 s to 16 s. The command stands still from 5 to 15 s: any onset there explains the records, and all
+    are told; the end lies within a doublet. Another duration does not move the onset."""
+    true = Attached(effect=stuck("delta_e"), values={"value": 1.0, "duration": 4.0}, onsets={"m1": 12.0})
+    flight = prepare(do328(), flights([true], seed=3, count=2))
+    near = replace(true, onsets={"m1": begun}, values={"value": 1.0, "duration": lasting, "beside": 0.0})
+    assert near.with_values({"duration": 3.0}).onsets == near.onsets
+    found, intervals = events.at_peak(weigh(fit(flight, [near], flight.noise())))
+    one = found.fit.attached[-1]
+    assert one.values["value"] == pytest.approx(1.0, abs=0.05)
+    low, high = intervals["m1"]
+    first, last = events.end_intervals(found, one)["m1"]
+    assert low < 6.0 and 12.0 < high < 15.4
+    assert first <= 16.0 <= last and last - first < 1.2
+
+
+def test_an_event_is_in_no_record_that_does_not_show_it() -> None:
+    """Truth: stuck in m1 alone. In m2 the same is tried while the command stands still, where nothing can tell."""
+    true = Attached(effect=stuck("delta_e"), values={"value": 1.0, "duration": 4.0}, onsets={"m1": 12.0})
+    flight = prepare(do328(), flights([true], seed=3, count=2))
+    near = replace(true, onsets={"m1": 12.0, "m2": 6.0})
+    found = events.in_its_records(weigh(fit(flight, [near], flight.noise())), near)
+    assert found.onsets == true.onsets

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 from small_flight import records
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.given.contradicted import FlightValue, borne_out, common_factors
+from casid.diagnosis.given.contradicted import FlightValue
+from casid.diagnosis.given.factors import borne_out, common_factors
 from casid.diagnosis.given.scope import scope_of
+from casid.model.causes import moment_reference
+from casid.model.dynamics import aircraft_model
 from casid.model.plausible import Doubt
 from casid.model.tables import table
 from problems.do328 import do328
@@ -113,3 +117,48 @@ def test_a_unit_is_refuted_alike_by_a_derivative_and_by_a_table_with_the_same_sl
 def test_a_doubt_that_is_no_unit_stays() -> None:
     doubt = Doubt(parameter="trim rho", given=12.0, unit="kg/m3", sentence="no air is that dense")
     assert borne_out((doubt,), FILE, flown({})) == (doubt,)
+
+
+def about(x: float) -> dict[str, FlightValue]:
+    """What flight says where the moments of the file are about a point x ahead of the centre of gravity."""
+    moved = flown({})
+    beside = {"Cm": ("CL", FILE.moment_length_pitch), "Cn": ("CY", FILE.moment_length_lateral)}
+    for name, one in moved.items():
+        force, length = beside.get(name[:2], ("", 1.0))
+        moved[name] = replace(one, value=one.value + x * FILE.derivatives.get(force + name[2:], 0.0) / length)
+    return moved
+
+
+@pytest.mark.parametrize("x", [-0.4, 0.3])
+def test_moments_about_another_point_are_one_distance(x: float) -> None:
+    """Every moment differs by the force of the same variable times the distance."""
+    (found,) = common_factors(FILE, about(x))
+    assert found.kind == "moment_reference" and found.unit == "m"
+    assert found.factor == pytest.approx(x, abs=3.0 * found.std)
+    assert {"Cm_alpha", "Cn_beta"} <= set(found.derivatives)
+
+
+def test_one_moment_that_differs_alone_is_no_other_point() -> None:
+    """If only Cm_alpha moved, Cn_beta and Cm_delta_e speak against a point of reference."""
+    assert common_factors(FILE, flown({"Cm_alpha": 1.5, "Cm_delta_e": 1.2})) == ()
+
+
+def test_the_cause_is_the_cross_product_of_its_distance_and_the_force() -> None:
+    """A trimmed flight with it turns by M / I more: the normal force times the distance."""
+    model = aircraft_model(FILE, effects=[moment_reference("x")])
+    names = [*model.states]
+    rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [model.f])
+    state = np.array([FILE.trim.get("V", 100.0) if n == "u" else 10.0 if n == "w" else 0.0 for n in names])
+    inputs = np.array([FILE.trim.get("rho", 1.0) if n == "rho" else 0.0 for n in model.inputs])
+    at = {name: list(model.parameters).index(name) for name in model.parameters}
+
+    def flown_with(x: float) -> np.ndarray:
+        values = model.nominal_vector().copy()
+        values[at["moment_reference(x)"]] = x
+        return np.asarray(rates(state, inputs, values, np.zeros(len(model.disturbances)))).ravel()
+
+    more = flown_with(0.1) - flown_with(0.0)
+    still = flown_with(0.0)
+    turned = still[names.index("w")] - FILE.gravity + state[names.index("u")] * 0.0  # specific force along z, no rates
+    assert more[names.index("q")] == pytest.approx(-0.1 * FILE.mass * turned / FILE.inertia.Iyy, rel=1e-6)
+    assert more[names.index("w")] == 0.0

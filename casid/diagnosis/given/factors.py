@@ -1,0 +1,295 @@
+"""One number that accounts for many contradicted derivatives: a common factor, or another point of reference.
+
+A wrong inertia, length, area, mass or gearing scales a whole group of derivatives by one number. Moments about a point
+that is not the centre of gravity differ by the force times its distance, in every term of the force. If one number
+fits as well as free derivatives, it is reported first.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+from casid.data_check.relations import FILE_UNITS, file_units
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.given.contradicted import FlightValue
+from casid.model.aircraft import Aircraft
+from casid.model.causes import moment_reference
+from casid.model.numbers import with_deviation
+from casid.model.plausible import Doubt
+from casid.model.terms import derivative_term
+from casid.signals import SURFACES
+
+_FORCES, _MOMENTS = ("CL", "CD", "CY", "CX", "CZ"), ("Cl", "Cm", "Cn")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Factor:
+    """A factor common to a group of derivatives.
+
+    Attributes
+    ----------
+    row
+        The group in words, as "Cm" or "all derivatives with delta_e".
+    factor, std
+        Flight over file, and its 1-sigma.
+    means
+        What in the file may be wrong by that factor or its inverse.
+    derivatives
+        Names of the derivatives that it stands for.
+    kind, unit
+        Kind of the cause that the number is the value of, with its unit; empty for a factor.
+    """
+
+    row: str
+    factor: float
+    std: float
+    means: tuple[str, ...]
+    derivatives: tuple[str, ...]
+    kind: str = ""
+    unit: str = ""
+
+    @property
+    def brief(self) -> str:
+        """The number in a few words."""
+        return f"{self.row} {self.factor:+.2f} {self.unit}" if self.kind else f"{self.row} times {self.factor:.2f}"
+
+    @property
+    def sentence(self) -> str:
+        """What flight says of the group, and what it may mean."""
+        if self.kind:
+            return (
+                f"{self.row}: {', '.join(self.derivatives)} differ from the file as if its moments were about a point "
+                f"{with_deviation(self.factor, self.std)} {self.unit} from the centre of gravity along body x, forward "
+                f"positive. Look first at {self.means[0]}."
+            )
+        causes = " or ".join([", ".join(self.means[:-1]), self.means[-1]] if self.means[1:] else self.means)
+        return (
+            f"{self.row}: {', '.join(self.derivatives)} are {with_deviation(self.factor, self.std)} times the values "
+            f"of the file, all by the same factor. Look first at {causes}."
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """One entry of `factors` in diagnosis.json."""
+        return {
+            "row": self.row,
+            "kind": self.kind or "factor",
+            "unit": self.unit,
+            "factor": self.factor,
+            "std": self.std,
+            "means": list(self.means),
+            "derivatives": list(self.derivatives),
+            "sentence": self.sentence,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Group:
+    """Derivatives that one wrong number of the file scales: their name as a group, the derivatives, and the number."""
+
+    row: str
+    holds: Callable[[str, str], bool]  # of coefficient and variable
+    means: tuple[str, ...]
+
+
+_GROUPS: tuple[_Group, ...] = (
+    _Group(
+        row="all coefficients",
+        holds=lambda c, v: True,
+        means=("the reference area", "the dynamic pressure (airspeed or density)"),
+    ),
+    _Group(row="all forces", holds=lambda c, v: c in _FORCES, means=("the mass", "the scale of the accelerometers")),
+    _Group(row="all moments", holds=lambda c, v: c in _MOMENTS, means=("the inertia", "the reference lengths")),
+    *(
+        _Group(row=row, holds=lambda c, v, row=row: c == row, means=(inertia, length))
+        for row, inertia, length in (
+            ("Cl", "Ixx", "the lateral moment length"),
+            ("Cm", "Iyy", "the pitch moment length"),
+            ("Cn", "Izz", "the lateral moment length"),
+        )
+    ),
+    *(
+        _Group(
+            row=f"all derivatives with {surface}",
+            holds=lambda c, v, surface=surface: v == surface,
+            means=(f"the gearing or the unit of {surface}",),
+        )
+        for surface in SURFACES
+    ),
+    *(
+        _Group(
+            row=f"all derivatives with {angle}",
+            holds=lambda c, v, angle=angle: v == angle,
+            means=(f"the scale of the {angle} vane, which an upwash changes",),
+        )
+        for angle in ("alpha", "beta")
+    ),
+    _Group(
+        row="all derivatives with the lateral rates",
+        holds=lambda c, v: v in ("p", "r", "betadot"),
+        means=("the lateral rate length (half span or span)",),
+    ),
+    _Group(
+        row="all derivatives with the pitch rate",
+        holds=lambda c, v: v in ("q", "alphadot"),
+        means=("the pitch rate length (half chord or chord)",),
+    ),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ratio:
+    """One number by one derivative, and its 1-sigma with the usual misfit of a linear structure: flight value over file
+    value, or the distance [m] that makes their difference. `stated` is the 1-sigma of the file in the same unit."""
+
+    name: str
+    coefficient: str
+    variable: str
+    ratio: float
+    std: float
+    stated: float
+
+
+def common_factors(
+    aircraft: Aircraft,
+    flight: Mapping[str, FlightValue],
+    criteria: Criteria | None = None,
+    slopes: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[Factor, ...]:
+    """The common factors of groups of derivatives, the largest group first. A derivative is in one group at most.
+
+    A group has a common factor if every derivative that flight determines is consistent with it, if the factor differs
+    from 1 by more than its standard deviations and by more than 10 %, and if it is clearly more likely than errors of
+    the stated size that have nothing to do with each other. At least two derivatives are required.
+    `slopes` are those of derivatives by tables and own aerodynamics, to which the derivatives of the file are
+    increments.
+    """
+    by = criteria or Criteria()
+    left, found = _ratios(aircraft, flight, by, slopes), []
+    for group in _GROUPS:
+        members = [one for one in left if group.holds(one.coefficient, one.variable)]
+        scope = {(one.coefficient, one.variable) for one in members}
+        if len(scope) < 2 or (factor := _common(members, by, 1.0, by.prior.unstated)) is None or factor[0] <= 0.0:
+            continue
+        value, std = factor
+        names = tuple(one.name for one in members)
+        found.append(Factor(row=group.row, factor=value, std=std, means=group.means, derivatives=names))
+        left = [one for one in left if one.name not in names]
+    scaled = {name for one in found for name in one.derivatives}
+    members = [one for one in _distances(aircraft, flight, by) if one.name not in scaled]
+    least = float(_REFERENCE.smallest_that_matters(aircraft) or 0.0)
+    if (reference := _common(members, by, 0.0, least)) is not None:
+        names, means = tuple(one.name for one in members), ("the point that the moments of the file are about",)
+        told = {"kind": _REFERENCE.kind, "unit": _REFERENCE.unit}
+        found.append(
+            Factor(row="moments", factor=reference[0], std=reference[1], means=means, derivatives=names, **told)
+        )
+    return tuple(found)
+
+
+_REFERENCE = moment_reference("x")
+
+
+def _distances(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria) -> Iterator[_Ratio]:
+    """By each moment derivative that flight determines: the distance of the reference point of the file ahead of the
+    centre of gravity that makes its difference, as the force that has the same variable acts there.
+    """
+    force, sign = ("CL", 1.0) if aircraft.force_axes == "wind" else ("CZ", -1.0)
+    arms = {"Cm": (force, sign, aircraft.moment_length_pitch), "Cn": ("CY", 1.0, aircraft.moment_length_lateral)}
+    for name, given in aircraft.derivatives.items():
+        coefficient, term = derivative_term(name)
+        variable = name.partition("_")[2]
+        beside, sign, length = arms.get(coefficient, ("", 0.0, 1.0))
+        arm = sign * aircraft.derivatives.get(f"{beside}_{variable}", 0.0) / length
+        if not arm or term.degree > 1 or name not in flight or not flight[name].determined:
+            continue
+        one = flight[name].nearest(given)
+        std = math.hypot(one.std, criteria.size.share * one.value)
+        stated = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(given)
+        yield _Ratio(
+            name=name,
+            coefficient=coefficient,
+            variable=variable,
+            ratio=(one.value - given) / arm,
+            std=std / abs(arm),
+            stated=stated / abs(arm),
+        )
+
+
+def _ratios(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, slopes: Mapping[str, float]
+) -> list[_Ratio]:
+    """Of the derivatives that flight determines; a constant has no slope to be scaled."""
+    found = []
+    for name, value in aircraft.derivatives.items():
+        coefficient, term = derivative_term(name)
+        beside = slopes.get(name, 0.0)
+        given = value + beside
+        if term.degree != 1 or not given or name not in flight or not flight[name].determined:
+            continue
+        one = flight[name].nearest(value)
+        ratio = (one.value + beside) / given
+        std = math.hypot(one.std / given, criteria.size.share * ratio)
+        stated = aircraft.relative_uncertainty or criteria.prior.unstated
+        variable = term.factors[0][0]
+        found.append(_Ratio(name=name, coefficient=coefficient, variable=variable, ratio=ratio, std=std, stated=stated))
+    return found
+
+
+def _common(members: Sequence[_Ratio], criteria: Criteria, null: float, least: float) -> tuple[float, float] | None:
+    """The number that all members have in common and its 1-sigma; None where there is none, or where it differs from
+    that of a right file (`null`) by less than `least`."""
+    if len(members) < 2:
+        return None
+    weights = [one.std**-2 for one in members]
+    value = math.fsum(w * one.ratio for w, one in zip(weights, members, strict=True)) / math.fsum(weights)
+    std, sigmas = math.fsum(weights) ** -0.5, criteria.significance.sigmas
+    alike = all(abs(one.ratio - value) <= sigmas * one.std for one in members)
+    other = abs(value - null) > max(sigmas * std, least)
+    each = sum(abs(one.ratio - null) > sigmas * one.std for one in members)
+    together = _deviance(members, value, 0.0) + math.log(len(members))
+    likelier = _deviance(members, null, 1.0) - together > criteria.significance.chance
+    return (value, std) if alike and other and likelier and each >= 2 else None
+
+
+def _deviance(members: Sequence[_Ratio], about: float, errors: float) -> float:
+    """-2 ln L of the members, up to a constant, about one value, with `errors` times those that the file states."""
+    variances = [one.std**2 + (errors * one.stated) ** 2 for one in members]
+    return math.fsum((one.ratio - about) ** 2 / v + math.log(v) for one, v in zip(members, variances, strict=True))
+
+
+def borne_out(
+    doubts: Sequence[Doubt],
+    aircraft: Aircraft,
+    flight: Mapping[str, FlightValue],
+    criteria: Criteria | None = None,
+    slopes: Mapping[str, float] = MappingProxyType({}),
+) -> tuple[Doubt, ...]:
+    """The doubts without those about a unit that flight refutes.
+
+    A unit scales every derivative that it touches by a known factor. It is said only when the re-estimated value of
+    each of them is nearer to that factor than to the file, on the scale of logarithms. `slopes` are those of
+    derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
+    """
+    ratios = _ratios(aircraft, flight, criteria or Criteria(), slopes)
+    kept, known = [], dict.fromkeys((*FILE_UNITS, *file_units(aircraft)))
+    for doubt in doubts:
+        units = [unit for unit in known if unit.parameter == doubt.parameter]
+        refuted = [_refuted(unit.scale_of, ratios) for unit in units]
+        if not (units and all(refuted)):
+            kept.append(doubt)
+    return tuple(kept)
+
+
+def _refuted(scale_of: Callable[[str, str], float], ratios: Sequence[_Ratio]) -> bool:
+    """Whether a derivative that depends on the unit is nearer to the file than to the value that the unit implies."""
+    for one in ratios:
+        scale = scale_of(one.coefficient, one.variable)
+        if scale == 1.0:
+            continue
+        if one.ratio <= 0.0 or abs(math.log(one.ratio / scale)) > abs(math.log(one.ratio)):
+            return True
+    return False
