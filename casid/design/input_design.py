@@ -34,7 +34,12 @@ _UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
 _FIRST_ITERATIONS = 24  # by BFGS from each start, of which the best goes on; after 12 the order still changes
 _ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from the best of these; with the exact Hessian from its end
 _TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
-_NEAR = 1e-6  # of a limit: how near to it the exact Hessian takes over
+_MEMORY = 20  # steps that BFGS remembers
+_NEAR = 1e-6  # of a limit: how near to it a solver goes on where another stopped
+_PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
+_WARM = {"acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4} | {
+    f"warm_start_{name}": _NEAR for name in _PUSHES
+}
 _SLACK = 1e-3  # of a limit: what a solution may exceed it by
 _LOOSE = 1e-6  # of what the readings tell of an initial state: what its prior tells, for those that they do not tell
 
@@ -233,14 +238,12 @@ class _InputSearch:
 
     @cached_property
     def _quasi_newton(self) -> ca.Function:
-        options = {"max_iter": _ITERATIONS, "acceptable_tol": 1e-3, "acceptable_iter": 8}
-        return self._solver({"hessian_approximation": "limited-memory"} | options)
+        memory = {"hessian_approximation": "limited-memory", "limited_memory_max_history": _MEMORY}
+        return self._solver({"max_iter": _ITERATIONS} | memory | _WARM | {"acceptable_tol": 1e-3, "acceptable_iter": 8})
 
     @cached_property
     def _exact(self) -> ca.Function:
-        pushes = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
-        options = {"max_iter": _EXACT_ITERATIONS, "acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4}
-        return self._solver(options | {f"warm_start_{name}": _NEAR for name in pushes})
+        return self._solver({"max_iter": _EXACT_ITERATIONS} | _WARM)
 
     def _solver(self, options: dict[str, Any]) -> ca.Function:
         common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
@@ -298,7 +301,7 @@ class _InputSearch:
             if found.is_optimal:
                 break
             further = self._run(getattr(self, solver), x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
-            if further is not None and self.cost(further.z) <= self.cost(found.z):
+            if further is not None and self.cost(further.z) <= self.cost(found.z) + further.is_optimal * _SLACK:
                 found = further
         return found
 
