@@ -157,11 +157,6 @@ class RangeWeights:
         ----------
         measured
             Measurements (samples, channels).
-
-        Returns
-        -------
-        ndarray
-            One weight for each channel.
         """
         low, high = np.nanmin(measured, axis=0), np.nanmax(measured, axis=0)
         return np.minimum(1.0 / np.maximum(high - low, 1e-300), self.maximum)

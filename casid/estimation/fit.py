@@ -224,11 +224,6 @@ class Fit:
             Name of a parameter.
         second
             Name of another one.
-
-        Returns
-        -------
-        float
-            Between -1 and 1.
         """
         names = list(self.parameters)
         i, j = names.index(self[first].name), names.index(self[second].name)
@@ -245,13 +240,7 @@ class Fit:
         return matrix
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None."""
         channels = {
             name: {"rms": _number(c.rms), "R2": _number(c.R2), "theil": _number(c.theil), "samples": c.samples}
             for name, c in self.channels.items()
@@ -316,11 +305,6 @@ class Fit:
         ----------
         record
             Name of the record.
-
-        Returns
-        -------
-        Figure
-            Figure of matplotlib.
         """
         return view("fit.plot")(self, record)
 
@@ -337,11 +321,6 @@ class Fit:
             A record, or the name of its file.
         window_s
             Time from the start that determines the initial state [s].
-
-        Returns
-        -------
-        Simulation
-            States and outputs over the whole record.
         """
         return view("fit.predict")(self, record, window_s)
 
@@ -356,23 +335,11 @@ class Fit:
         save(self, path)
 
     def to_frame(self) -> DataFrame:
-        """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`.
-
-        Returns
-        -------
-        DataFrame
-            Data frame of pandas.
-        """
+        """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""
         return view("fit.frame")(self)
 
     def to_latex(self) -> str:
-        """Estimates as a LaTeX table, for the package booktabs.
-
-        Returns
-        -------
-        str
-            Lines of LaTeX.
-        """
+        """Estimates as a LaTeX table, for the package booktabs."""
         return view("fit.latex")(self)
 
     def _repr_html_(self) -> str:
@@ -391,13 +358,7 @@ class Fit:
         return self.summary()
 
     def summary(self) -> str:
-        """Status, remarks, estimates and channels as text.
-
-        Returns
-        -------
-        str
-            Several lines of text.
-        """
+        """Status, remarks, estimates and channels as text."""
         head = (
             f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s\n"

@@ -49,11 +49,6 @@ class InitialState:
         ----------
         record
             Name of the record.
-
-        Returns
-        -------
-        tuple
-            State -> value, and state -> 1-sigma, where they are given.
         """
         return of_record(self.value, record), of_record(self.std, record)
 

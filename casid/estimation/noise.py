@@ -61,11 +61,6 @@ class Noise:
             Model of the problem.
         output
             Name of the output.
-
-        Returns
-        -------
-        SX
-            Standard deviation of a reading.
         """
         if isinstance(self.sigma, str):
             return ca.SX.sym(self.sigma)

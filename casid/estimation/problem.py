@@ -246,11 +246,6 @@ class Problem:
         ----------
         record
             Its position among the records.
-
-        Returns
-        -------
-        ndarray
-            Positions in `parameters`.
         """
         return self._columns[record]
 
@@ -285,11 +280,6 @@ class Problem:
         ----------
         theta
             Free parameters, in the order of `parameters`.
-
-        Returns
-        -------
-        ndarray
-            In the order of the model's parameters.
         """
         values = self._known.copy()
         values[:, self.free_index] = theta[self._columns]
@@ -312,11 +302,6 @@ class Problem:
         ----------
         record
             Name of the record.
-
-        Returns
-        -------
-        dict
-            Parameter -> value.
         """
         return of_record(self.fixed, record)
 
@@ -370,11 +355,6 @@ class Problem:
         ----------
         record
             One of the records.
-
-        Returns
-        -------
-        ndarray
-            In the order of the model's outputs.
         """
         missing = np.full(len(record), np.nan)
         columns = [record.channels.get(name, missing) for name in self.model.outputs]
@@ -400,11 +380,6 @@ class Problem:
         ----------
         constraint
             A constraint of the problem.
-
-        Returns
-        -------
-        list
-            Coefficients of the free parameters.
         """
         per_record = any(name in self.local for name in constraint.coefficients)
         rows = []

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -33,7 +32,6 @@ from casid.signals import SURFACES, unit_of
 Values = Mapping[str, float]
 Symbols = Mapping[str, Any]  # the same as CasADi expressions
 Series = Mapping[str, np.ndarray]
-_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,14 +211,14 @@ class Kind:
     # quantity `term`
     unit: str
     sentence: str  # template; fields label, term, size, percent, target; [late|early] for either sign, then without it
-    title: str  # template of its short name; fields words (the kind), label, term, target
+    title: str = "{label}: {words}"  # template of its short name; fields words (the kind), label, term, target
     needs_term: bool = False
     terms: tuple[str, ...] = ()  # valid terms, where they are no monomials: body axes
     joined: bool = False  # the target is a set of `targets` that change together, written `CL+CD`
     optional: bool = False  # the target may be left out
     of_rotors: bool = False  # a target may be a rotor of the aircraft too, by its name, or "rotors" for all
     # further parameter -> make, of another effect of this kind that has it
-    variants: Mapping[str, Callable[..., Effect]]
+    variants: Mapping[str, Callable[..., Effect]] = field(default_factory=dict)
     # the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     candidates: Callable[[Airframe], Iterable[Effect]]
 
@@ -281,43 +279,22 @@ def cause(
     kind: str,
     *,
     targets: Iterable[str] = (),
-    unit: str,
-    quantity: str,
-    sentence: str,
-    title: str = "{label}: {words}",
-    needs_term: bool = False,
     terms: Iterable[str] = (),
-    joined: bool = False,
-    optional: bool = False,
-    of_rotors: bool = False,
-    variants: Mapping[str, Callable[..., Effect]] = _NOTHING,
+    needs_term: bool = False,
     candidates: Callable[[Airframe], Iterable[Effect]] | None = None,
+    **said: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
-    """Register a kind of cause, see `Kind`: the decorated function makes its Effect for a target (and a term).
-    `candidates` are one effect for every target when they are not given."""
-    valid = tuple(targets)
+    """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function makes its Effect for
+    a target (and a term). `candidates` are one effect for every target when they are not given."""
+    valid, terms = tuple(targets), tuple(terms)
 
     def register(make: Callable[..., Effect]) -> Callable[..., Effect]:
         def one_for_each_target(aircraft: Airframe) -> Iterable[Effect]:
-            rotors = aircraft.rotors.names if of_rotors and aircraft.rotors else ()
+            rotors = aircraft.rotors.names if said.get("of_rotors") and aircraft.rotors else ()
             return (make(target) for target in ((*valid, *rotors) or ("",)))
 
-        KINDS[kind] = Kind(
-            kind=kind,
-            make=make,
-            targets=valid,
-            unit=unit,
-            quantity=quantity,
-            sentence=sentence,
-            title=title,
-            needs_term=needs_term or bool(terms),
-            terms=tuple(terms),
-            joined=joined,
-            optional=optional,
-            of_rotors=of_rotors,
-            variants=variants,
-            candidates=candidates or one_for_each_target,
-        )
+        told = {"targets": valid, "terms": terms, "needs_term": needs_term or bool(terms)}
+        KINDS[kind] = Kind(kind=kind, make=make, candidates=candidates or one_for_each_target, **told, **said)
         return make
 
     return register

@@ -26,19 +26,15 @@ _SETTLED = 1e-12  # change of a covariance in units of its standard deviations
 class FullNoise:
     """Covariance `matrix` (o, o) of the noise of the outputs, `fixed` when it was given; the same interface as
     NoiseLevels.
-
-    share, present   (o,) as in NoiseLevels; the share is one everywhere
-    measured         moments of the measurements: rounding of the residuals is relative to them
-    floor            moments that are always added: data without noise
-    patterns         number, present channels and samples of each pattern that occurs
     """
 
     matrix: np.ndarray
     fixed: bool
-    share: np.ndarray
+    share: np.ndarray  # share, present: (o,) as in NoiseLevels; the share is one everywhere
     present: np.ndarray
-    measured: np.ndarray
-    floor: np.ndarray
+    measured: np.ndarray  # moments of the measurements: rounding of the residuals is relative to them
+    floor: np.ndarray  # moments that are always added: data without noise
+    # number, present channels and samples of each pattern that occurs
     patterns: tuple[tuple[int, np.ndarray, int], ...]
 
     full: ClassVar[bool] = True

@@ -62,11 +62,6 @@ class GaussNewton:
         ----------
         objective
             Of the problem as it is transcribed.
-
-        Returns
-        -------
-        Outcome
-            Last point, its value, and the status.
         """
         return _Iteration(objective, self).run()
 

@@ -70,11 +70,6 @@ class Ipopt:
         objective
             Cost and transcription of a problem.
 
-        Returns
-        -------
-        Outcome
-            Last point, its value, and the status.
-
         Raises
         ------
         EstimationError

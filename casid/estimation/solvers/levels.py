@@ -22,22 +22,16 @@ class NoiseLevels:
     Estimated: the root mean square of each channel's residuals, which is the likelihood's maximum for given
     parameters. Range weights (`proportional`): their proportions stay (paper eq. 13), and one common factor makes the
     mean square of all weighted residuals one, so that priors weigh against the data as they should.
-
-    share       (channels,) weight of each channel's part in the cost
-    present     (channels,) samples that are there
-    floor       (channels,) least 1-sigma: data without noise
-    start       (channels,) sigma before any residual is known
-    magnitude   (channels,) sum of squares of the measurements
     """
 
     sigma: np.ndarray
     fixed: bool
     proportional: bool
-    share: np.ndarray
-    present: np.ndarray
-    floor: np.ndarray
-    start: np.ndarray
-    magnitude: np.ndarray
+    share: np.ndarray  # (channels,) weight of each channel's part in the cost
+    present: np.ndarray  # (channels,) samples that are there
+    floor: np.ndarray  # (channels,) least 1-sigma: data without noise
+    start: np.ndarray  # (channels,) sigma before any residual is known
+    magnitude: np.ndarray  # (channels,) sum of squares of the measurements
 
     full: ClassVar[bool] = False
 

@@ -94,11 +94,6 @@ class Automatic:
         ----------
         objective
             Cost and transcription of a problem.
-
-        Returns
-        -------
-        Outcome
-            Last point, its value, and the status.
         """
         begin = time.perf_counter()
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters

@@ -54,17 +54,14 @@ class PathStep:
 class HeldPaths:
     """What hard path limits hold at a point, in the parameters and in unknowns v of unit information, independent of
     them, by which initial states and random defects move the samples that are held.
-
-    rows         (limits, parameters + v) derivatives: one limit for all samples that follow each other at it, whose
-                 maximum lies between them
-    multipliers  (limits,) positive at an upper limit
-    equal        (limits,) whether a limit is upper and lower one
-    motion       per record (segments, n, v of the record) how its v move the nodes; the v of records follow each other
     """
 
+    # (limits, parameters + v) derivatives: one limit for all samples that follow each other at it, whose maximum lies
+    # between them
     rows: np.ndarray
-    multipliers: np.ndarray
-    equal: np.ndarray
+    multipliers: np.ndarray  # (limits,) positive at an upper limit
+    equal: np.ndarray  # (limits,) whether a limit is upper and lower one
+    # per record (segments, n, v of the record) how its v move the nodes; the v of records follow each other
     motion: list[np.ndarray]
 
     def columns(self, record: int) -> np.ndarray:

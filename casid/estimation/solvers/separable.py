@@ -18,23 +18,17 @@ from casid.estimation.transcriptions.dynamics import ShotDerivatives
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Separable:
-    """The programme with symbols `end`, `y` in place of what is simulated; residual and g are written in these.
+    """The programme with symbols `end`, `y` in place of what is simulated; residual and g are written in these."""
 
-    derivatives, arguments   of the segments, and what they are taken at
-    simulated                end and outputs as expressions in the variables
-    curvature                (o, K*L) of half the sum of squares, in the outputs
-    scale                    of the variables: theta, nodes, others
-    """
-
-    derivatives: ShotDerivatives
+    derivatives: ShotDerivatives  # derivatives, arguments: of the segments, and what they are taken at
     arguments: list[ca.MX]
-    simulated: tuple[ca.MX, ca.MX]
+    simulated: tuple[ca.MX, ca.MX]  # end and outputs as expressions in the variables
     end: ca.MX
     y: ca.MX
     residual: ca.MX
     g: ca.MX
-    curvature: ca.MX
-    scale: ca.MX
+    curvature: ca.MX  # (o, K*L) of half the sum of squares, in the outputs
+    scale: ca.MX  # of the variables: theta, nodes, others
 
 
 def separable_functions(

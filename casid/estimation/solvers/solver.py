@@ -15,23 +15,18 @@ from casid.estimation.solvers.status import Status
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Where a solver stopped and why; `linear` is the linearisation at the point when the solver has it.
-
-    stationarity        length of a further Gauss-Newton step in standard deviations of the solution
-    limit_multipliers   one per row of the linear constraints, positive at an upper limit
-    solver              name of the one that came to this point
-    attracted           whether whole steps came ever nearer: a stationary point that attracts steps downhill by any
-                        positive definite curvature is a minimum to second order
-    """
+    """Where a solver stopped and why; `linear` is the linearisation at the point when the solver has it."""
 
     point: Point
     value: ObjectiveValue
     status: Status
     iterations: int
-    stationarity: float
-    limit_multipliers: np.ndarray
+    stationarity: float  # length of a further Gauss-Newton step in standard deviations of the solution
+    limit_multipliers: np.ndarray  # one per row of the linear constraints, positive at an upper limit
     linear: Linearised | None = None
-    solver: str = "GaussNewton"
+    solver: str = "GaussNewton"  # name of the one that came to this point
+    # whether whole steps came ever nearer: a stationary point that attracts steps downhill by any positive definite
+    # curvature is a minimum to second order
     attracted: bool = False
 
     @property

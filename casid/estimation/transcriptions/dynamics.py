@@ -51,22 +51,17 @@ class Lift(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Blocks:
-    """Of each segment:
+    """What the simulation of each segment gives."""
 
-    hessian           (K, n+f, n+f) of 1/2 sum (whitened residual)^2
-    channel_gradient  (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
-    transition, end   the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
-    covariance        (K, n, n) that process noise adds to the end state; None without
-    lift              how interior states follow, only of collocation; gradients are then those at the predictions that
-                      satisfy its linearised equations
-    """
-
-    hessian: np.ndarray
-    channel_gradient: np.ndarray
+    hessian: np.ndarray  # (K, n+f, n+f) of 1/2 sum (whitened residual)^2
+    channel_gradient: np.ndarray  # (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
     gradient: np.ndarray
+    # transition, end: the end state (K, n) and its derivatives (K, n, n+f) in start state and parameters
     transition: np.ndarray
     end: np.ndarray
-    covariance: np.ndarray | None
+    covariance: np.ndarray | None  # (K, n, n) that process noise adds to the end state; None without
+    # how interior states follow, only of collocation; gradients are then those at the predictions that satisfy its
+    # linearised equations
     lift: Lift | None = None
 
 
@@ -82,32 +77,24 @@ class Slab:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ProblemSymbols:
-    """The unknowns and data of a nonlinear programme, one column per segment or sample (CasADi MX):
+    """The unknowns and data of a nonlinear programme, one column per segment or sample (CasADi MX)."""
 
-    nodes   (n, K) start states; points (n, K*d) interior states of collocation, None without
-    u0, u1  (m, K*L) inputs at both ends of each sample interval; dt (1, K*L) its length [s]
-    base    (q, K) fixed values of all model parameters; free (f, K) the free ones, which replace theirs
-    """
-
-    nodes: ca.MX
+    nodes: ca.MX  # (n, K) start states; points (n, K*d) interior states of collocation, None without
     points: ca.MX | None
-    u0: ca.MX
+    u0: ca.MX  # u0, u1: (m, K*L) inputs at both ends of each sample interval; dt (1, K*L) its length [s]
     u1: ca.MX
     dt: ca.MX
-    base: ca.MX
+    base: ca.MX  # (q, K) fixed values of all model parameters; free (f, K) the free ones, which replace theirs
     free: ca.MX
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ShotDerivatives:
-    """Of segments, each a column of (x, u0, u1, dt, base, q) as `shot` takes them; w = (start state, free parameters).
+    """Functions of segments, columns of (x, u0, u1, dt, base, q) as `shot` takes them; w = (start, free parameters)."""
 
-    first    -> (n (n+f), K) derivative of the end state in w, column-major
-    second   (..., multipliers of end (n, K) and outputs (o, K*L), curvature of outputs (o, K*L)) -> the upper triangle
-             of the Hessian in w, column-major; the curvature is that of the cost in each output
-    """
-
-    first: ca.Function
+    first: ca.Function  # -> (n (n+f), K) derivative of the end state in w, column-major
+    # (..., multipliers of end (n, K) and outputs (o, K*L), curvature of outputs (o, K*L)) -> the upper triangle of the
+    # Hessian in w, column-major; the curvature is that of the cost in each output
     second: ca.Function
 
 

@@ -22,42 +22,26 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Layout:
-    """Data of all records in segments.
-
-    record     (K,) record of each segment
-    first      (R,) first segment of each record; its last is the one before the next record's first
-    tied       (K-R,) segments that are followed by another one of the same record (they have a defect)
-    start      (K, n) first guess of the state at the start of each segment
-    u0, u1     (K, L, m) inputs at the start and at the end of each sample interval
-    dt         (K, L) [s], zero where padded
-    z          (K, L, o) measured outputs, zero where missing
-    present    (K, L, o) whether measured
-    pattern    (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
-    sample     per record (N,) flat index into (K*L) of each of its own samples
-    times      per record the time [s] at each of its segments' samples, padding included
-    live       (K,) samples of each segment after which there is nothing but padding
-    jump       (K,) number of the event at the end of each segment, -1 where there is none
-    substeps   steps per sample interval
-    """
+    """Data of all records in segments."""
 
     length: int
-    substeps: int
-    record: np.ndarray
-    first: np.ndarray
-    tied: np.ndarray
-    start: np.ndarray
+    substeps: int  # steps per sample interval
+    record: np.ndarray  # (K,) record of each segment
+    first: np.ndarray  # (R,) first segment of each record; its last is the one before the next record's first
+    tied: np.ndarray  # (K-R,) segments that are followed by another one of the same record (they have a defect)
+    start: np.ndarray  # (K, n) first guess of the state at the start of each segment
     guess: np.ndarray
-    u0: np.ndarray
+    u0: np.ndarray  # u0, u1: (K, L, m) inputs at the start and at the end of each sample interval
     u1: np.ndarray
-    dt: np.ndarray
-    z: np.ndarray
-    present: np.ndarray
-    pattern: np.ndarray
+    dt: np.ndarray  # (K, L) [s], zero where padded
+    z: np.ndarray  # (K, L, o) measured outputs, zero where missing
+    present: np.ndarray  # (K, L, o) whether measured
+    pattern: np.ndarray  # (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
     seen: np.ndarray
-    sample: tuple[np.ndarray, ...]
-    times: tuple[np.ndarray, ...]
-    live: np.ndarray
-    jump: np.ndarray
+    sample: tuple[np.ndarray, ...]  # per record (N,) flat index into (K*L) of each of its own samples
+    times: tuple[np.ndarray, ...]  # per record the time [s] at each of its segments' samples, padding included
+    live: np.ndarray  # (K,) samples of each segment after which there is nothing but padding
+    jump: np.ndarray  # (K,) number of the event at the end of each segment, -1 where there is none
 
     @property
     def segments(self) -> int:

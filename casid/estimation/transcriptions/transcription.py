@@ -68,11 +68,6 @@ class SingleShooting:
         problem
             What is estimated.
 
-        Returns
-        -------
-        Dynamics
-            Simulation of all segments, with its derivatives.
-
         Raises
         ------
         EstimationError
@@ -136,11 +131,6 @@ class MultipleShooting:
         problem
             What is estimated.
 
-        Returns
-        -------
-        Dynamics
-            Simulation of all segments, with its derivatives.
-
         Raises
         ------
         EstimationError
@@ -201,11 +191,6 @@ class Collocation:
         ----------
         problem
             What is estimated.
-
-        Returns
-        -------
-        Dynamics
-            Simulation of all segments, with its derivatives.
 
         Raises
         ------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from itertools import combinations
+from itertools import combinations, product, starmap
 
 import numpy as np
 
@@ -24,19 +24,19 @@ def rotors_in(known: Series, target: str) -> list[str]:
     return names if target == ALL else [target]
 
 
+def _names(aircraft: Airframe) -> tuple[str, ...]:
+    return aircraft.rotors.names if aircraft.rotors else ()
+
+
 def _targets(aircraft: Airframe) -> tuple[str, ...]:
     """Each rotor of an aircraft, and all."""
-    return (*aircraft.rotors.names, ALL) if aircraft.rotors else ()
-
-
-def _changes_of_thrust(aircraft: Airframe) -> Iterable[Effect]:
-    return map(rotor_effectiveness, _targets(aircraft))
+    return (*_names(aircraft), ALL) if aircraft.rotors else ()
 
 
 @cause(
     "rotor_effectiveness",
     of_rotors=True,
-    candidates=_changes_of_thrust,
+    candidates=lambda aircraft: map(rotor_effectiveness, _targets(aircraft)),
     unit="1",
     quantity="relative change of thrust; -0.15: 15 % less than by the file",
     title="{label}: effectiveness",
@@ -61,14 +61,10 @@ def rotor_effectiveness(target: str) -> Effect:
     )
 
 
-def _changes_of_torque(aircraft: Airframe) -> Iterable[Effect]:
-    return map(rotor_torque, _targets(aircraft))
-
-
 @cause(
     "rotor_torque",
     of_rotors=True,
-    candidates=_changes_of_torque,
+    candidates=lambda aircraft: map(rotor_torque, _targets(aircraft)),
     unit="1",
     quantity="relative change of the reaction torque per thrust; -2: it turns the other way",
     title="{label}: reaction torque",
@@ -115,14 +111,10 @@ def _timing(kind: str, target: str, sizes: Iterable[float], meaningful: float, l
     )
 
 
-def _lags(aircraft: Airframe) -> Iterable[Effect]:
-    return map(rotor_lag, _targets(aircraft))
-
-
 @cause(
     "rotor_lag",
     of_rotors=True,
-    candidates=_lags,
+    candidates=lambda aircraft: map(rotor_lag, _targets(aircraft)),
     unit="s",
     quantity="time constant between input and thrust, less that of the file",
     title="{label}: lag",
@@ -133,14 +125,10 @@ def rotor_lag(target: str) -> Effect:
     return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.01, 0.5, of_lag=True)
 
 
-def _delays(aircraft: Airframe) -> Iterable[Effect]:
-    return map(rotor_delay, _targets(aircraft))
-
-
 @cause(
     "rotor_delay",
     of_rotors=True,
-    candidates=_delays,
+    candidates=lambda aircraft: map(rotor_delay, _targets(aircraft)),
     unit="s",
     quantity="dead time between input and thrust, less that of the file",
     title="{label}: delay",
@@ -148,26 +136,6 @@ def _delays(aircraft: Airframe) -> Iterable[Effect]:
 )
 def rotor_delay(target: str) -> Effect:
     return _timing("rotor_delay", target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.01, 0.3, of_lag=False)
-
-
-def _masses(aircraft: Airframe) -> Iterable[Effect]:
-    return [added_mass(name) for name in (aircraft.rotors.names if aircraft.rotors else ())]
-
-
-def _drags(aircraft: Airframe) -> Iterable[Effect]:
-    return [body_drag(axis) for axis in ("xyz" if aircraft.rotors else "")]
-
-
-def _inflow(aircraft: Airframe) -> Iterable[Effect]:
-    return [rotor_inflow()] if aircraft.rotors else []
-
-
-def _sag(aircraft: Airframe) -> Iterable[Effect]:
-    return [battery_sag()] if aircraft.rotors and aircraft.rotors.voltage else []
-
-
-def _positions(aircraft: Airframe) -> Iterable[Effect]:
-    return [rotor_position(name, axis) for name in (aircraft.rotors.names if aircraft.rotors else ()) for axis in "xy"]
 
 
 def _arm(aircraft: Airframe) -> float:
@@ -179,7 +147,7 @@ def _arm(aircraft: Airframe) -> float:
     "rotor_position",
     of_rotors=True,
     terms=("x", "y", "z"),
-    candidates=_positions,
+    candidates=lambda aircraft: starmap(rotor_position, product(_names(aircraft), "xy")),
     unit="m",
     quantity="true minus assumed position, body axes",
     title="{label}: position along {term}",
@@ -201,16 +169,11 @@ def rotor_position(target: str, axis: str) -> Effect:
     )
 
 
-def _pairs(aircraft: Airframe) -> Iterable[Effect]:
-    names = aircraft.rotors.names if aircraft.rotors else ()
-    return [rotor_swap(f"{a}+{b}") for a, b in combinations(names, 2)]
-
-
 @cause(
     "rotor_swap",
     of_rotors=True,
     joined=True,
-    candidates=_pairs,
+    candidates=lambda aircraft: (rotor_swap(f"{a}+{b}") for a, b in combinations(_names(aircraft), 2)),
     unit="1",
     quantity="part of each input that acts on the other rotor: 1, they are interchanged",
     title="{label}: inputs interchanged",
@@ -228,7 +191,7 @@ def rotor_swap(target: str) -> Effect:
 @cause(
     "added_mass",
     of_rotors=True,
-    candidates=_masses,
+    candidates=lambda aircraft: map(added_mass, _names(aircraft)),
     unit="kg",
     quantity="mass beside that of the file, at the hub of the rotor",
     title="{label}: added mass",
@@ -261,7 +224,7 @@ def added_mass(target: str) -> Effect:
 @cause(
     "body_drag",
     targets=("x", "y", "z"),
-    candidates=_drags,
+    candidates=lambda aircraft: map(body_drag, "xyz" if aircraft.rotors else ""),
     unit="N s/m",
     quantity="drag per velocity, beside that of the file",
     title="{words} along {target}",
@@ -282,7 +245,7 @@ def body_drag(axis: str) -> Effect:
 
 @cause(
     "rotor_inflow",
-    candidates=_inflow,
+    candidates=lambda aircraft: [rotor_inflow()] if aircraft.rotors else [],
     unit="s/m",
     quantity="part of the thrust lost for each m/s along it, beside that of the file",
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
@@ -296,7 +259,7 @@ def rotor_inflow(target: str = "") -> Effect:
 
 @cause(
     "battery_sag",
-    candidates=_sag,
+    candidates=lambda aircraft: [battery_sag()] if aircraft.rotors and aircraft.rotors.voltage else [],
     unit="1",
     quantity="exponent of the battery's voltage in the thrust, beside that of the file",
     sentence="The thrust follows the voltage of the battery with an exponent that is {size} [larger|smaller] than in "
