@@ -98,7 +98,7 @@ def diagnose_aircraft(
     )
     with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
         scope = scope_of(aircraft, mended, criteria, axes)
-        known = attached_effects(scope.flight)
+        known = attached_effects(scope.flight.aircraft, scope.flight.names)
         flight = replace(with_noise_level(scope.flight, known), limit=limit)
         stages.begin("simulation as given")
         given = fly_as_given(flight, scope.held, known)

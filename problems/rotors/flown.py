@@ -20,6 +20,7 @@ from casid.errors import InputError
 
 RATE_HZ = 100.0
 DURATION_S = 20.0
+RUN_IN_S = 1.0  # before the record, which begins in settled flight
 VEHICLES = ("crazyflie_params", "hummingbird_params")
 _FLIP = np.diag([1.0, -1.0, -1.0])  # forward-left-up and forward-right-down are one another's
 NOISE = {"p": 0.006, "phi": 0.003, "ax": 0.05, "v_north": 0.02, "north": 0.01}  # 1-sigma, of all three of a kind
@@ -42,6 +43,8 @@ class Hidden:
         What it changes of the record that was flown.
     at
         Time [s] from which the changed parameters hold.
+    moved
+        By how much the frame with its accelerometers lies beside its place by the file, RotorPy's axes [m].
     """
 
     kind: str
@@ -51,6 +54,7 @@ class Hidden:
     parameters: Callable[[dict[str, Any]], None] = lambda parameters: None
     read: Callable[[dict[str, np.ndarray]], None] = lambda channels: None
     at: float = 0.0
+    moved: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +77,18 @@ def rotorpy(module: str) -> Any:
         raise InputError("flights of multirotors need RotorPy: pip install casid[rotorpy]") from None
 
 
+_SLOW_MOTORS = {"kp_att": 310.0, "kd_att": 57.0}  # gains of RotorPy's vehicle with a motor lag of 0.072 s
+_NOT_IN_A_FILE = {"k_h": 0.0, "c_Dx": 0.0, "c_Dy": 0.0, "c_Dz": 0.0}  # translational lift, quadratic drag
+
+
 def usual_parameters(vehicle: str, lag: float) -> dict[str, Any]:
-    """RotorPy's parameters of a vehicle, with another motor lag [s]."""
-    return copy.deepcopy(rotorpy(f"vehicles.{vehicle}").quad_params) | {"tau_m": lag, "motor_noise_std": 0.0}
+    """RotorPy's parameters of a vehicle, with another motor lag [s] and without what no aircraft file can state."""
+    own = copy.deepcopy(rotorpy(f"vehicles.{vehicle}").quad_params)
+    return own | _SLOW_MOTORS | _NOT_IN_A_FILE | {"tau_m": lag, "motor_noise_std": 0.0}
 
 
 def aircraft_file(name: str, parameters: Mapping[str, Any]) -> cs.Aircraft:
-    """The aircraft file of RotorPy's parameters; the drag of the rotors is that at hover."""
+    """The aircraft file of RotorPy's parameters; drag and inflow of the rotors are those at hover."""
     ratio = parameters["k_m"] / parameters["k_eta"]
     hover = np.sqrt(parameters["mass"] * 9.81 / parameters["num_rotors"] / parameters["k_eta"])
     whole = parameters["num_rotors"] * hover
@@ -92,19 +101,21 @@ def aircraft_file(name: str, parameters: Mapping[str, Any]) -> cs.Aircraft:
             speed=True,
             torque=ratio,
             lag=parameters["tau_m"],
+            std=0.03,
         )
         for i, (place, turn) in enumerate(
             zip(parameters["rotor_pos"].values(), parameters["rotor_directions"], strict=True), start=1
         )
     ]
-    drag = (parameters["k_d"] * whole, parameters["k_d"] * whole, parameters["k_z"] * whole)
+    drag = (parameters["k_d"] * whole, parameters["k_d"] * whole, 0.0)
+    inflow = parameters["k_z"] / parameters["k_eta"] / hover
     inertia = {axis: float(parameters[axis]) for axis in ("Ixx", "Iyy", "Izz")}
     return cs.Aircraft(
         name=name,
         mass=parameters["mass"],
         gravity=9.81,
         inertia=cs.Inertia(**inertia, Ixz=0.0),
-        rotors=cs.Rotors(each=tuple(rotors), relative_uncertainty=0.03, drag=drag),
+        rotors=cs.Rotors(each=tuple(rotors), relative_uncertainty=0.1, drag=drag, inflow=inflow),
     )
 
 
@@ -143,7 +154,7 @@ def fly(
         hidden.parameters(true)
     late = hidden is not None and hidden.at > 0.0
     figure = Figure(rng, size)
-    want = figure.update(0.0)
+    want = figure.update(-RUN_IN_S)
     hover = np.sqrt(known["mass"] * 9.81 / known["num_rotors"] / known["k_eta"])
     state = {
         "x": want["x"],
@@ -159,8 +170,8 @@ def fly(
     first = _vehicle(None)(dict(known), initial_state=state, **options) if late else second
     control = rotorpy("controllers.quadrotor_control").SE3Control(dict(known))
     steady, dt = rng.normal(0.0, breeze, 3), 1.0 / RATE_HZ
-    rows: dict[str, list] = {n: [] for n in ("t", "command", "x", "v", "a", "R", "w")}
-    for k in range(int(DURATION_S * RATE_HZ)):
+    rows: dict[str, list] = {n: [] for n in ("t", "command", "x", "v", "a", "R", "w", "wdot")}
+    for k in range(-int(RUN_IN_S * RATE_HZ), int(DURATION_S * RATE_HZ)):
         t = k * dt
         craft = second if late and hidden is not None and t >= hidden.at else first
         command = np.clip(
@@ -180,14 +191,16 @@ def fly(
             now["vdot"],
             Rotation.from_quat(state["q"]).as_matrix(),
             state["w"],
+            now["wdot"],
         )
-        for column, value in zip(rows.values(), values, strict=True):
+        for column, value in zip(rows.values(), values if k >= 0 else (), strict=k >= 0):
             column.append(np.array(value))
         state = craft.step(state, acts, dt)
-    channels = _read(rows, rng)
+    channels = _read(rows, rng, hidden.moved if hidden is not None else (0.0, 0.0, 0.0))
     if hidden is not None:
         hidden.read(channels)
-    return cs.Record(name=name, t=np.array(rows["t"]), channels=channels)
+    rates = dict.fromkeys("pqr", "rad/s")
+    return cs.Record.from_arrays(name=name, t=np.array(rows["t"]), channels=channels, units=rates)
 
 
 def _vehicle(factors: Mapping[str, np.ndarray] | None) -> Any:
@@ -209,12 +222,14 @@ def _vehicle(factors: Mapping[str, np.ndarray] | None) -> Any:
     return OfUnlikeRotors
 
 
-def _read(rows: Mapping[str, list], rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """Channels of casid from RotorPy's states, with noise."""
+def _read(rows: Mapping[str, list], rng: np.random.Generator, moved: tuple[float, ...]) -> dict[str, np.ndarray]:
+    """Channels of casid from RotorPy's states, with noise; `moved`: of the accelerometers from the centre of mass."""
     R = _FLIP @ np.stack(rows["R"]) @ _FLIP
     psi, theta, phi = Rotation.from_matrix(R).as_euler("ZYX").T
     position, velocity, rates = (np.stack(rows[n]) @ _FLIP for n in ("x", "v", "w"))
     force = np.einsum("kji,kj->ki", R, (np.stack(rows["a"]) + [0.0, 0.0, 9.81]) @ _FLIP)
+    turning, arm = np.stack(rows["wdot"]) @ _FLIP, _FLIP @ np.asarray(moved)
+    force = force + np.cross(turning, arm) + np.cross(rates, np.cross(rates, arm))
     columns = {"p": rates, "phi": np.stack([phi, theta, np.unwrap(psi)], axis=1), "ax": force, "v_north": velocity}
     columns["north"] = position * [1.0, 1.0, -1.0]
     channels = {f"m{i}": series for i, series in enumerate(np.stack(rows["command"]).T, start=1)}

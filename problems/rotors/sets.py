@@ -98,7 +98,8 @@ def _cg(s: _Scene) -> Hidden:
     axis, value = int(s.rng.integers(2)), s.either(0.1, 0.2) * s.arm
     offset = np.zeros(3)
     offset[axis] = -value if axis == 0 else value  # y is to the left there
-    return Hidden(kind="cg_offset", target="xy"[axis], value=value, parameters=_moved(offset))
+    change = _moved(offset)  # and with the hubs the whole frame, its accelerometers too
+    return Hidden(kind="cg_offset", target="xy"[axis], value=value, parameters=change, moved=tuple(offset))
 
 
 def _inertia(s: _Scene) -> Hidden:
@@ -123,7 +124,7 @@ def _swap(s: _Scene) -> Hidden:
 
 
 def _bias(s: _Scene) -> Hidden:
-    channel, size = [("p", 0.05), ("q", 0.05), ("phi", 0.05), ("az", 0.8)][int(s.rng.integers(4))]
+    channel, size = [("p", 0.02), ("q", 0.02), ("phi", 0.03), ("az", 0.8)][int(s.rng.integers(4))]
     value = s.either(1.0, 2.0) * size
 
     def change(channels: dict[str, np.ndarray]) -> None:
@@ -168,7 +169,7 @@ _KINDS = (
     _all_effectiveness,
 )
 _BEYOND: tuple[tuple[str, Change], ...] = (
-    ("flapping", lambda p: p.__setitem__("k_flap", 6.0 * p["k_d"] * 0.05)),
+    ("flapping", lambda p: p.__setitem__("k_flap", p["k_d"] * 0.05)),
     ("translational lift", lambda p: p.__setitem__("k_h", 0.004 * p["mass"] * 9.81)),
     ("quadratic drag", lambda p: p.update(c_Dx=0.03 * p["mass"], c_Dy=0.03 * p["mass"], c_Dz=0.05 * p["mass"])),
     ("product of inertia", lambda p: p.__setitem__("Ixy", 0.35 * p["Ixx"])),

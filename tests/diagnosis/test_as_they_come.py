@@ -100,7 +100,8 @@ def test_effects_of_other_records_do_nothing_here() -> None:
         EffectValue(kind="gust", target="z", value=4.0, onset_s={"m9": (3.0, 3.2)}, parameters={"length": 1.0}),
     )
     aircraft = aircraft_file().with_effects(elsewhere)
-    assert attached_effects(prepare(aircraft, three())) == []
+    flight = prepare(aircraft, three())
+    assert attached_effects(flight.aircraft, flight.names) == []
     found = diagnose(aircraft, records())
     assert [c.term for c in found.causes] == ["alpha^2"]
     assert found.extended_aircraft.effects[:2] == elsewhere
@@ -108,7 +109,8 @@ def test_effects_of_other_records_do_nothing_here() -> None:
 
 def test_a_configuration_change_of_the_file_needs_no_parameters() -> None:
     change = EffectValue(kind="configuration_change", target="CL+CD", value=0.01, onset_s={"first": (3.0, 3.2)})
-    (one,) = attached_effects(prepare(aircraft_file().with_effects([change]), three()))
+    flight = prepare(aircraft_file().with_effects([change]), three())
+    (one,) = attached_effects(flight.aircraft, flight.names)
     assert dict(one.values) == {"value": 0.01, "duration": 0.0, "CD": 0.0} and one.onsets == {"first": 3.1}
 
 

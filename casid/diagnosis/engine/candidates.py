@@ -288,7 +288,10 @@ def _std(fitted: FlightFit, one: Attached) -> float:
 
 
 def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarray:
-    """(N R ny,) Whitened sensitivity to the cause, less its projection on the parameters of the model without it."""
+    """(N R ny,) Whitened sensitivity to the cause, less what the parameters of the model without it make of it.
+
+    In closed loop these are as uncertain as stated: numbers known to a few per cent take little of a cause.
+    """
     late = lateness(fitted.attached, fitted.flight, fitted.model)
     flat = by_rows(as_read(late, fitted.columns))
     known = {slot.name for slot in base.slots}
@@ -297,7 +300,11 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     basis, direction = flat[:, beside], np.zeros(len(beside))
     size = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
     basis /= size
-    direction[beside] = -np.linalg.lstsq(basis, flat[:, own], rcond=None)[0] / size
+    wanted = flat[:, own]
+    if fitted.flight.closed_loop:
+        stated = np.sqrt(fitted.prior_weight[beside]) / size
+        basis, wanted = np.vstack([basis, np.diag(stated)]), np.append(wanted, np.zeros(len(stated)))
+    direction[beside] = -np.linalg.lstsq(basis, wanted, rcond=None)[0] / size
     direction[own] = 1.0
     N, R, ny = fitted.white.shape
     return (flat @ direction).reshape(R, N, ny).swapaxes(0, 1).reshape(-1).astype(np.float32)

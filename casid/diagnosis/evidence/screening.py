@@ -99,11 +99,12 @@ class Screen:
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); the statistic is zero for a cause that derivatives can
-        reproduce.
+        reproduce. In closed loop the numbers of the file are known well: only their priors tell a cause from them.
         """
         left, match, share = self.projected(parts, keep)
         # How much of a term survives depends on where its variables have their zero: krpm^2 far from it is a line.
-        if left <= 0.0 or (share < self.criteria.screening.surviving and not parts[0].effect.quasi_steady):
+        told_by_priors = parts[0].effect.quasi_steady or self.base.flight.closed_loop
+        if left <= 0.0 or (share < self.criteria.screening.surviving and not told_by_priors):
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
 

@@ -20,6 +20,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import View, expected_error, view_of
 from casid.errors import InputError
 from casid.filtering.initial_state import measured_start
+from casid.model.aircraft import Aircraft
 from casid.model.applied import values_of
 from casid.model.effects import effect_of
 from casid.native.processors import side_by_side
@@ -291,13 +292,13 @@ def fly_recorded(
         return None
 
 
-def attached_effects(flight: Flight) -> list[Attached]:
-    """The effects of the aircraft file as parameters of the flight, to be fitted further."""
+def attached_effects(aircraft: Aircraft, names: Sequence[str]) -> list[Attached]:
+    """The effects of the aircraft file that act in the records of these names, to be fitted further."""
     found = []
-    for value in flight.aircraft.effects:
+    for value in aircraft.effects:
         effect = effect_of(value)
-        onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in flight.names}
-        records = tuple(r for r in value.records if r in flight.names)
+        onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in names}
+        records = tuple(r for r in value.records if r in names)
         elsewhere = not onsets if effect.timed else bool(value.records) and not records
         if not effect.stochastic and not elsewhere:
             values = effect.in_words(values_of(value, effect))  # a time constant below zero acts as its size does

@@ -51,7 +51,7 @@ def _flown(plant: Plant, records: Sequence[Record], otherwise: Mapping[str, floa
 def _of_states(plant: Plant) -> FlightFit:
     flight = as_flight(plant)
     with np.errstate(all="ignore"):
-        return fit(flight, (), flight.noise(), free="states")
+        return fit(flight, plant.known(plant.names), flight.noise(), free="states")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

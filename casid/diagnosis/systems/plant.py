@@ -134,6 +134,7 @@ class Plant:
     colour    output -> (1-sigma, correlation time) of its innovations
     closed_loop  whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
     imitated  free number -> effect whose relative change it is
+    known     names of records -> effects that the file has in them
     every     number of recorded samples of which each sample is the mean
     limit     the time that the search may take
     """
@@ -155,6 +156,7 @@ class Plant:
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     closed_loop: bool = False
     imitated: Mapping[str, Effect] = field(default_factory=dict)
+    known: Callable[[Sequence[str]], tuple[Attached, ...]] = lambda names: ()
     every: int = 1
     limit: TimeLimit = field(default_factory=TimeLimit)
     input_sigma: dict[str, float] = field(default_factory=dict)

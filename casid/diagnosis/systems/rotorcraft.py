@@ -24,6 +24,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
+from casid.diagnosis.given.budget import attached_effects
 from casid.diagnosis.systems.plant import Plant, PlantSizes, as_flight, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
@@ -33,7 +34,8 @@ from casid.model.aircraft import Aircraft
 from casid.model.causes import rotor_delay, rotor_effectiveness, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
 from casid.model.effect import Effect
-from casid.model.effects import catalogue
+from casid.model.effect_value import EffectValue
+from casid.model.effects import catalogue, effect_of
 from casid.model.path import EQUATIONS, GROUND, INTEGRALS
 from casid.model.port import ModelPort as Port
 from casid.model.rotors import ALL, effectiveness
@@ -86,13 +88,16 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     assert aircraft.rotors is not None
     outputs = measured_outputs(aircraft, records, criteria)
     ready = prepared(aircraft, records, outputs, criteria.rotors.rate)
-    build = partial(_built, aircraft, outputs)
+    own = [value for value in aircraft.effects if _in_every_flight(value)]
+    build = partial(_built, aircraft, outputs, tuple(map(effect_of, own)))
     base = build(())
     offsets = {f"bias_{name}": _usual_offset(name, aircraft) for name in outputs if name not in _WHERE}
     guess = np.concatenate([base.guess(record) for record in ready])
     seen = dict(zip(base.states, np.sqrt(np.mean(guess**2, axis=0)).tolist(), strict=True))
     scale = {name: max(seen[name], criteria.rotors.smallest) for name in base.states}
-    base = replace(base, prior_std={**base.prior_std, **offsets}, state_scale=scale)
+    stated = offsets | {effect_of(value).name: value.std for value in own if value.std}
+    nominal = base.nominal | {effect_of(value).name: value.value for value in own}
+    base = replace(base, nominal=nominal, prior_std={**base.prior_std, **stated}, state_scale=scale)
     free = tuple(name for name in base.parameters if name in base.prior_std)
     ports = (
         *(Port(kind="state derivative", name=name, words=_WORDS[name]) for name in _WORDS),
@@ -105,7 +110,9 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
     every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
-    effects = [_in_all_records(e) for e in every]
+    there = {effect_of(value).key for value in aircraft.effects}
+    effects = [_in_all_records(e) for e in every if e.key not in there]
+    beside = replace(aircraft, effects=tuple(value for value in aircraft.effects if value not in own))
     plant = Plant(
         base=base,
         freed=free,
@@ -122,6 +129,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         build=build,
         prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
         closed_loop=True,
+        known=lambda names: tuple(attached_effects(beside, names)),
         imitated={
             effectiveness(name): replace(rotor_effectiveness(name), stated=True) for name in aircraft.rotors.names
         },
@@ -147,13 +155,23 @@ def _usual_offset(channel: str, aircraft: Aircraft) -> float:
 
 
 def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str], rate: float) -> tuple[Record, ...]:
-    """The records with all inputs of the model, without readings that only repeat the one before."""
+    """The records with all inputs of the model, without readings that only repeat the one before, and without the
+    beginning, at which the speed of the rotors depends on commands before it."""
+    assert aircraft.rotors is not None
+    begin = max(one.delay + 3.0 * one.lag for one in aircraft.rotors.each)
     ready = (as_updated(flight_inputs(aircraft, record), outputs) for record in records)
+    ready = (one.between(one.t[0] + begin, one.t[-1]) if begin < 0.5 * one.duration else one for one in ready)
     return tuple(averaged(one, every) if (every := int(1.0 / (one.dt * rate))) > 1 else one for one in ready)
 
 
-def _built(aircraft: Aircraft, outputs: Sequence[str], effects: Sequence[Effect]) -> Model:
-    return aircraft_model(aircraft, outputs=outputs, effects=effects, equations=False)
+def _built(aircraft: Aircraft, outputs: Sequence[str], own: Sequence[Effect], effects: Sequence[Effect]) -> Model:
+    return aircraft_model(aircraft, outputs=outputs, effects=(*own, *effects), equations=False)
+
+
+def _in_every_flight(value: EffectValue) -> bool:
+    """Whether an effect of the file is a number of the model, as uncertain as the file says; others are attached."""
+    effect = effect_of(value)
+    return effect.symbolic and not (value.records or value.onset_s or effect.states)
 
 
 def _in_all_records(effect: Effect) -> Effect:
@@ -195,13 +213,15 @@ def most_likely_noise(
         for _ in range(by.sweeps):
             before = lowest
             for table, names in groups:
-                here = {name: table[name] for name in names}
                 for times in (factor, 1.0 / factor):
-                    table.update({name: float(np.clip(value * times, *bounds[name])) for name, value in here.items()})
-                    found = _deviance(linear, replace(start, measurement=sigma, white=white, inputs=inputs))
-                    if found < lowest:
-                        lowest = found
-                        break
+                    lower = True
+                    while lower:  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
+                        here = {name: table[name] for name in names}
+                        moved = {name: float(np.clip(value * times, *bounds[name])) for name, value in here.items()}
+                        table.update(moved)
+                        found = _deviance(linear, replace(start, measurement=sigma, white=white, inputs=inputs))
+                        lower = found < lowest
+                        lowest = min(found, lowest)
                     table.update(here)
             if before - lowest < by.gained:
                 break
@@ -209,9 +229,18 @@ def most_likely_noise(
 
 
 def first_fit(plant: Plant) -> FlightFit:
-    """The file with its numbers estimated, and the timing of its inputs, which no record tells to a sample."""
+    """The file with its numbers estimated, and the timing of its inputs, which no record tells to a sample.
+
+    What is later than a log may be late is a cause: the timing is then that of the record, so that causes compete.
+    """
+    flight, known = as_flight(plant), plant.known(plant.names)
     late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
-    return fit(as_flight(plant), (late,), plant.noise(), iterations=20)
+    if any(one.effect.key == late.effect.key for one in known):
+        return fit(flight, known, plant.noise(), iterations=20)
+    fitted = fit(flight, (*known, late), plant.noise(), iterations=20)
+    if abs(fitted[late.name]) < plant.smallest_that_matters(late.effect):
+        return fitted
+    return fit(flight, known, plant.noise(), iterations=20)
 
 
 def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:

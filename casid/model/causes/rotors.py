@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from itertools import combinations, product, starmap
+from typing import Any
 
 import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
-from casid.model.path import SignalPath
+from casid.model.path import RotorSignal, SignalPath
 from casid.model.rotors import ALL, command, delay_of, lag_of
 
 _DRAG_SPEED = 5.0  # m/s: at which drag is compared with weight
@@ -33,6 +34,19 @@ def _targets(aircraft: Airframe) -> tuple[str, ...]:
     return (*_names(aircraft), ALL) if aircraft.rotors else ()
 
 
+def _of_rotors(
+    kind: str, target: str, act: Callable[[RotorSignal, Any], None], station: str = "rotors", **more: Any
+) -> Effect:
+    """An effect that changes each rotor that its target names by its value."""
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        assert path.aircraft.rotors is not None
+        for one in path.aircraft.rotors.of(target):
+            act(path.rotor[one.name], values["value"])
+
+    return Effect(kind=kind, target=target, station=station, change=change, **more)
+
+
 @cause(
     "rotor_effectiveness",
     of_rotors=True,
@@ -43,22 +57,11 @@ def _targets(aircraft: Airframe) -> tuple[str, ...]:
     sentence="The thrust of {label} differs by {percent} from that of the aircraft file.",
 )
 def rotor_effectiveness(target: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        for one in _signals(path, target):
-            of_the_file = one.rotor.effectiveness * one.rotor.static_thrust(one.input)
-            one.thrust = one.thrust + values["value"] * of_the_file
+    def act(one: RotorSignal, value: Any) -> None:
+        one.thrust = one.thrust + value * one.rotor.effectiveness * one.rotor.static_thrust(one.input)
 
-    return Effect(
-        kind="rotor_effectiveness",
-        target=target,
-        by_record=True,
-        station="rotors",
-        change=change,
-        enters=None if target == ALL else station.control(f"thrust_{target}"),
-        meaningful=0.05,
-        limit=0.95,
-        balance=True,
-    )
+    more = {"enters": None if target == ALL else station.control(f"thrust_{target}"), "by_record": True}
+    return _of_rotors("rotor_effectiveness", target, act, meaningful=0.05, limit=0.95, balance=True, **more)
 
 
 @cause(
@@ -72,32 +75,27 @@ def rotor_effectiveness(target: str) -> Effect:
     "turn the other way.",
 )
 def rotor_torque(target: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        for one in _signals(path, target):
-            one.torque = one.torque * (1.0 + values["value"])
+    def act(one: RotorSignal, value: Any) -> None:
+        one.torque = one.torque * (1.0 + value)
 
-    return Effect(
-        kind="rotor_torque",
-        target=target,
-        reads=("r",) if target == ALL else (),  # steady flight balances all torques, whatever their size
-        by_record=True,
-        station="rotors",
-        change=change,
-        meaningful=0.1,
-        limit=3.0,
-    )
+    alone = target != ALL  # steady flight balances all torques, whatever their size
+    more = {"reads": () if alone else ("r",), "balance": alone, "by_record": True}
+    return _of_rotors("rotor_torque", target, act, meaningful=0.1, limit=3.0, **more)
 
 
-def _timing(kind: str, target: str, sizes: Iterable[float], meaningful: float, limit: float, of_lag: bool) -> Effect:
+def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
     """A lag or delay beside that of the file, as what it changes of the input."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        found = {}
+        found, (later, slower) = {}, (0.0, values["value"]) if of_lag else (values["value"], 0.0)
         for name in rotors_in(known, target):
             lag, late = float(known[lag_of(name)][0]), float(known[delay_of(name)][0])
-            lag, late = (max(lag + values["value"], 0.0), late) if of_lag else (lag, late + values["value"])
-            moved = operators.lag(t, operators.delay(t, known[command(name)], late), lag)
-            found[station.control(name)] = moved - known[name]
+            # both from the same samples: what acts was made of the record before it was averaged
+            as_given, moved = (
+                operators.lag(t, operators.delay(t, known[command(name)], delay), constant)
+                for delay, constant in ((late, lag), (late + later, max(lag + slower, 0.0)))
+            )
+            found[station.control(name)] = moved - as_given
         return found
 
     return Effect(
@@ -106,7 +104,7 @@ def _timing(kind: str, target: str, sizes: Iterable[float], meaningful: float, l
         linear=False,
         grid=tuple({"value": size} for size in sizes),
         series=series,
-        meaningful=meaningful,
+        meaningful=0.01,
         limit=limit,
     )
 
@@ -122,7 +120,7 @@ def _timing(kind: str, target: str, sizes: Iterable[float], meaningful: float, l
     "aircraft file.",
 )
 def rotor_lag(target: str) -> Effect:
-    return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.01, 0.5, of_lag=True)
+    return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.5, of_lag=True)
 
 
 @cause(
@@ -135,7 +133,7 @@ def rotor_lag(target: str) -> Effect:
     sentence="The thrust of {label} follows its input {size} [later|earlier] than in the aircraft file.",
 )
 def rotor_delay(target: str) -> Effect:
-    return _timing("rotor_delay", target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.01, 0.3, of_lag=False)
+    return _timing("rotor_delay", target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.3, of_lag=False)
 
 
 def _arm(aircraft: Airframe) -> float:
@@ -154,26 +152,20 @@ def _arm(aircraft: Airframe) -> float:
     sentence="The {label} stands {size} along body {term} from where the aircraft file has it.",
 )
 def rotor_position(target: str, axis: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        for one in _signals(path, target):
-            one.position["xyz".index(axis)] += values["value"]
+    def act(one: RotorSignal, value: Any) -> None:
+        one.position["xyz".index(axis)] += value
 
-    return Effect(
-        kind="rotor_position",
-        target=target,
-        term=axis,
-        station="rotors",
-        change=change,
-        meaningful=lambda aircraft: _WEIGHT_SHARE * _arm(aircraft),
-        limit=5.0,
-    )
+    def matters(aircraft: Airframe) -> float:
+        return _WEIGHT_SHARE * _arm(aircraft)
+
+    return _of_rotors("rotor_position", target, act, term=axis, meaningful=matters, limit=5.0, balance=True)
 
 
 @cause(
     "rotor_swap",
     of_rotors=True,
     joined=True,
-    candidates=lambda aircraft: (rotor_swap(f"{a}+{b}") for a, b in combinations(_names(aircraft), 2)),
+    candidates=lambda aircraft: map(rotor_swap, map("+".join, combinations(_names(aircraft), 2))),
     unit="1",
     quantity="part of each input that acts on the other rotor: 1, they are interchanged",
     title="{label}: inputs interchanged",
@@ -210,15 +202,11 @@ def added_mass(target: str) -> Effect:
         path.cg = [c + values["value"] / whole * arm for c, arm in zip(path.cg, one.position, strict=True)]
         path.mass = whole
 
-    return Effect(
-        kind="added_mass",
-        target=target,
-        balance=True,
-        by_record=True,
-        station="mass",
-        change=change,
-        meaningful=lambda aircraft: _WEIGHT_SHARE * aircraft.mass,
-    )
+    def matters(aircraft: Airframe) -> float:
+        return _WEIGHT_SHARE * aircraft.mass
+
+    more = {"balance": True, "by_record": True}
+    return Effect(kind="added_mass", target=target, station="mass", change=change, meaningful=matters, **more)
 
 
 @cause(
@@ -234,13 +222,19 @@ def body_drag(axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.drag[axis] += values["value"]
 
-    return Effect(
-        kind="body_drag",
-        target=axis,
-        station="rotors",
-        change=change,
-        meaningful=lambda aircraft: _WEIGHT_SHARE * aircraft.mass * aircraft.gravity / _DRAG_SPEED,
-    )
+    def matters(aircraft: Airframe) -> float:
+        return _WEIGHT_SHARE * aircraft.mass * aircraft.gravity / _DRAG_SPEED
+
+    return Effect(kind="body_drag", target=axis, station="rotors", change=change, meaningful=matters)
+
+
+def _of_all(kind: str, number: str, **more: Any) -> Effect:
+    """An effect that adds its value to a number of the path that all rotors share."""
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        setattr(path, number, getattr(path, number) + values["value"])
+
+    return Effect(kind=kind, station="rotors", change=change, **more)
 
 
 @cause(
@@ -251,10 +245,7 @@ def body_drag(axis: str) -> Effect:
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
 )
 def rotor_inflow(target: str = "") -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        path.inflow += values["value"]
-
-    return Effect(kind="rotor_inflow", station="rotors", change=change, meaningful=0.02, limit=1.0)
+    return _of_all("rotor_inflow", "inflow", meaningful=0.02, limit=1.0)
 
 
 @cause(
@@ -266,12 +257,4 @@ def rotor_inflow(target: str = "") -> Effect:
     "the aircraft file.",
 )
 def battery_sag(target: str = "") -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        path.voltage_exponent += values["value"]
-
-    return Effect(kind="battery_sag", station="rotors", change=change, meaningful=0.3, limit=5.0)
-
-
-def _signals(path: SignalPath, target: str) -> list:
-    assert path.aircraft.rotors is not None
-    return [path.rotor[one.name] for one in path.aircraft.rotors.of(target)]
+    return _of_all("battery_sag", "voltage_exponent", meaningful=0.3, limit=5.0)
