@@ -23,7 +23,7 @@ from casid.records.checks import (
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.crazyflie import read_crazyflie
-from casid.records.foreign import read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
+from casid.records.foreign import library, read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
 from casid.records.limits import apart
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
@@ -39,6 +39,9 @@ class Format:
     endings: tuple[str, ...]
     read: Callable[[Path, str | None, str], RawTable]
     begins: tuple[bytes, ...] = ()
+    library: tuple[str, str] | None = (
+        None  # module and extra, slow to import: once, and not in the process of each file
+    )
 
 
 FORMATS = (
@@ -47,10 +50,15 @@ FORMATS = (
     Format(endings=(".npz",), read=read_npz),
     Format(endings=(".parquet",), read=read_parquet, begins=(b"PAR1",)),
     Format(endings=(".h5", ".hdf5"), read=read_hdf5),
-    Format(endings=(".xlsx",), read=read_excel),
+    Format(endings=(".xlsx",), read=read_excel, library=("openpyxl", "excel")),
     Format(endings=(".mf4",), read=read_mdf, begins=(b"MDF     4",)),
-    Format(endings=(".ulg",), read=read_ulog, begins=(b"ULog\x01",)),
-    Format(endings=(".bin",), read=read_ardupilot, begins=(b"\xa3\x95",)),
+    Format(endings=(".ulg",), read=read_ulog, begins=(b"ULog\x01",), library=("pyulog", "ulog")),
+    Format(
+        endings=(".bin",),
+        read=read_ardupilot,
+        begins=(b"\xa3\x95",),
+        library=("pymavlink.DFReader", "ardupilot"),
+    ),
     Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(betaflight.MAGIC,)),
     Format(endings=(".mcap",), read=read_mcap, begins=(ros.MAGIC,)),
     Format(endings=(".usd",), read=read_crazyflie, begins=crazyflie.MAGICS),
@@ -276,6 +284,8 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
         raise unknown("file type", ending, [e for one in FORMATS for e in one.endings], str(path))
     terms = column_map.columns.get("t", ())
     arguments = column_map.variable, str(terms[0].column) if terms else "t"
+    if found[0].library:
+        library(found[0].library[0], path, found[0].library[1])
     return found[0].read(path, *arguments) if found[0] is FORMATS[0] else apart(found[0].read, path, *arguments)
 
 

@@ -160,8 +160,15 @@ ROTATIONS = [
 PROPER = [one for one in ROTATIONS if np.linalg.det(one) > 0.0 and not np.allclose(one, np.eye(3))]
 
 
-@pytest.mark.parametrize("turn", [PROPER[7], PROPER[15], FLU], ids=str)
-@pytest.mark.parametrize("of", ["independent", "do328"])
+@pytest.mark.parametrize(
+    ("of", "turn"),
+    [
+        *(("do328", turn) for turn in (PROPER[7], PROPER[15], FLU)),
+        ("independent", PROPER[15]),
+        *(pytest.param("independent", turn, marks=pytest.mark.slow) for turn in (PROPER[7], FLU)),
+    ],
+    ids=str,
+)
 def test_turned_frames_are_axes_and_nothing_else(of: str, turn: np.ndarray) -> None:
     """A rotation of the inertial unit by quarter turns: one fault, converted, or refused; no single channel is."""
     flight = clean(of, "clean-1", 3001)
