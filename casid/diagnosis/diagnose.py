@@ -166,7 +166,7 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
             terms.setdefault(cause.target, {})[cause.term] = cause.value
             known_std[f"{cause.target}_{cause.term}"] = cause.std
         else:
-            effects.append(_as_effect(cause, fit.batch.names))
+            effects.append(_as_fitted(_as_effect(cause, fit.batch.names), fit))
     if tables is not None:
         aircraft = replace(aircraft, tables=tables)
     std = {slot.name: fit.std(slot.name) for slot in fit.slots}
@@ -191,7 +191,7 @@ def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
 
 
 def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:
-    """An effect of the file with its fitted onsets; the width of their intervals is unchanged."""
+    """An effect with its fitted onsets, in the middle of their intervals: that is when the file is flown with them."""
     onsets = next((a.onsets for a in fit.attached if a.effect.key == (effect.kind, effect.target, effect.term)), {})
     moved = dict(effect.onset_s or {})
     for record, onset in onsets.items():

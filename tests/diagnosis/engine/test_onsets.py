@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnose import extended_aircraft
 from casid.diagnosis.engine import candidates as trials
 from casid.diagnosis.engine import onsets as events
 from casid.diagnosis.engine.onsets import sudden
@@ -121,3 +123,44 @@ def test_an_event_is_in_no_record_that_does_not_show_it() -> None:
     near = replace(true, onsets={"m1": 12.0, "m2": 6.0})
     found = events.in_its_records(weigh(fit(flight, [near], flight.noise())), near)
     assert found.onsets == true.onsets
+
+
+def test_an_onset_that_the_fit_refutes_is_not_in_the_interval(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Truth: aileron at 0.8 from 8.0 s. A far peak of the linearised profile is tried by a fit, which is much worse."""
+    weak = Attached(effect=effectiveness_change("delta_a"), values={"value": -0.2}, onsets={"m1": 8.0})
+    flight = prepare(do328(), flights([weak], seed=3, count=2))
+    evidence = weigh(fit(flight, [weak], flight.noise()))
+    profile = events.moved_onsets
+
+    def with_a_far_peak(evidence: Evidence, one: Attached, far: bool = True) -> tuple[Attached, events.Intervals]:
+        if far:
+            return replace(one, onsets={"m1": 21.0}), {"m1": (20.9, 21.1)}
+        return profile(evidence, one, far)
+
+    monkeypatch.setattr(events, "moved_onsets", with_a_far_peak)
+    peak, interval = events.at_peak(evidence)
+    low, high = interval["m1"]
+    assert low <= 8.0 <= high < 12.0
+    assert low <= peak.fit.attached[-1].onsets["m1"] <= high
+
+
+def test_the_extended_file_flies_an_event_when_the_fit_has_it() -> None:
+    """Truth: the onset of the fit. Its interval is not symmetric, as the surface rested after it."""
+    onset = 6.1
+    one = Attached(effect=effectiveness_change("delta_a"), values={"value": -0.19}, onsets={"m1": onset})
+    cause = Cause(
+        effect=one.effect,
+        value=-0.19,
+        std=0.01,
+        records=("m1",),
+        onset_s={"m1": (6.0, 20.0)},
+        statistic=1e4,
+        sentence="",
+        meaningful=True,
+        share=0.5,
+    )
+    fitted = SimpleNamespace(
+        attached=[one], slots=(), noise=SimpleNamespace(coloured=False), batch=SimpleNamespace(names=("m1", "m2"))
+    )
+    (effect,) = extended_aircraft(do328(), fitted, [cause], []).effects  # pyright: ignore
+    assert sum((effect.onset_s or {})["m1"]) / 2.0 == pytest.approx(onset)
