@@ -18,10 +18,11 @@ from casid.diagnosis.criteria import Criteria
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.effect import KINDS, Kind
 from casid.model.vocabulary import effect_unit
-from problems.blind.case import Hidden
+from problems.blind.case import FAMILIES, Hidden
 from problems.blind.do328 import plane
 
-CRITERIA = Path(__file__).resolve().parent / "criteria.md"  # `python docs/written.py` writes it anew
+CRITERIA = Path(__file__).resolve().parent / "criteria.md"  # `python docs/written.py` writes these two anew
+CAUSES = CRITERIA.with_name("causes.md")
 RESULTS = Path(__file__).resolve().parent.parent / "problems" / "blind" / "results.csv"
 DEG = np.pi / 180.0
 # An example of each kind on the Do 328: target, value, term, further parameters, onset [s]
@@ -75,26 +76,72 @@ def write(folder: Path) -> None:
         (folder / "causes" / f"{kind.kind}.md").write_text(_cause_page(kind, picture, blind), encoding="utf-8")
     names = "\n".join(sorted(KINDS))
     (folder / "causes" / "index.md").write_text(
-        "# The causes\n\nEvery way in which reality may differ from the aircraft file that casid can name.\n\n"
+        "# The causes, with their effects\n\nThe effect of each [cause](../../causes.md) on one flight.\n\n"
         f"```{{toctree}}\n:maxdepth: 1\n\n{names}\n```\n",
         encoding="utf-8",
     )
+    write_kept()
+
+
+def write_kept() -> None:
+    """Write the two pages that are in the repository, where readers of a clone find them."""
     CRITERIA.write_text(criteria_page(), encoding="utf-8")
+    CAUSES.write_text(causes_page(), encoding="utf-8")
 
 
-def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) -> str:
+def causes_page() -> str:
+    """Write the definitions of all causes, by the family that they belong to."""
+    lines = [_CAUSES_HEAD]
+    for name, kinds in FAMILIES.items():
+        lines += [f"## {name.capitalize()}", ""]
+        for kind in (KINDS[k] for k in kinds):
+            lines += [f"### `{kind.kind}`", "", *_definition(kind), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+_CAUSES_HEAD = """# Every cause that can be named
+
+A cause is a way in which the aircraft, its instruments or the air may differ from the aircraft file. This page has the
+definition of each: its sentence in a report, its value, where it may act, and its equation, in which $v$ is the value.
+Times are in seconds, angles in radians. Body axes point forward (x), right (y) and down (z).
+
+The documentation that `make docs` builds has a page for each, with its effect on a flight and how often it was found.
+
+## Signs of the control surfaces
+
+casid has no convention of its own: a surface is positive where the derivatives of your file say so.
+
+| surface | usual sign | your file has that sign when | positive deflection then gives |
+|---|---|---|---|
+| elevator `delta_e` | trailing edge down | `Cm_delta_e` < 0 | nose down |
+| aileron `delta_a` | right aileron up, left aileron down | `Cl_delta_a` > 0 | right wing down |
+| rudder `delta_r` | trailing edge left | `Cn_delta_r` < 0 | nose left |
+
+With the opposite sign in the file, positive is the opposite deflection; for ailerons both signs are common. The records
+must have the signs of the file: `casid check` reports a surface to which the aircraft answers in the opposite sense.
+"""
+
+
+def _definition(kind: Kind) -> list[str]:
+    """The lines that define a cause: sentence, value, targets, equation."""
     targets = ", ".join(f"`{t}`" for t in kind.targets) if kind.targets else "a rotor" if kind.of_rotors else "none"
     sentence = re.sub(r"\[(\w+)\|(\w+)\]", r"\1 (or \2)", kind.sentence).replace("{", "*").replace("}", "*")
-    lines = [
-        f"# `{kind.kind}`",
-        "",
+    formula, symbols = EQUATIONS[kind.kind]
+    return [
         f"> {sentence}",
         "",
         f"- Value [{_unit(kind.unit)}]: {kind.quantity}.",
         f"- Targets: {targets}{', joined with +' if kind.joined else ''}.",
+        "",
+        "$$",
+        formula,
+        "$$",
+        *(["", symbols] if symbols else []),
     ]
-    formula, symbols = EQUATIONS[kind.kind]
-    lines += ["", "$$", formula, "$$", "", " ".join(["Here $v$ is the value.", symbols]).strip()]
+
+
+def _cause_page(kind: Kind, picture: str | None, blind: list[dict[str, str]]) -> str:
+    lines = [f"# `{kind.kind}`", "", *_definition(kind), "", "Here $v$ is the value."]
     if picture:
         lines += ["", "## Its fingerprint on the Do 328", "", f"![{kind.kind}]({picture})", ""]
         lines += ["What the instruments read with it, less what they read without it, in the same flight: doublets of"]
@@ -198,7 +245,7 @@ def _draw(t: np.ndarray, change: dict[str, np.ndarray], file: Path) -> None:
 
 
 def criteria_page() -> str:
-    """Write the table of all criteria; it is kept in the repository, where readers of a clone find it."""
+    """Write the table of all criteria."""
     return "\n".join(_criteria_lines()) + "\n"
 
 
@@ -215,4 +262,4 @@ def _criteria_lines() -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    CRITERIA.write_text(criteria_page(), encoding="utf-8")
+    write_kept()

@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from casid.cli.options import DEMO
 from casid.model import causes  # noqa: F401  fills the register
+from casid.model.aircraft import Aircraft
 from casid.model.effect import KINDS
 from problems.blind.case import ROTORS
 
@@ -43,10 +45,32 @@ def test_every_cause_has_an_equation() -> None:
     assert all(formula.count("{") == formula.count("}") and "v" in formula for formula, _ in equations.values())
 
 
-def test_the_page_of_criteria_is_that_of_their_definitions(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("page", ["criteria", "causes"])
+def test_a_page_in_the_clone_is_that_of_its_definitions(monkeypatch: pytest.MonkeyPatch, page: str) -> None:
     monkeypatch.syspath_prepend(str(DOCS))  # the page's writer imports the equations beside it
-    page = (DOCS / "criteria.md").read_text(encoding="utf-8")
-    assert page == load("written").criteria_page(), "run: python docs/written.py"
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    assert text == getattr(load("written"), f"{page}_page")(), "run: python docs/written.py"
+
+
+def test_the_page_of_causes_defines_each_of_them_once() -> None:
+    text = (DOCS / "causes.md").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^### `(\w+)`$", text, re.MULTILINE)) == sorted(KINDS)
+
+
+def test_the_page_of_causes_has_the_sign_of_every_surface() -> None:
+    """Truth: the derivatives of the demonstration, which has the usual signs, and moments by the right-hand rule."""
+    text = (DOCS / "causes.md").read_text(encoding="utf-8")
+    derivatives = Aircraft.read(DEMO / "aircraft.toml").derivatives
+    turned = {
+        "Cl": ("right wing down", "left wing down"),
+        "Cm": ("nose up", "nose down"),
+        "Cn": ("nose right", "nose left"),
+    }
+    rows = re.findall(r"^\| \w+ `(\w+)` \| .+? \| `(\w\w)_(\w+)` ([<>]) 0 \| (.+?) \|$", text, re.MULTILINE)
+    assert {surface for surface, *_ in rows} == {"delta_e", "delta_a", "delta_r"}
+    for surface, moment, by, relation, answer in rows:
+        positive = derivatives[f"{moment}_{surface}"] > 0.0
+        assert (by, relation, answer) == (surface, ">" if positive else "<", turned[moment][0 if positive else 1])
 
 
 def test_every_cause_is_drawn_or_said_not_to_be() -> None:
