@@ -211,6 +211,8 @@ def walk(wheel: Path | None, place: Path) -> None:
 def first_hour(*, wheel: Path | None = None, keep: Path | None = None) -> int:
     """Walk the first hour of a new user.
 
+    Example: python scripts/first_hour.py --keep /tmp/first-hour
+
     Parameters
     ----------
     wheel

@@ -36,7 +36,7 @@ def isolate(
     channels
         What is measured; default: V, flow angles, rates, attitude and specific forces.
     causes
-        Globs of causes, like 'sensor_*' 'aero_term(Cm:*)'; default: all but most aerodynamic terms.
+        Globs of causes, like 'sensor_*'; default: all but most aerodynamic terms.
     only_this
         Do not look for the channel or manoeuvre that would add most.
     maps

@@ -24,7 +24,7 @@ from casid.report.estimate_figures import file_name, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.result_page import write_result
 from casid.report.style import Picture
-from casid.signals import SURFACES
+from casid.signals import SURFACES, unit_of
 
 WINDOW_S = 5.0  # of the record, to which the initial state is fitted
 
@@ -144,15 +144,16 @@ def picture(record: Record, flown: dict[str, tuple[Applied, np.ndarray]]) -> Pic
 
 
 def table(results: dict[str, dict]) -> str:
-    """r.m.s. of measured minus simulated, one line per record and aircraft."""
-    channels = list(
-        dict.fromkeys(c for row in results.values() for one in row.values() if "diverged" not in one for c in one)
-    )
-    width = max(len(f"{record}  {label}") for record, row in results.items() for label in row)
-    lines = [f"{'r.m.s.':{width}} " + " ".join(f"{c:>10}" for c in channels)]
+    """r.m.s. of measured less simulated: for each record a row per channel, in SI, and a column per aircraft."""
+    lines: list[str] = []
     for record, row in results.items():
-        for label, one in row.items():
-            head = f"{f'{record}  {label}':{width}} "
-            cells = " ".join(f"{one[c]['rms']:10.4g}" if c in one else f"{'':>10}" for c in channels)
-            lines.append(head + one.get("diverged", cells))
-    return "\n".join(lines)
+        found = {label: one for label, one in row.items() if "diverged" not in one}
+        widths = {label: max(10, len(label)) for label in found}
+        lines += ["", f"{record}: r.m.s. of measured less simulated"]
+        lines.append(f"{'':16}" + "".join(f"  {label:>{width}}" for label, width in widths.items()))
+        for channel in dict.fromkeys(c for one in found.values() for c in one):
+            sizes = (f"{one[channel]['rms']:.4g}" if channel in one else "" for one in found.values())
+            cells = (f"  {size:>{width}}" for size, width in zip(sizes, widths.values(), strict=True))
+            lines.append(f"{f'{channel} [{unit_of(channel)}]':16}" + "".join(cells))
+        lines += [f"{label}: {one['diverged']}" for label, one in row.items() if "diverged" in one]
+    return "\n".join(lines[1:])

@@ -77,14 +77,14 @@ def histories(
         known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
         handles, labels = zip(*known, strict=True)
         figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 3))
-    names = " and ".join(curves)
+    drawn = ", ".join(["measured", *curves])
     return Picture(
         name=f"histories_{file_name(record)}",
         figure=figure,
-        title=f"{record}: measured and {names}",
+        title=f"{record}: {drawn}",
         histories=True,
-        caption=f"Outputs of {record}: measured, and {names}.",
-        alt=f"Time histories of {', '.join(channels)}, measured and {names}.",
+        caption=f"Outputs of {record}: {drawn}.",
+        alt=f"Time histories of {', '.join(channels)}: {drawn}.",
     )
 
 

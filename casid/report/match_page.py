@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
 
 _LINES = {GIVEN: (BASELINE, "--"), EXTENDED: (BLUE, "-")}
 _PANEL = 1.45  # inches
+_LETTERS = 14  # of a label of 9 points, which are 1 inch
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
@@ -122,7 +124,12 @@ def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> 
         low, high, across = np.full(len(t), foot), foot + 0.024, axis.get_xaxis_transform()
         axis.fill_between(t, low, high, where=out.tolist(), color=colour, lw=0, transform=across)
     axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel(f"{told(name)} [{unit}]" if unit else told(name), fontsize=9.0)
+    axis.set_ylabel(_label(told(name), unit), fontsize=9.0)
+
+
+def _label(name: str, unit: str) -> str:
+    """Break the label of a panel into lines that are shorter than a panel is high."""
+    return "\n".join([*textwrap.wrap(name, _LETTERS), *([f"[{unit}]"] if unit else [])])
 
 
 def _dots(axis: Axes, t: np.ndarray, y: np.ndarray) -> None:
@@ -147,7 +154,7 @@ def _surfaces(axis: Axes, one: MatchedTest) -> None:
             axis.plot(one.flight.t, values + np.degrees(added[name]), ":", color=MEASURED, lw=1.0, label=corrected)
             corrected = "_"
     axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel("surfaces, driven [deg]", fontsize=9.0)
+    axis.set_ylabel(_label("surfaces, driven", "deg"), fontsize=9.0)
     low, high = axis.get_ylim()
     axis.set_ylim(low, high + 0.25 * (high - low))
     axis.legend(loc="upper left", ncols=4, fontsize=7.5, handlelength=1.0, columnspacing=0.8, borderpad=0.1)
@@ -156,7 +163,7 @@ def _surfaces(axis: Axes, one: MatchedTest) -> None:
 def _thrust(axis: Axes, one: MatchedTest) -> None:
     axis.plot(one.flight.t, 1e-3 * _inside(one, "thrust"), color=MEASURED, lw=1.1)
     axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel("thrust, driven [kN]", fontsize=9.0)
+    axis.set_ylabel(_label("thrust, driven", "kN"), fontsize=9.0)
 
 
 FIGURES = "match_figures"
@@ -274,7 +281,7 @@ def related_figure(one: MatchedTest) -> Picture | None:
                 colour, dash = _LINES[label]
                 axis.plot(t, factor * side.flown.channels[name], dash, color=colour, lw=1.3, label=label)
             axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-            axis.set_ylabel(f"{told(name)} [{unit}]", fontsize=9.0)
+            axis.set_ylabel(_label(told(name), unit), fontsize=9.0)
         for axis in list(axes.flat)[len(names) :]:
             axis.set_visible(False)
         for axis in axes[-1]:

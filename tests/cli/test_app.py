@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -54,6 +55,14 @@ def casid_here(
     yield run
     for number, handler in handlers.items():
         signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_help_of_a_command_keeps_the_patterns_of_its_docstring(casid_here: Callable, name: str) -> None:
+    """Asterisks are emphasis to what formats the help: two of them in a paragraph would vanish."""
+    patterns = re.findall(r"'[^'\s]*\*[^'\s]*'", resolve_name(COMMANDS[name]).__doc__ or "")
+    printed = "".join(casid_here(name, "--help")[1].replace("│", "").split())
+    assert [pattern for pattern in patterns if pattern not in printed] == []
 
 
 def test_help_names_every_command_and_what_it_does(casid_here: Callable) -> None:

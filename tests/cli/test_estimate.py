@@ -254,7 +254,11 @@ def test_simulate_flies_aircraft_side_by_side(folder, script_here, tmp_path):
     clean = aircraft_model(do328(), axes="longitudinal").outputs
     assert set(clean) <= set(written.channels)
     np.testing.assert_array_equal(written["delta_e"], read_record(folder / "m1.csv")["delta_e"])
-    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2  guess" in said
+    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2: r.m.s." in said
+    row = next(line.split() for line in said.split("m2: r.m.s.")[1].splitlines() if line.startswith("q [rad/s]"))
+    assert [float(x) for x in row[2:]] == pytest.approx(
+        [result["m2"][a]["q"]["rms"] for a in ("truth", "guess")], rel=1e-3
+    )
 
 
 def test_a_simulation_that_diverges_is_said(folder, run_in_process, tmp_path):

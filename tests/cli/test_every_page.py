@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from small_flight import aircraft_file, records
 
+from casid.model.aircraft import Aircraft
 from casid.records.readers import write_record
 from casid.records.record import Record
+from problems.do328 import V_TRIM
 
 MODELS = """
 import casid as cs
@@ -96,8 +99,13 @@ def of_elevator(folder: Path, *measured: str) -> tuple[Path, Path]:
     record = records()[0]
     kept = {"delta_e", "rho", *measured}
     write_record(record.without(*(name for name in record.channels if name not in kept)), folder / "r.csv")
-    aircraft_file().write(folder / "a.toml")
+    at_trim().write(folder / "a.toml")
     return folder / "a.toml", folder / "r.csv"
+
+
+def at_trim() -> Aircraft:
+    """The aircraft file with the level flight of its records."""
+    return replace(aircraft_file(), trim={"V": V_TRIM, "altitude": 3000.0})
 
 
 @pytest.mark.parametrize("options", [(), ("--axes", "longitudinal", "--quick")], ids=["whole", "quick"])
@@ -130,3 +138,56 @@ def test_other_commands_with_the_smallest_flight(
     aircraft, record = of_elevator(tmp_path, "alpha", "q", *measured)
     arguments = [aircraft if word == "a.toml" else word for word in words]
     whole_page(command, f"{command}.html", record, *arguments, statuses=(0, 1))  # 1: the page says what it found
+
+
+@pytest.fixture
+def largest(tmp_path: Path) -> tuple[Path, Path]:
+    """An aircraft file, and a record of it with every channel of an aircraft."""
+    record, aircraft = records()[0], at_trim()
+    t, zero = record.t, np.zeros(len(record.t))
+    measured = {f"{rate}dot": np.gradient(record[rate], t) for rate in "pqr"}
+    further = {"altitude": zero + 3000.0, "psi": np.cumsum(record["r"]) / 25.0, "fx": zero, "fy": zero, "fz": zero}
+    write_record(
+        record.with_channels(**measured, **{k: v for k, v in further.items() if k not in record}), tmp_path / "r.csv"
+    )
+    aircraft.write(tmp_path / "a.toml")
+    return tmp_path / "a.toml", tmp_path / "r.csv"
+
+
+@pytest.mark.parametrize("size", ["smallest", "largest"])
+@pytest.mark.parametrize(
+    ("command", "page", "words"),
+    [
+        ("modes", "modes", ("a.toml",)),
+        ("match", "match", ("r.csv", "--aircraft", "a.toml")),
+        (
+            "isolate",
+            "isolability",
+            ("--aircraft", "a.toml", "--manoeuvre", "r.csv", "--only-this", "--causes", "sensor_bias*"),
+        ),
+        ("design", "design", ("--aircraft", "a.toml", "--duration", "4", "--free", "Cm_alpha")),
+        ("simulate", "simulate", ("r.csv", "--aircraft", "a.toml", "--aircraft", "a.toml")),
+        ("response", "response", ("r.csv", "--input", "delta_e", "--output", "q")),
+        ("estimate", "estimate", ("r.csv", "--aircraft", "a.toml", "--free", "Cm_alpha")),
+    ],
+)
+def test_pages_that_need_an_aircraft(
+    whole_page: Callable,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    command: str,
+    page: str,
+    words: tuple[str, ...],
+    size: str,
+) -> None:
+    """Truth: two measured channels of one plane, and every channel there is; neither loses a picture."""
+    aircraft, record = (
+        of_elevator(tmp_path, "alpha", "q", "V") if size == "smallest" else request.getfixturevalue("largest")
+    )
+    files = {"a.toml": aircraft, "r.csv": record}
+    whole_page(command, f"{page}.html", *(files.get(word, word) for word in words), statuses=(0, 1))
+
+
+def test_diagnosis_of_the_largest_flight(whole_page: Callable, largest: tuple[Path, Path]) -> None:
+    aircraft, record = largest
+    whole_page("diagnose", "report.html", record, "--aircraft", aircraft, "--quick")

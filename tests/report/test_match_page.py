@@ -7,7 +7,7 @@ import pytest
 
 import casid as cs
 from casid.cli.options import DEMO
-from casid.report.match_page import match_figure
+from casid.report.match_page import match_figure, related_figure
 
 
 @pytest.fixture(scope="module")
@@ -19,7 +19,7 @@ def test_a_panel_for_each_channel_in_the_unit_of_its_tolerance(proof: cs.ProofOf
     (one,) = proof.tests
     picture = match_figure(one)
     shown = [axis for axis in picture.figure.axes if axis.get_visible()]
-    assert [axis.get_ylabel() for axis in shown][:3] == [
+    assert [axis.get_ylabel().replace("\n", " ") for axis in shown][:3] == [
         "pitch angle [deg]",
         "pitch rate [deg/s]",
         "normal acceleration [g]",
@@ -65,3 +65,17 @@ def test_a_row_for_each_check_in_the_frame(proof: cs.ProofOfMatch) -> None:
     pytest.importorskip("pandas")
     table = proof.to_frame()
     assert len(table) == 3 and set(table["paragraph"]) == {proof.tests[0].test.paragraph}
+
+
+def test_no_label_is_longer_than_its_panel_is_high() -> None:
+    """Truth: where the text stands, as it is drawn. Power change: the longest names, and the thrust."""
+    proof = cs.proof_of_match(
+        DEMO / "aircraft.toml", DEMO / "m2.csv", extended=DEMO / "aircraft.toml", tests={"2.c.1": (14.5, 20.4)}
+    )
+    (one,) = proof.tests
+    figures = [match_figure(one).figure, *(picture.figure for picture in [related_figure(one)] if picture)]
+    for figure in figures:
+        figure.draw_without_rendering()
+        for axis in figure.axes:
+            if axis.get_visible():
+                assert axis.yaxis.label.get_window_extent().height <= axis.get_window_extent().height, axis.get_ylabel()

@@ -74,7 +74,7 @@
       for (const s of panel.series) {
         data.push(curve(s));
         series.push({
-          label: s.label || panel.label, stroke: s.colour, width: s.dots ? 0 : s.width, dash: s.dash, value: number,
+          label: s.label || panel.label, class: !s.label && panel.series.some((one) => one.label) ? "silent" : undefined, stroke: s.colour, width: s.dots ? 0 : s.width, dash: s.dash, value: number,
           points: { show: s.dots, size: 3, fill: s.colour, stroke: s.colour }, paths: s.dots ? () => null : undefined,
         });
       }
