@@ -51,20 +51,23 @@ class Likelihood:
         seen = ca.vertcat(model.h, *(s for s, _ in sigmas))
         self._seen = ca.Function("h", [*given, ca.vertcat(*channels)], [seen])
 
-    def __call__(self, values: Mapping[str, float]) -> float:
-        """At these values; infinite where there is no motion."""
+    def __call__(self, values: Mapping[str, float], begins: np.ndarray | None = None) -> float:
+        """At these values, and initial states (records, states) where they are no formulas; infinite where there is no
+        motion."""
         total = 0.0
-        for residual, sigma, scale in self.parts(values):
+        for residual, sigma, scale in self.parts(values, begins):
             total += float((0.5 * residual**2 + np.log(sigma * math.sqrt(2.0 * math.pi)) + scale).sum())
         return total if np.isfinite(total) else math.inf
 
-    def parts(self, values: Mapping[str, float]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    def parts(
+        self, values: Mapping[str, float], begins: np.ndarray | None = None
+    ) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Per record and output the whitened residuals, their 1-sigma, and ln of the reading where noise is
         log-normal."""
         problem = self.problem
         theta = np.array([values[name] for name in problem.parameters])
         found = []
-        begins = initial_offsets(problem, theta)
+        begins = initial_offsets(problem, theta) if begins is None else begins
         for record, p, begin in zip(problem.records, problem.model_parameters(theta), begins, strict=True):
             inputs = record.matrix(problem.model.inputs)
             following = np.where(self._held(record), inputs, np.vstack([inputs[1:], inputs[-1:]]))
@@ -100,7 +103,7 @@ class Likelihood:
     ) -> np.ndarray:
         states = np.full((len(t), len(begin)), np.nan)
         states[0] = begin
-        close = self.tolerance * self.problem.model.scale_vector()
+        close = self.tolerance * self.problem.state_size
         for k, dt in enumerate(np.diff(t)):
 
             def slope(x: np.ndarray, share: float, k: int = k, dt: float = dt) -> np.ndarray:
