@@ -17,7 +17,7 @@ def test_an_end_has_the_likelihood_of_its_motion(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("problem", posed(None), ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", list(posed(None)), ids=lambda problem: problem.name)
 def test_no_end_that_converged_is_contradicted(problem):
     for one in problem.starts():
         fit = solve(one, solver=Automatic(seconds=60.0))
