@@ -198,7 +198,16 @@ _SUFFIXES = {
         unit: unit
         for unit in ("deg", "rad", "kt", "kts", "ft", "m", "g", "N", "kN", "lbf", "s", "ms", "us", "ns", "mV")
     },
-    **{"dps": "deg/s", "deg_s": "deg/s", "rad_s": "rad/s", "rps": "rad/s", "deg_s2": "deg/s2", "rad_s2": "rad/s2"},
+    **{
+        "dps": "deg/s",
+        "deg_s": "deg/s",
+        "rad_s": "rad/s",
+        "rps": "rad/s",
+        "radps": "rad/s",
+        "degps": "deg/s",
+        "deg_s2": "deg/s2",
+        "rad_s2": "rad/s2",
+    },
     **{"mps": "m/s", "m_s": "m/s", "fps": "ft/s", "mps2": "m/s2", "m_s2": "m/s2", "kmh": "km/h", "hPa": "hPa"},
 }
 
@@ -213,7 +222,8 @@ def with_suffix(name: str) -> tuple[str, str]:
     channel, _, _ = name.partition("_")
     for known in (name.rpartition("_")[0], "_".join(name.split("_")[:-2]), channel):
         suffix = name[len(known) + 1 :]
-        if known in CHANNELS and suffix in _SUFFIXES:
+        suffix = suffix if known in CHANNELS else suffix.lower()  # ALPHA_DEG is nearly alpha_deg
+        if (known in CHANNELS or known.lower() in CHANNELS) and suffix in _SUFFIXES:
             return known, _SUFFIXES[suffix]
     known, _, suffix = name.rpartition("_")
     return (known, _SUFFIXES[suffix]) if known.lower() in ("time", "timestamp") and suffix in _SUFFIXES else (name, "")

@@ -31,6 +31,11 @@ _QUESTIONS = {
     "area": "wing area [m2]",
     "speed": "true airspeed of the manoeuvres [m/s]",
 }
+_SIGNS = {  # what a positive deflection does by the sign of its derivative here
+    "Cm_delta_e": "typical; positive elevator: trailing edge down, nose down",
+    "Cl_delta_a": "typical; positive aileron: rolls to the LEFT; change the sign if yours rolls to the right",
+    "Cn_delta_r": "typical; positive rudder: trailing edge left, nose left",
+}
 
 
 def new_aircraft(
@@ -94,6 +99,8 @@ def new_aircraft(
             raise InputError(f"--{what} {value:g}: expected a positive number")
     _check_wing(known, altitude)
     _write(target, _text(name, altitude, known))
+    for one in _SIGNS.values():
+        print(f"  {one.removeprefix('typical; ')}")
 
 
 def _write(target: Path, text: str) -> None:
@@ -150,14 +157,14 @@ def _lift(mass: float, area: float, speed: float, altitude: float) -> float:
     return mass * GRAVITY / (0.5 * float(standard_density(np.array(altitude))) * speed**2 * area)
 
 
+_FLAT = 0.8  # (Izz - Iyy) / Ixx: 0.65 of a Cessna 172, 0.80 of Do 328, ATTAS and F-16, 0.98 of a Fokker 50
+
+
 def inertia_of(mass: float, span: float, length: float) -> dict[str, float]:
-    """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1)."""
-    return {
-        "Ixx": mass * (0.25 * span / 2.0) ** 2,
-        "Iyy": mass * (0.38 * length / 2.0) ** 2,
-        "Izz": mass * (0.39 * (span + length) / 4.0) ** 2,
-        "Ixz": 0.0,
-    }
+    """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1); in yaw an aircraft
+    has more than in pitch, however long it is, for its wing is wide and flat."""
+    roll, pitch = mass * (0.25 * span / 2.0) ** 2, mass * (0.38 * length / 2.0) ** 2
+    return {"Ixx": roll, "Iyy": pitch, "Izz": pitch + _FLAT * roll, "Ixz": 0.0}
 
 
 def derivatives_of(lift: float, aspect: float) -> dict[str, float]:
@@ -214,14 +221,19 @@ def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
     }
     sensors = {place: [0.0, 0.0, 0.0] for place in ("accelerometer", "alpha_vane", "beta_vane")}
     trim = {"V": speed, "altitude": altitude, "rho": rho}
-    _section(document, "aircraft", aircraft, {"inertia": "kg m2, typical", "mass": "kg"})
+    _section(
+        document,
+        "aircraft",
+        aircraft,
+        {"inertia": f"kg m2, typical of a fuselage of {known.get('length', span):g} m; --length", "mass": "kg"},
+    )
     lengths = {"moment_length": "m: Cl = L / (qbar S span)", "rate_length": "m: p* = p lateral / V", "area": "m2"}
     _section(document, "reference", reference, lengths)
     _section(document, "sensors", sensors, dict.fromkeys(sensors, "m from the centre of gravity; x forward, z down"))
     _section(document, "trim", trim, {"V": "m/s", "altitude": "m", "rho": "kg/m3"})
     inner = tomlkit.table()
     for key, value in derivatives_of(lift, span**2 / area).items():
-        inner.add(key, _commented(_rounded(value), "typical"))
+        inner.add(key, _commented(_rounded(value), _SIGNS.get(key, "typical")))
     body = tomlkit.table()
     body.add("force_axes", _commented("wind", "wind: CL CD CY; body: CX CZ CY"))
     body.add("relative_uncertainty", _commented(0.5, "1-sigma of every derivative, as a fraction of it; 0: no prior"))

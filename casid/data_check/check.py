@@ -17,8 +17,8 @@ import numpy as np
 from casid.arguments import require
 from casid.data_check import words
 from casid.data_check.criteria import DataCriteria
+from casid.data_check.file_meaning import SI_OF, FileMeaning
 from casid.data_check.reading import Finding, Handled
-from casid.data_check.relations import SI_OF, FileUnit
 from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
 from casid.data_check.weighing import Weighed, Weighing, described, with_readings
@@ -26,7 +26,13 @@ from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
-from casid.records.channel_faults import ChannelFault, by_kind, channel_faults, constant_in_one, without_faults
+from casid.records.channel_faults import (
+    ChannelFault,
+    by_kind,
+    channel_faults,
+    not_moving,
+    without_faults,
+)
 from casid.records.channel_table import ChannelRow, as_text, channel_table, gaps
 from casid.records.checks import INPUTS, LONG_GAP
 from casid.records.given import given_records
@@ -53,8 +59,8 @@ class DataFindings:
     impossible
         Effects of the aircraft file of an impossible size, and an inertia that no rigid body has.
     remarks
-        What does not fit each other and is not explained by a fault: density and altitude, indicated airspeed, an angle
-        that is always zero, a rate that changes, thrust and drag.
+        What does not fit each other and is not explained by a fault: density and altitude, indicated airspeed, a rate
+        that changes, thrust and drag, and values of the file that the motion contradicts.
     unread
         File -> reason why it could not be read; only in the command `casid check`.
 
@@ -166,9 +172,9 @@ def check(
         require(criteria, DataCriteria, "check: criteria", "DataCriteria(...)")
     answered = [answers(record, plane) if plane is not None else None for record in given]
     alone = (channel_faults(record, answers=known) for record, known in zip(given, answered, strict=True))
-    faults = [fault for some in alone for fault in some] + constant_in_one(given)
+    faults = [fault for some in alone for fault in some] + not_moving(given)
     faults = [fault for fault in faults if not {*fault.target.split("+")} & believed_as_read]
-    kept = tuple(without_faults(record, faults) for record in given)
+    kept = _without_empty([without_faults(record, faults) for record in given])
     cannot_be = doubts(plane) if plane is not None else ()
     believed = believable(plane, cannot_be) if plane is not None else None
     weighing = Weighing(kept, believed, criteria or DataCriteria(), believed_as_read)
@@ -184,9 +190,9 @@ def check(
         records=given if undo else tuple(_noted(record, (*together, *samples)) for record in kept),
         recorded=given,
         table=channel_table(given),
-        doubts=_of_the_file(plane, cannot_be, weighing.units),
+        doubts=_of_the_file(plane, cannot_be, weighing.meanings),
         impossible=impossibilities(plane) if plane is not None else (),
-        remarks=remarks(kept, None if weighing.units else believed, criteria or DataCriteria()),
+        remarks=remarks(kept, None if weighing.meanings else believed, criteria or DataCriteria()),
     )
 
 
@@ -205,17 +211,26 @@ def channels_of(undo: bool | Sequence[str], where: str) -> frozenset[str]:
 
 
 def _of_the_file(
-    aircraft: Aircraft | None, cannot_be: tuple[Doubt, ...], units: Sequence[FileUnit]
+    aircraft: Aircraft | None, cannot_be: tuple[Doubt, ...], meanings: Sequence[FileMeaning]
 ) -> tuple[Doubt, ...]:
-    """The most probable unit, and what cannot be in that unit either."""
-    if aircraft is None or not units:
+    """The most probable other meaning of the file, and what cannot be in that meaning either."""
+    if aircraft is None or not meanings:
         return cannot_be
-    best, *rivals = units
-    sentence = words.of_file_unit(best.parameter, best.unit, [f"{one.parameter} in {one.unit}" for one in rivals])
+    best, *rivals = meanings
     given = getattr(aircraft, best.parameter, math.nan)
-    given = given if isinstance(given, float) else math.nan
-    found = Doubt(parameter=best.parameter, given=given, unit=SI_OF[best.parameter], sentence=sentence)
+    found = Doubt(
+        parameter=best.parameter,
+        given=given if isinstance(given, float) else math.nan,
+        unit=SI_OF.get(best.parameter, "1"),
+        sentence=words.of_the_file(best.said, [one.said for one in rivals]),
+    )
     return (found, *doubts(best.corrected(aircraft)))
+
+
+def _without_empty(records: Sequence[Record]) -> tuple[Record, ...]:
+    """The records without the channels that have no sample in any of them."""
+    held = {name for record in records for name, values in record.channels.items() if np.isfinite(values).any()}
+    return tuple(record.without(*(name for name in record.channels if name not in held)) for record in records)
 
 
 def _pauses(records: Sequence[Record]) -> list[Finding]:

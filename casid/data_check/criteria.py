@@ -84,6 +84,19 @@ class DataCriteria:
         "derived: one in five coefficients of four derivatives has one",
     )
     outlying: float = number(3.0, "1-sigma of such a derivative, as a part of it", "chosen")
+    balance: float = number(
+        0.05,
+        "1-sigma of the pitching moment coefficient that a file leaves in trim",
+        "measured: 0.06 at most in 13 files whose values are 10 to 30 % off, and in those of real flights",
+    )
+    point: float = number(
+        0.25,
+        "1-sigma of the point of a file's moments from the c.g., in lengths of pitching moments",
+        "derived: quarter chord and leading edge, nose and c.g. of usual files, are within two",
+    )
+    sure: float = number(
+        5.0, "distance of a free derivative from the sign of the file", "derived: 1 in 3 million", unit="sigma"
+    )
     minor: float = number(
         0.2,
         "1-sigma of a derivative beside that, as the part of its coefficient's variation that it makes, for units",

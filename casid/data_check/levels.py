@@ -11,13 +11,14 @@ import numpy as np
 from scipy import signal, special
 
 from casid.data_check.criteria import DataCriteria
-from casid.data_check.reading import FEWEST_KNOWN, Read
+from casid.data_check.reading import FEWEST_KNOWN, FORCES, Read
 from casid.data_check.relations import RELATIONS, Relation
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 from casid.model.plausible import doubts
 from casid.model.trim import trim as trim_of
+from casid.signals import EXTERNAL_FORCE
 
 _MEANS = ("phi", "theta", "V", "alpha", "beta")  # relations whose biases are small beside what they compare
 
@@ -78,7 +79,9 @@ def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) 
     trim, area = aircraft.trim, aircraft.area
     if {"V", "rho", "alpha"} <= trim.keys():
         known, spread, at = _balanced(aircraft, trim["rho"], trim["V"], g), criteria.trim_lift, trim["alpha"]
-    wanted = -_mean(c, "az") * aircraft.mass / (0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0)
+    wanted = (_mean(c, "fz") - _mean(c, "az") * aircraft.mass) / (
+        0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0
+    )
     curve = known, sign * aircraft.derivatives[slope], _mean(c, "alpha") - at
     return _least_errors(*curve, wanted, (spread, criteria.derivative, criteria.angle, criteria.load_factor), criteria)
 
@@ -141,7 +144,7 @@ def thrust_over_drag(
     measured = c.has("altitude")
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
     unknown = criteria.path_by_altitude if measured else criteria.path_known
-    needed = drag + aircraft.mass * _slope(c, "V") + weight * path
+    needed = drag + aircraft.mass * _slope(c, "V") + weight * path - _mean(c, "fx")
     if needed < criteria.drag_part * drag:
         return None
     by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
@@ -212,9 +215,17 @@ def _slope_of(force: str, angle: str, beside: tuple[str, ...]) -> Callable[..., 
         there = [name for name in beside if c.has(name)]
         at = c.known(force, angle, "V", *there)
         others = [c.value(name) for name in there]
-        return _opposes(c.value(force), [c.value(angle), *others], at, c, criteria)
+        made = _made_by_air(c, force, aircraft)
+        return 0.0 if made is None else _opposes(made, [c.value(angle), *others], at, c, criteria)
 
     return level
+
+
+def _made_by_air(c: Read, force: str, aircraft: Aircraft | None) -> np.ndarray | None:
+    """(N,) a specific force without that of a recorded external force; None where that takes an unknown mass."""
+    if aircraft is not None:
+        return c.made(force, aircraft.mass)
+    return None if c.has(EXTERNAL_FORCE[FORCES.index(force)]) else c.value(force)
 
 
 def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c: Read, criteria: DataCriteria) -> float:
@@ -235,7 +246,8 @@ def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c:
 def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """Side force opposes the sideslip that the motion makes, where no vane tells it: p sin(alpha) - r cos(alpha) + (ay
     + g sin(phi) cos(theta)) / V is integrated, and both sides high-passed, so that biases do not add up."""
-    if c.has("beta"):
+    made = _made_by_air(c, "ay", aircraft)
+    if c.has("beta") or made is None:
         return 0.0
     alpha, phi, theta = c.value("alpha"), c.value("phi"), c.value("theta")
     across = (c.value("ay") + g * np.sin(phi) * np.cos(theta)) / np.maximum(c.value("V"), 1.0)
@@ -244,9 +256,7 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
     at = c.known("ay", "V", "phi", "theta", "alpha", *there)
     sideslip = np.asarray(signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))
-    passed = [
-        np.asarray(signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0])) for x in (c.value("ay"), *map(c.value, there))
-    ]
+    passed = [np.asarray(signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0])) for x in (made, *map(c.value, there))]
     return _opposes(passed[0], [sideslip, *passed[1:]], at, c, criteria)
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from casid.data_check.criteria import DataCriteria
 from casid.model.dynamics import standard_density
+from casid.model.measured_force import external_force
 from casid.records.checks import INPUTS
 from casid.records.record import Record
-from casid.signals import GRAVITY
+from casid.signals import EXTERNAL_FORCE, FORCE_POINT, GRAVITY
 
 _ANGLES = ("psi",)
 FORCES = ("ax", "ay", "az")
@@ -191,14 +192,26 @@ class Read:
     def name(self) -> str:
         return self._record.name
 
+    def pulled(self) -> tuple[list[Any], list[Any]]:
+        """(N,) each: the recorded external force along body axes [N], and its moment about the c.g. [N m]; else 0."""
+        there = {name: self.value(name) for name in (*EXTERNAL_FORCE, *FORCE_POINT) if self._recorded(name)}
+        return external_force(there)
+
+    def made(self, name: str, mass: float) -> np.ndarray:
+        """(N,) the part of a specific force that is not made by a recorded external force."""
+        return self.value(name) - self.pulled()[0][FORCES.index(name)] / mass
+
     def levers(self) -> np.ndarray:
         """(3, 3, N) what an accelerometer 1 m from the c.g. senses of the rotation: axes of the place, and of force."""
-        still = np.zeros(len(self._record.t))
-        rates = np.stack([self.value(name) for name in "pqr"])
-        turning = np.stack([self.rate(name) if self._recorded(name) else still for name in "pqr"])
-        arms = np.eye(3)[:, :, None] * np.ones_like(still)
-        return np.stack(
-            [np.cross(turning, arm, axis=0) + np.cross(rates, np.cross(rates, arm, axis=0), axis=0) for arm in arms]
+        p, q, r = (self.value(name) for name in "pqr")
+        still = np.zeros(len(p))
+        a, b, c = (self.rate(name) if self._recorded(name) else still for name in "pqr")
+        return np.array(
+            [
+                [-q * q - r * r, p * q + c, p * r - b],
+                [p * q - c, -p * p - r * r, q * r + a],
+                [p * r + b, q * r - a, -p * p - q * q],
+            ]
         )
 
     @property

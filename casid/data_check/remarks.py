@@ -8,15 +8,15 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.data_check.levels import thrust_over_drag
+from casid.data_check.levels import thrust_over_drag, trimmed_density
 from casid.data_check.reading import Read, smooth
+from casid.data_check.response import Response
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 from casid.records.record import Record
-from casid.signals import GRAVITY, label_of
+from casid.signals import GRAVITY
 
 _SEA_LEVEL = float(standard_density(np.array(0.0)))
-_MOVING = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
 
 
 def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> tuple[str, ...]:
@@ -25,10 +25,19 @@ def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: Data
     for record in records:
         slow = Read(smooth(record, criteria.slow, criteria))
         quick = Read(smooth(record, criteria.quick, criteria))
-        found = (*_density(slow, criteria), *_indicated(quick, criteria), *_zero(record), *_pace(record))
+        found = (*_density(slow, criteria), *_indicated(quick, criteria), *_pace(record))
         for one in (*found, *_thrust(slow, aircraft, criteria)):
             said.setdefault(one, []).append(record.name)
-    return tuple(f"{', '.join(names)}: {one}" for one, names in said.items())
+    return (*(f"{', '.join(names)}: {one}" for one, names in said.items()), *_signs(records, aircraft, criteria))
+
+
+def _signs(records: Sequence[Record], aircraft: Aircraft | None, by: DataCriteria) -> Iterator[str]:
+    """Signs of a file that the motion of the records contradicts."""
+    if aircraft is None:
+        return
+    reads = [Read(smooth(record, by.quick, by, trimmed_density(aircraft))) for record in records]
+    for name, given, free, std in Response(aircraft, by).opposite(reads):
+        yield f"{name} is {given:.3g} in the file, and {free:.2g} +- {std:.1g} in these records: is its sign right?"
 
 
 def _mean(read: Read, name: str) -> float:
@@ -86,18 +95,6 @@ def _indicated(read: Read, by: DataCriteria) -> Iterator[str]:
             f"the flight path turns as at {factor:.3g} times the recorded airspeed; true over indicated airspeed is "
             f"{ratio:.3g} at that altitude: is V indicated?"
         )
-
-
-def _zero(record: Record) -> Iterator[str]:
-    """An angle that is zero throughout while what it goes with moves."""
-    for name, beside in _MOVING.items():
-        moving = any(n in record and len(np.unique(_there(record, n))) > 1 for n in beside)
-        if name in record and moving and len(values := _there(record, name)) and not np.any(values):
-            yield f"{label_of(name)} is 0 throughout while the aircraft moves: leave the column out if not measured."
-
-
-def _there(record: Record, name: str) -> np.ndarray:
-    return record[name][np.isfinite(record[name])]
 
 
 def _pace(record: Record) -> Iterator[str]:

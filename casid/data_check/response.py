@@ -14,10 +14,10 @@ from itertools import chain, combinations
 from operator import add
 
 import numpy as np
-from scipy import special
 
 from casid.data_check.criteria import DataCriteria
-from casid.data_check.reading import Read, Reading
+from casid.data_check.reading import FORCES, Read, Reading
+from casid.data_check.regression import Parts, Row, Squares, log_evidence, squares_of, together
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.causes import accelerometer_position
@@ -199,74 +199,18 @@ _NEEDED: Mapping[str, tuple[str, ...]] = {
 }
 _FORCE_ROWS = ("CY", "CL", "CZ")
 _MOTION = ("alpha", "beta", "p", "q", "r")
+_ANGLES = ("alpha", "beta", *SURFACES)
 _UNSTEADY = ("alphadot", "betadot")
 _READ_TOO: Mapping[str, str] = {"alpha": "beta", "beta": "alpha"}  # a flow angle's vane reads a part of the other
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Row:
-    """What a coefficient depends on: names, terms and values of the file's derivatives, without the constant. Behind
-    them come terms that errors of healthy instruments make, with their spread."""
-
-    names: tuple[str, ...]
-    terms: tuple[str, ...]
-    prior: np.ndarray
-    errors: tuple[tuple[str, float], ...]
-
-    @property
-    def all_terms(self) -> tuple[str, ...]:
-        return (*self.terms, *(term for term, _ in self.errors))
-
-    @property
-    def about(self) -> np.ndarray:
-        """Value of every column."""
-        return np.append(self.prior, np.zeros(len(self.errors)))
-
-    @property
-    def besides(self) -> np.ndarray:
-        """Spread of every column that its value does not tell."""
-        return np.append(np.zeros(len(self.prior)), [spread for _, spread in self.errors])
-
-    def columns(self, regressors: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, columns) of regressors."""
-        count = len(regressors["alpha"])
-        modelled = [parse_term(term).evaluate(regressors) * np.ones(count) for term in self.terms]
-        return np.stack([*modelled, *(regressors[term] for term, _ in self.errors)], axis=1)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Squares:
-    """Sums over samples: of the measured coefficient y and its regressors X, without their means."""
-
-    samples: int
-    yy: float
-    Xy: np.ndarray
-    XX: np.ndarray
-
-    def __add__(self, other: _Squares) -> _Squares:
-        return _Squares(
-            samples=self.samples + other.samples,
-            yy=self.yy + other.yy,
-            Xy=self.Xy + other.Xy,
-            XX=self.XX + other.XX,
-        )
-
-    @property
-    def left(self) -> float:
-        """Variance that free derivatives leave."""
-        explained = float(self.Xy @ np.linalg.pinv(self.XX, rcond=1e-10, hermitian=True) @ self.Xy)
-        return max(self.yy - explained, 0.0) / self.samples
-
-
-Parts = Mapping[str, _Squares]
 
 
 class Response:
     """The response that an aircraft file predicts, and what records say of it."""
 
-    def __init__(self, aircraft: Aircraft, criteria: DataCriteria) -> None:
+    def __init__(self, aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft | None = None) -> None:
+        """`stated`: the file whose values were added up to those of `aircraft`, which have their errors."""
         self._aircraft, self._criteria = aircraft, criteria
-        self._rows = _rows(aircraft, criteria)
+        self._rows = _rows(aircraft, criteria, stated or aircraft)
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
         """Log likelihood ratio in every record of the alternatives for surfaces, beside those of the file's signs.
@@ -288,23 +232,107 @@ class Response:
         return [*found, *self._file_signs(plain, noise)]
 
     def of_forces(self, readings: Sequence[Sequence[Read]]) -> list[float]:
-        """Log marginal likelihood of the file's forces under every reading of the records, up to what all share."""
+        """Log marginal likelihood of the file's forces under every reading of the records, up to what all share. All of
+        them are compared together, each with the noise that it leaves: what one reading takes for a force along z
+        another takes for one along y."""
         there = {n for c in readings[0] for n in (*_MOTION, *SURFACES) if c.has(n)}
         parts = [[self._parts(record, Reading(), there) for record in records] for records in readings]
         noises = [self._noise(one) for one in parts]
         shared = [c for c in _FORCE_ROWS if all(c in noise for noise in noises)]
-        least = {c: min(noise[c] for noise in noises) for c in shared}
-        return [self._evidence(one, least) for one in parts]
+        found = []
+        for records, one, noise in zip(readings, parts, noises, strict=True):
+            density = sum(together(one, c).samples * float(np.log(noise[c])) for c in shared)
+            density += sum(_unexplained(record, shared) for record in records)
+            found.append(self._evidence(one, {c: noise[c] for c in shared}) - density)
+        return found
 
     def likelihood(self, records: Sequence[Read]) -> float:
         """Log marginal likelihood of the file's derivatives, as far as the records tell of them, with the noise that is
-        left. What no derivatives explain is taken off: a missing jump, or a thrust line, is no evidence for them."""
-        there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
-        plain = [self._parts(record, Reading(), there) for record in records]
+        left, and of the mean pitching moment. What no derivatives explain is taken off: a missing jump, or a thrust
+        line, is no evidence for them."""
+        plain = self._plain(records)
         noise = self._noise(plain)
-        sums = {c: _together(plain, c) for c in noise}
+        sums = {c: together(plain, c) for c in noise}
         unexplained = sum(0.5 * s.samples * s.left / noise[c] ** 2 for c, s in sums.items())
-        return self._evidence(plain, noise, self._criteria.minor) + unexplained
+        return self._evidence(plain, noise, self._criteria.minor) + unexplained + self._balance(sums.get("Cm"))
+
+    def _plain(self, records: Sequence[Read]) -> list[Parts]:
+        """Sums of every record as it is read."""
+        there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
+        return [self._parts(record, Reading(), there) for record in records]
+
+    def _balance(self, total: Squares | None) -> float:
+        """Log likelihood of the mean pitching moment that the file leaves, by errors of its values, of the angles and
+        of the moment at zero."""
+        by = self._criteria
+        if total is None or "Cm_0" not in self._aircraft.derivatives:
+            return 0.0
+        row, zero = self._rows["Cm"], self._aircraft.derivatives["Cm_0"]
+        slopes, means = row.prior, total.X[: len(row.prior)] / total.samples
+        left = total.y / total.samples - zero - float(slopes @ means)
+        angles = [by.angle * value for value, term in zip(slopes, row.terms, strict=True) if term in _ANGLES]
+        spread = float(np.linalg.norm([by.balance, by.derivative * zero, *by.derivative * slopes * means, *angles]))
+        return max(-0.5 * (left / spread) ** 2, by.impossible)
+
+    def axial(self, records: Sequence[Read]) -> float:
+        """Log marginal likelihood of the file's derivatives by what varies along the body x axis."""
+        sums = [one for one in map(self._axial, records) if one is not None]
+        if not sums:
+            return 0.0
+        total = reduce(add, sums)
+        noise = float(np.sqrt(max(total.left, self._criteria.least**2 * total.yy / total.samples)))
+        values = self._along_x()
+        row = Row(
+            names=tuple(name for name, *_ in values),
+            terms=tuple(term for _, term, *_ in values),
+            prior=np.array([value for *_, value in values]),
+            errors=(("curved", self._lift_slope()),),
+            sizes=np.abs([value for *_, value in values]),
+        )
+        found = log_evidence(total, row, noise, self._criteria, self._criteria.minor)
+        return found - total.samples * float(np.log(noise))  # of other axes by its own noise
+
+    def _lift_slope(self) -> float:
+        """Size of what a force along x has by alpha^2, which files often lack: lift times the angle."""
+        plane = self._aircraft
+        return max(abs(_value(plane, c, f"{c}_alpha", "alpha")) for c in ("CL", "CZ"))
+
+    def _along_x(self) -> list[tuple[str, str, str, float]]:
+        """Name, term, coefficient and value of the derivatives that make a force along x."""
+        plane = self._aircraft
+        along = ("CL", "CD") if plane.force_axes == "wind" else ("CX",)
+        listed = ((c, n, t, _value(plane, c, n, t)) for c, n, t in aerodynamic_parameters(plane))
+        return [(n, t, c, v) for c, n, t, v in listed if c in along and v != 0.0 and not any(u in t for u in _UNSTEADY)]
+
+    def _axial(self, c: Read) -> Squares | None:
+        """Sums of a record, of the coefficient along x without thrust; None where it does not have it."""
+        if not c.has("V", "rho", "ax", "thrust", "alpha"):
+            return None
+        plane = self._aircraft
+        regressors = _regressors(c, plane, Reading(), self._criteria)
+        alpha, values = c.value("alpha"), self._along_x()
+        turned = {"CL": np.sin(alpha), "CD": -np.cos(alpha), "CX": np.ones(len(alpha))}
+        columns = [turned[k] * parse_term(t).evaluate(regressors) for _, t, k, _ in values]
+        columns.append((alpha - alpha.mean()) ** 2)
+        y = (plane.mass * c.made("ax", plane.mass) - c.value("thrust")) / _pressure_area(c, plane)
+        every = max(1, round(len(alpha) / c.independent))
+        entering = {n for _, t, *_ in values for n, _ in parse_term(t).factors}
+        return squares_of(y, np.stack(columns, axis=1), np.flatnonzero(c.known("V", "ax", "alpha", *entering))[::every])
+
+    def opposite(self, records: Sequence[Read]) -> Iterator[tuple[str, float, float, float]]:
+        """Derivatives by the motion whose sign the records contradict: name, value of the file, value with all
+        derivatives free, and its 1-sigma."""
+        parts = self._plain(records)
+        for coefficient, noise in self._noise(parts).items():
+            row, squares = self._rows[coefficient], together(parts, coefficient)
+            known = np.append(np.zeros(len(row.prior)), [spread**-2 for _, spread in row.errors])
+            covariance = np.linalg.pinv(squares.XX / noise**2 + np.diag(known), rcond=1e-12, hermitian=True)
+            free, std = covariance @ squares.Xy / noise**2, np.sqrt(np.diag(covariance))
+            part = np.abs(free) * np.sqrt(np.diag(squares.XX) / squares.yy)
+            for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
+                sure = -free[i] * np.sign(row.prior[i]) > max(self._criteria.sure * std[i], 0.0)
+                if term in _MOTION and sure and part[i] > self._criteria.slope:
+                    yield name, float(row.prior[i]), float(free[i]), float(std[i])
 
     def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
         """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""
@@ -331,17 +359,17 @@ class Response:
         found = []
         for coefficient, sigma in noise.items():
             row = self._rows[coefficient]
-            squares = _together(plain, coefficient)
-            base = _log_evidence(squares, row, sigma, self._criteria)
+            squares = together(plain, coefficient)
+            base = log_evidence(squares, row, sigma, self._criteria)
             for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
                 if term in SURFACES:
                     flipped = replace(row, prior=np.where(np.arange(len(row.prior)) == i, -row.prior, row.prior))
-                    gain = _log_evidence(squares, flipped, sigma, self._criteria) - base
+                    gain = log_evidence(squares, flipped, sigma, self._criteria) - base
                     alternative = Alternative(kind="file_sign", target=name, reading=Reading())
                     found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
 
-    def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, _Squares]:
+    def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, Squares]:
         """Coefficient -> sums over a record, of the coefficients that it can tell of. What other records have and it
         has not must not enter there, nor any motion that is not measured: a rudder makes sideslip, and what that does
         would be taken for the rudder's."""
@@ -356,73 +384,56 @@ class Response:
             if not record.has(*_NEEDED[coefficient], *(entering & {*there, *_MOTION})):
                 continue
             at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], *entering))[::every]
-            y, X = measured[coefficient][at], row.columns(regressors)[at]
-            if len(at) < 2 * len(row.terms) or not (np.isfinite(X).all() and np.isfinite(y).all() and np.ptp(y) > 0.0):
-                continue
-            y, X = y - y.mean(), X - X.mean(axis=0)
-            found[coefficient] = _Squares(samples=len(y), yy=float(y @ y), Xy=X.T @ y, XX=X.T @ X)
+            if (sums := squares_of(measured[coefficient], row.columns(regressors), at)) is not None:
+                found[coefficient] = sums
         return found
 
     def _noise(self, parts: Sequence[Parts]) -> dict[str, float]:
         """1-sigma of what is left with free derivatives."""
         known = {c for one in parts for c in one}
-        sums = {c: _together(parts, c) for c in known}
+        sums = {c: together(parts, c) for c in known}
         return {c: float(np.sqrt(max(s.left, self._criteria.least**2 * s.yy / s.samples))) for c, s in sums.items()}
 
     def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float], minor: float = 0.0) -> float:
         return sum(
-            _log_evidence(_together(parts, c), self._rows[c], sigma, self._criteria, minor)
-            for c, sigma in noise.items()
+            log_evidence(together(parts, c), self._rows[c], sigma, self._criteria, minor) for c, sigma in noise.items()
         )
 
 
-def _together(parts: Sequence[Parts], coefficient: str) -> _Squares:
-    return reduce(add, (one[coefficient] for one in parts if coefficient in one))
+def _unexplained(c: Read, rows: Collection[str]) -> float:
+    """Minus log likelihood of the forces along axes of which a file has no row, as they vary."""
+    explained = {_FORCES.get(row, "az") for row in rows}
+    found = 0.0
+    for name in (name for name in FORCES if name not in explained and c.has(name)):
+        values = c.value(name)[c.known(name)]
+        if len(values) > 1:
+            found += c.independent * float(np.log(max(float(np.std(values)), 1e-9)))
+    return found
 
 
-def _log_evidence(squares: _Squares, row: _Row, noise: float, criteria: DataCriteria, minor: float = 0.0) -> float:
-    """Log marginal likelihood of a coefficient, up to what all alternatives share.
-
-    Derivatives are about `prior`, within a part of it or what makes a `minor` part of the coefficient's variation; one
-    may be an outlier, as a damper's. Those of surfaces keep their sign and `criteria.smallest` of their size."""
-    prior = row.about
-    varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
-    spread = np.hypot(criteria.derivative * prior, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
-    spread = np.hypot(spread, row.besides)
-    may = [i for i, term in enumerate(row.terms) if term not in SURFACES]
-    each = np.tile(spread, (len(may) + 1, 1))
-    each[np.arange(len(may)), may] = criteria.outlying * np.abs(prior[may])
-    weights = np.append(np.full(len(may), criteria.outlier / max(len(may), 1)), 1.0 - criteria.outlier)
-    off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
-    b = each * (squares.Xy - squares.XX @ prior) / noise**2
-    inverse = np.linalg.inv(np.eye(len(prior)) + each[:, :, None] * squares.XX * each[:, None, :] / noise**2)
-    shift = np.einsum("kij,kj->ki", inverse, b)
-    evidence = -0.5 * (off / noise**2 - np.sum(shift * b, axis=1)) + 0.5 * np.linalg.slogdet(inverse)[1]
-    for i, (term, value) in enumerate(zip(row.all_terms, prior, strict=True)):
-        if term in SURFACES:
-            above = (1.0 - criteria.smallest) * abs(value) / each[:, i]
-            posterior = (above + np.sign(value) * shift[:, i]) / np.sqrt(inverse[:, i, i])
-            evidence += np.maximum(special.log_ndtr(posterior) - special.log_ndtr(above), criteria.impossible)
-    return float(special.logsumexp(evidence, b=weights))
-
-
-def _rows(aircraft: Aircraft, criteria: DataCriteria) -> dict[str, _Row]:
+def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[str, Row]:
     """Coefficient -> its derivatives and terms in the file."""
-    values = {**aircraft.derivatives}
-    table: dict[str, list[tuple[str, str, float]]] = {}
+    table: dict[str, list[tuple[str, str, float, float]]] = {}
     for coefficient, name, term in aerodynamic_parameters(aircraft):
-        value = values.get(name, aircraft.terms.get(coefficient, {}).get(term, 0.0))
-        if coefficient in _NEEDED and term != "0" and not any(u in term for u in _UNSTEADY) and value != 0.0:
-            table.setdefault(coefficient, []).append((name, term, value))
+        value, given = (_value(one, coefficient, name, term) for one in (aircraft, stated))
+        size = max(abs(value), abs(given))
+        if coefficient in _NEEDED and term != "0" and not any(u in term for u in _UNSTEADY) and size != 0.0:
+            table.setdefault(coefficient, []).append((name, term, value, size))
     return {
-        coefficient: _Row(
-            names=tuple(name for name, _, _ in rows),
-            terms=tuple(term for _, term, _ in rows),
-            prior=np.array([value for _, _, value in rows]),
-            errors=tuple(_errors(coefficient, {term: value for _, term, value in rows}, criteria)),
+        coefficient: Row(
+            names=tuple(name for name, *_ in rows),
+            terms=tuple(term for _, term, *_ in rows),
+            prior=np.array([value for _, _, value, _ in rows]),
+            errors=tuple(_errors(coefficient, {term: value for _, term, value, _ in rows}, criteria)),
+            sizes=np.array([size for *_, size in rows]),
         )
         for coefficient, rows in table.items()
     }
+
+
+def _value(aircraft: Aircraft, coefficient: str, name: str, term: str) -> float:
+    """A derivative or a term of a file, 0 where it has none."""
+    return aircraft.derivatives.get(name, aircraft.terms.get(coefficient, {}).get(term, 0.0))
 
 
 def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
@@ -488,11 +499,13 @@ def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
         more = unsymmetric_moment({"Ixy": inertia.Ixy, "Iyz": inertia.Iyz}, (p, q, r), (pdot, qdot, rdot))
         roll, pitch, yaw = roll + more[0], pitch + more[1], yaw + more[2]
     alpha, m = c.value("alpha"), aircraft.mass
+    x, y, z = (m * c.made(name, m) / qS for name in FORCES)
+    turned = c.pulled()[1]
     return {
-        "Cl": roll / (qS * aircraft.moment_length_lateral),
-        "Cm": (pitch - aircraft.thrust_line_z * c.value("thrust")) / (qS * aircraft.moment_length_pitch),
-        "Cn": yaw / (qS * aircraft.moment_length_lateral),
-        "CY": m * c.value("ay") / qS,
-        "CL": m * (np.sin(alpha) * c.value("ax") - np.cos(alpha) * c.value("az")) / qS,
-        "CZ": m * c.value("az") / qS,
+        "Cl": (roll - turned[0]) / (qS * aircraft.moment_length_lateral),
+        "Cm": (pitch - turned[1] - aircraft.thrust_line_z * c.value("thrust")) / (qS * aircraft.moment_length_pitch),
+        "Cn": (yaw - turned[2]) / (qS * aircraft.moment_length_lateral),
+        "CY": y,
+        "CL": np.sin(alpha) * x - np.cos(alpha) * z,
+        "CZ": z,
     }

@@ -6,19 +6,28 @@ import math
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from operator import itemgetter
 
 import numpy as np
-from scipy import optimize
+from scipy import optimize, stats
 
 from casid.data_check.axes import frames
 from casid.data_check.criteria import DataCriteria
+from casid.data_check.file_meaning import (
+    POINTS_APART,
+    FileMeaning,
+    ForceAxes,
+    MomentPoint,
+    StabilityAxes,
+    other_meanings,
+)
 from casid.data_check.levels import level_terms, trimmed_density
 from casid.data_check.reading import AS_RECORDED, FORCES, OF_THE_FILE, Read, Reading, Smooth, smooth
-from casid.data_check.relations import RELATIONS, FileUnit, Relation, agreement, file_units
+from casid.data_check.relations import RELATIONS, Relation, agreement
 from casid.data_check.response import INSTRUMENTS, TIMES, Alternative, Response, accelerometer, alternatives
 from casid.model.aircraft import Aircraft
 from casid.model.causes import accelerometer_position
-from casid.model.plausible import lift_in_trim
+from casid.model.plausible import lift_in_trim, moment_in_trim
 from casid.records.record import Record
 from casid.signals import GRAVITY, SURFACES
 
@@ -68,7 +77,7 @@ class Weighing:
         self.names = [record.name for record in records]
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
-        self.units: list[FileUnit] = []  # in which a number of the file is, when flight says so
+        self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight says so
         self._terms = self._all_terms()
         self._present: dict[tuple[int, int], tuple[float, float]] = {}
         self._response = Response(aircraft, criteria) if aircraft is not None else None
@@ -127,7 +136,7 @@ class Weighing:
         judged = [
             replace(one, refused=True) if not _of_motion(one) and doubted & {*one.records} else one for one in judged
         ]
-        self.units = [] if doubted else self.units
+        self.meanings = [] if doubted else self.meanings
         self.trusted = [AS_RECORDED for _ in self.names]
         for one in judged:
             for j, name in enumerate(self.names):
@@ -140,40 +149,55 @@ class Weighing:
         settled: set[str] = set()
         for _ in SURFACES:
             best = self._best([(a, g) for a, g in self._response_gains() if not _surfaces_of(a) & settled])
-            odds, self.units = self._file_units()
-            if best is None or (self.units and odds > best.log_odds):
+            odds, self.meanings = self._meanings()
+            if best is None or (self.meanings and odds > best.log_odds):
                 return
-            self.units = []
+            self.meanings = []
             settled |= _surfaces_of(best.alternative)
             best = self._or_else_the_record(best, OF_THE_FILE)
             if best is not None:
                 found.append(best)
                 self._take(best)
 
-    def _file_units(self) -> tuple[float, list[FileUnit]]:
-        """Numbers of the file with which flight would agree in another unit, the most probable one first, with those
-        that it cannot be told from, and its log odds; none when the file stands."""
+    def _meanings(self) -> tuple[float, list[FileMeaning]]:
+        """Other meanings of the file with which flight would agree, the most probable one first, with those that it
+        cannot be told from, and its log odds; none when the file stands. Of several points of the moments the best one
+        speaks, with the odds of them all."""
         if self._aircraft is None or self._response is None:
             return 0.0, []
-        reads = self._all_read(AS_RECORDED, ())
-        base = self._response.likelihood(reads) + self._lift(self._aircraft)
-        odds: list[tuple[float, FileUnit]] = []
-        for unit in file_units(self._aircraft):
-            meant = unit.corrected(self._aircraft)
-            gain = Response(meant, self._criteria).likelihood(reads) + self._lift(meant) - base
-            odds.append((gain + self._criteria.fault, unit))
-        best = max(one for one, _ in odds)
-        if best < self._criteria.against:
-            return best, []
-        ranked = sorted(odds, key=lambda row: -row[0])
-        return best, [one for log_odds, one in ranked if log_odds > best - self._criteria.alone]
+        by, reads = self._criteria, self._all_read(AS_RECORDED, ())
+        odds: dict[str, list[tuple[float, FileMeaning]]] = {}
+        for meaning in other_meanings(self._aircraft, _mean_alpha(reads)):
+            kind, prior = meaning.said, by.fault
+            if isinstance(meaning, MomentPoint):
+                kind = meaning.parameter
+                prior += float(stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
+            gain = self._gain_of(meaning, self._aircraft, self._response, reads)
+            odds.setdefault(kind, []).append((gain + prior, meaning))
+        each = [(float(np.logaddexp.reduce([o for o, _ in some])), some) for some in odds.values()]
+        ranked = sorted(((together, max(some, key=itemgetter(0))[1]) for together, some in each), key=itemgetter(0))
+        best = ranked[-1][0]
+        return best, [one for o, one in reversed(ranked) if best >= by.against and o > best - by.alone]
 
-    def _lift(self, aircraft: Aircraft) -> float:
-        """Log likelihood of the lift in the trim of a file, which is the weight."""
-        ratio = lift_in_trim(aircraft)
-        if ratio is None:
-            return 0.0
-        return -0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2 if ratio > 0.0 else self._criteria.impossible
+    def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> float:
+        """Log likelihood ratio of another meaning of a file: of its derivatives, its trim, and the moment that is left.
+        Along other axes forces have another noise, and only what varies along x compares."""
+        meant = meaning.corrected(given)
+        gain = self._in_trim(meant) - self._in_trim(given)
+        if isinstance(meaning, ForceAxes):
+            return gain + Response(meant, self._criteria).axial(reads) - as_given.axial(reads)
+        turned = isinstance(meaning, (MomentPoint, StabilityAxes))
+        response = Response(meant, self._criteria, given if turned else None)
+        return gain + response.likelihood(reads) - as_given.likelihood(reads)
+
+    def _in_trim(self, aircraft: Aircraft) -> float:
+        """Log likelihood of lift and pitching moment in the trim of a file, where they are the weight and nothing."""
+        ratio, moment = lift_in_trim(aircraft), moment_in_trim(aircraft)
+        found = 0.0 if moment is None else -0.5 * (moment / self._criteria.balance) ** 2
+        if ratio is not None and ratio <= 0.0:
+            return self._criteria.impossible
+        found -= 0.0 if ratio is None else 0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2
+        return max(found, self._criteria.impossible)
 
     def _or_else_the_record(self, best: Weighed, elsewhere: Collection[str]) -> Weighed | None:
         """What an error of a kind from `elsewhere` explains may be a fault of the records, when this explains it as
@@ -356,6 +380,12 @@ class Weighing:
     def _concerned(self, alternative: Alternative, gains: Sequence[float]) -> tuple[str, ...]:
         everywhere = alternative.kind in INSTRUMENT_ERRORS or min(gains) > -self._criteria.against
         return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > self._criteria.against)
+
+
+def _mean_alpha(reads: Sequence[Read]) -> float:
+    """Mean angle of attack [rad] of all records; 0 where none has it."""
+    means = [float(np.mean(c.value("alpha")[at])) for c in reads if c.has("alpha") and (at := c.known("alpha")).any()]
+    return float(np.mean(means)) if means else 0.0
 
 
 def _of_forces_alone(alternative: Alternative) -> bool:

@@ -106,14 +106,10 @@ def of_nothing(channel: str, records: Sequence[str], every: bool) -> str:
     return f"{channel} has no sample at all in {_where(records, every)}: it is left out."
 
 
-def of_file_unit(parameter: str, unit: str, rivals: Sequence[str]) -> str:
-    """A number of the aircraft file in another unit."""
-    are = "are" if parameter.endswith(("derivatives", "lengths", "in pitch")) else "is"
+def of_the_file(said: str, rivals: Sequence[str]) -> str:
+    """Another meaning of numbers of the aircraft file, with others that these data do not tell from it."""
     others = f" (or else {' or '.join(rivals[:2])})" if rivals else ""
-    return (
-        f"{parameter} {are} in {unit}, most likely{others}: flight agrees with the derivatives of the file then, and "
-        "not as it stands."
-    )
+    return f"{said}, most likely{others}: flight agrees with the derivatives of the file then, and not as it stands."
 
 
 def of_no_input(surfaces: Sequence[str], records: Sequence[str]) -> str:

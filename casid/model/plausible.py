@@ -196,6 +196,16 @@ def lift_in_trim(a: Aircraft) -> float | None:
     return lift * 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area / (a.mass * GRAVITY)
 
 
+def moment_in_trim(a: Aircraft) -> float | None:
+    """Pitching moment coefficient that the file leaves in its own trim, None where it does not say."""
+    linear = not (a.tables or a.aerodynamics or a.terms.get("Cm")) and {"Cm_0", "Cm_alpha"} <= a.derivatives.keys()
+    if not linear or not {"V", "rho", "alpha", "delta_e", "thrust"} <= a.trim.keys():
+        return None
+    pressure = 0.5 * a.trim["rho"] * a.trim["V"] ** 2 * a.area * a.moment_length_pitch
+    by_angles = sum(a.derivatives.get(f"Cm_{name}", 0.0) * a.trim[name] for name in ("alpha", "delta_e"))
+    return a.derivatives["Cm_0"] + by_angles + a.thrust_line_z * a.trim["thrust"] / pressure
+
+
 # Usual values: Raymer's table of radii of gyration with half or whole spans, aspect ratios from deltas to gliders.
 _USUAL: dict[str, tuple[float, float]] = {
     "area over lengths": (0.6, 4.5),

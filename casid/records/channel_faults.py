@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.records.checks import INPUTS
 from casid.records.record import Record
-from casid.signals import SURFACES, unit_of
+from casid.signals import CHANNELS, SURFACES, unit_of
 
 _FEWEST = 60  # finite samples from which a channel is judged
 _LEVELS = 20  # distinct values below which a channel is of steps
@@ -24,11 +24,14 @@ _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a r
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _BESIDE = 5  # samples on either side of a plateau that tell how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
+_MOVES_WITH = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
 _INTEGRATED = frozenset(("phi", "theta", "psi", "altitude", "north", "east"))  # by a filter, from rates
 _EVERY = (4, 25)  # samples from one correction of a filter to the next
 _QUICK = frozenset(("pdot", "qdot", "rdot"))  # what answers a surface at once, and may in a single sample
 _ANSWER = 3.0  # of the range of nine tenths of the samples: no answer to a surface is a peak as high
 _OF_ANSWER = (0.4, 2.5)  # of the answer by a file, whose derivatives are not exact, that a jump may be
+# What instruments read. A command rests, jumps and has stops as it likes, and so may a column that nobody knows.
+_READ = frozenset(CHANNELS) - {"t", "rho", "throttle"}
 _SOON = 0.25  # s from a step of a surface within which an angular acceleration may peak; recorders are late by 0.2 s
 _GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
@@ -142,7 +145,7 @@ def channel_faults(
     found: list[ChannelFault] = []
     parts, commanded = _unbroken(record), _commanded(record)
     for name, values in record.channels.items():
-        if np.isfinite(values).sum() < _FEWEST or name == "rho" or _rests(values):
+        if name not in _READ or np.isfinite(values).sum() < _FEWEST or _rests(values):
             continue
         faults, clean = _of_levels(record, name, values, limits)
         if not update_interval(record, name) > _SLOWER * record.dt:
@@ -214,19 +217,22 @@ def without_faults(record: Record, faults: Iterable[ChannelFault]) -> Record:
     return record.with_channels(**changed) if changed else record
 
 
-def constant_in_one(records: Sequence[Record]) -> list[ChannelFault]:
-    """Outputs that do not move throughout a record though they do in others, and what belongs to them moves in it."""
+def not_moving(records: Sequence[Record]) -> list[ChannelFault]:
+    """Outputs that do not move throughout a record while what belongs to them moves in it: they do in others, or are an
+    angle of zero, which was not measured."""
     found = []
     for record in records:
         for name, values in record.channels.items():
             if name in INPUTS or not _rests(values):
                 continue
             others = [other for other in records if other is not record and name in other]
-            beside = next((group for group in _COMPANIONS if name in group), frozenset())
-            moving = any(n in record and n != name and not _rests(record[n]) for n in beside)
-            if moving and any(not _rests(other[name]) for other in others):
+            beside = next((group for group in _COMPANIONS if name in group), frozenset()) - {name}
+            zero = name in _MOVES_WITH and not np.nanmax(np.abs(values))
+            beside = frozenset(_MOVES_WITH[name]) if zero else beside
+            moving = any(n in record and not _rests(record[n]) for n in beside)
+            if moving and (zero or any(not _rests(other[name]) for other in others)):
                 at = np.isfinite(values)
-                level = float(values[at][0])
+                level = float(values[at][0]) + 0.0
                 found.append(ChannelFault(kind="data_stuck", target=name, record=record.name, at=at, value=level))
     return found
 
@@ -367,6 +373,7 @@ def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> n
     series = np.interp(record.t, record.t[good], np.unwrap(values[good]) if unit_of(name) == "rad" else values[good])
     change = np.diff(series)
     kink = np.abs(change[1:-1] - 0.5 * (change[:-2] + change[2:]))
+    kink[kink < _ROUNDING * np.ptp(series)] = 0.0
     most = limits.steps
     for every in range(_EVERY[0], min(_EVERY[1], len(kink) // _EVERY[1]) + 1):
         usual = np.array([np.median(kink[phase::every]) for phase in range(every)])

@@ -84,7 +84,10 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         else:
             extras.append(index)
     _check_slips(table, slips)
-    for index in extras:
+    texts = [index for index in extras if index in table.text]
+    if texts:
+        notes.append(f"columns of text are left out: {', '.join(repr(headers[i][0]) for i in texts)}")
+    for index in (one for one in extras if one not in texts):
         name = headers[index][0]
         try:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)

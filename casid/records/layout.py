@@ -8,6 +8,7 @@ samples, by the separator that makes the most cells numbers.
 from __future__ import annotations
 
 import csv
+import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -16,8 +17,12 @@ from itertools import islice
 from casid.records.clock import seconds_of
 from casid.signals import is_known, is_unit
 
-NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?|[+-]?nan|[+-]?inf(inity)?", re.ASCII | re.IGNORECASE)
-MISSING = frozenset(("", "n/a", "na", "null", "none", "-", "--", "---", "*", "***", "#n/a", "nodata"))
+# also with an exponent as Fortran writes it, and with marks between thousands where another mark shows the decimals
+NUMBER = re.compile(
+    r"[+-]?(\d+\.?\d*|\.\d+)([ed][+-]?\d+)?|[+-]?\d{1,3}((,\d{3})+|(\.\d{3})+)\.\d+|[+-]?nan|[+-]?inf(inity)?",
+    re.ASCII | re.IGNORECASE,
+)
+_MISSING = re.compile(r"n/?a|null|none|-*|\**|#n/a|nodata|no data", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 _SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _HOLD = re.compile(r"[#%]\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
@@ -38,6 +43,16 @@ class Layout:
     comma: bool  # decimals are written with a comma
     hold: str | dict[str, str]  # what a comment `# hold: held` says
     above: int  # lines above the numbers that are neither names nor units nor comments
+
+
+def number_of(cell: str) -> float | None:
+    """The number in a cell of text, NaN of a missing sample; None where it is neither."""
+    if _MISSING.fullmatch(cell):
+        return math.nan
+    if not NUMBER.fullmatch(cell):
+        return None
+    whole, point, part = cell.replace(",", "").lower().rpartition(".")
+    return float(f"{whole.replace('.', '')}{point}{part.replace('d', 'e')}")
 
 
 def layout_of(lines: Sequence[str]) -> Layout | None:
@@ -114,7 +129,7 @@ def _commas(cells: Sequence[str]) -> bool:
 
 def _is_data(cell: str, comma: bool) -> bool:
     cell = cell.replace(",", ".") if comma else cell
-    return bool(NUMBER.fullmatch(cell)) or cell.lower() in MISSING or seconds_of(cell) is not None
+    return number_of(cell) is not None or seconds_of(cell) is not None
 
 
 def _names_above(

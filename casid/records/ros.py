@@ -7,6 +7,7 @@ of casid. Numbers of other messages keep the name of their topic and field, for 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -36,18 +37,27 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
     readers, decoders = library("mcap.reader", path, "ros"), library("mcap_ros2.decoder", path, "ros")
 
     def load() -> dict[str, Any]:
-        topics: dict[str, Any] = {}
         with path.open("rb") as file:
-            reader = readers.make_reader(file, decoder_factories=[decoders.DecoderFactory()])
-            for schema, channel, message, decoded in reader.iter_decoded_messages():
-                kind, rows = topics.setdefault(channel.topic, (schema.name, []))
-                rows.append({"log_time": message.log_time * 1e-9, **dict(_numbers(decoded))})
-        return topics
+            for make in (readers.make_reader, readers.NonSeekingReader):  # the second one needs no summary at the end
+                file.seek(0)
+                try:
+                    topics, fault = _messages(make(file, decoder_factories=[decoders.DecoderFactory()]))
+                except Exception as error:  # its head is damaged, or there is no summary
+                    topics, fault = {}, error
+                if fault is None:
+                    return {"topics": topics, "notes": ()}
+        if not topics:
+            raise fault
+        return {"topics": topics, "notes": ("the bag is cut off or damaged: what comes after that is left out",)}
 
-    topics = loaded(path, load)
+    read = loaded(path, load)
+    topics, damaged = read["topics"], read["notes"]
+    for _, rows in topics.values():
+        rows.sort(key=itemgetter("log_time"))
     of_px4 = {(topic.rsplit("/", 1)[-1], 0): _columns(rows) for topic, (kind, rows) in topics.items() if _is_px4(kind)}
     of_px4 = {key: one for key, one in of_px4.items() if "timestamp" in one}
     series, notes = of_topics(of_px4) if of_px4 else ({}, ("a ROS 2 bag",))
+    notes = (*notes, *damaged)
     for topic, (kind, rows) in topics.items():
         if not _is_px4(kind):
             series |= _of_messages(topic, kind, _columns(rows), series)
@@ -55,6 +65,18 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
         raise InputError(f"{path}: no message with numbers; the bag has {', '.join(topics) or 'nothing'}")
     notes = notes if of_px4 else (*notes, *lost(series))
     return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes)
+
+
+def _messages(reader: Any) -> tuple[dict[str, Any], Exception | None]:
+    """Topic -> its kind and the numbers of its messages, up to a fault of the bag, and that fault."""
+    topics: dict[str, Any] = {}
+    try:
+        for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
+            rows = topics.setdefault(channel.topic, (schema.name, []))[1]
+            rows.append({"log_time": message.log_time * 1e-9, **dict(_numbers(decoded))})
+    except Exception as error:  # of the library, whatever the damage makes of it
+        return topics, error
+    return topics, None
 
 
 def _is_px4(kind: str) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.clock import clock_of
-from casid.records.layout import MISSING, NUMBER, Layout, layout_of
+from casid.records.layout import NUMBER, Layout, layout_of, number_of
 from casid.records.limits import read_bytes
 
 _MARKS = {"utf-8": b"\xef\xbb\xbf", "utf-32": b"\xff\xfe\0\0", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}
@@ -196,11 +196,9 @@ def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...
             del numbers[start:]
         for column, cell in enumerate(cells):
             text = cell.strip()
-            if NUMBER.fullmatch(text):
-                numbers.append(float(text))
-                continue
-            numbers.append(np.nan)
-            if text.lower() not in MISSING:
+            number = number_of(text)
+            numbers.append(np.nan if number is None else number)
+            if number is None:
                 words.setdefault(column, []).append((len(at) - 1, text))
     values = np.frombuffer(numbers, dtype=float).reshape(-1, layout.width).copy()
     names, text = layout.names, {}

@@ -69,11 +69,7 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
         raise InputError(f"{folder}: cannot be written to: {error.strerror or error}; choose another --out") from None
     try:
         yield temporary
-        _keep_modes(temporary, target)
-        if fixed:
-            _move_in(temporary, target)
-        else:
-            _take_place(temporary, target)
+        _put_in_place(temporary, target, fixed, folder)
     finally:
         if (temporary / _UNFINISHED).is_file():
             shutil.rmtree(temporary, ignore_errors=True)
@@ -101,8 +97,23 @@ def _keep_modes(temporary: Path, target: Path) -> None:
             new.chmod(stat.S_IMODE(old.stat().st_mode))
 
 
+def _put_in_place(temporary: Path, target: Path, fixed: bool, folder: str | Path) -> None:
+    """Give a folder its name and its modes; InputError where the system refuses that."""
+    try:
+        _keep_modes(temporary, target)
+        if fixed:
+            _move_in(temporary, target)
+        else:
+            _take_place(temporary, target)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {error.strerror or error}") from None
+
+
 def _take_place(temporary: Path, target: Path) -> None:
-    """Rename a whole folder to its name; what else was under that name goes over to it."""
+    """Rename a whole folder to its name; what else was under that name is in it by then."""
+    for item in target.iterdir() if target.exists() else ():
+        if item.name != _UNFINISHED and not os.path.lexists(temporary / item.name):
+            _bring_over(item, temporary / item.name)
     old = temporary
     if target.exists() and not _exchanged(temporary, target):
         old = temporary.with_name(f".{target.name}-{secrets.token_hex(8)}")
@@ -114,12 +125,28 @@ def _take_place(temporary: Path, target: Path) -> None:
             raise
     elif not target.exists():
         temporary.rename(target)
-    _hand_over(old, target)
+    with suppress(OSError):  # the next run finishes what is left
+        _hand_over(old, target)
+
+
+def _bring_over(item: Path, place: Path) -> None:
+    """Link what is in a folder into the one that replaces it; nothing where the system has no such links."""
+    try:
+        if item.is_dir() and not item.is_symlink():
+            shutil.copytree(item, place, symlinks=True, copy_function=os.link)
+        else:
+            os.link(item, place, follow_symlinks=False)
+    except shutil.Error:  # of some files of a folder
+        shutil.rmtree(place, ignore_errors=True)
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EMLINK, errno.EXDEV):
+            raise
 
 
 def _hand_over(old: Path, target: Path) -> None:
     """Move what `target` does not have from the folder that it replaces, and take that away."""
-    (target / _UNFINISHED).unlink(missing_ok=True)
+    with suppress(OSError):
+        (target / _UNFINISHED).unlink(missing_ok=True)
     for item in old.iterdir() if old.exists() else ():
         if item.name != _UNFINISHED and not os.path.lexists(target / item.name):
             item.rename(target / item.name)

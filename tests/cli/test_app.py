@@ -188,8 +188,9 @@ def test_a_new_aircraft_has_a_wing_that_can_be(tmp_path: Path, wrong: dict[str, 
 def test_typical_values_have_the_limits_of_theory() -> None:
     """An infinite wing has the lift slope 2 pi (thin aerofoil); inertias obey the triangle inequality."""
     assert derivatives_of(0.3, 1e9)["CL_alpha"] == pytest.approx(2.0 * np.pi)
-    Ixx, Iyy, Izz, _ = inertia_of(1000.0, 10.0, 8.0).values()
-    assert Ixx + Iyy > Izz > max(Ixx, Iyy) - min(Ixx, Iyy)
+    for length in (2.0, 8.0, 30.0):  # of a flying wing, of a usual one, of an X-3
+        Ixx, Iyy, Izz, _ = inertia_of(1000.0, 10.0, length).values()
+        assert Ixx + Iyy > Izz > max(Iyy, abs(Ixx - Iyy))  # a rigid body whose wing is flat
 
 
 def test_a_design_beats_the_standard_within_its_limits(tmp_path: Path) -> None:

@@ -32,8 +32,6 @@ def slower(record: Record) -> Record:
 CHANGES: dict[str, Callable[[Record], Record]] = {
     "is V indicated": indicated,
     "rho is 1.22": lambda r: r.with_channels(rho=np.full(len(r), 1.225)),
-    "bank angle is 0": lambda r: r.with_channels(phi=np.zeros(len(r))),
-    "sideslip angle is 0": lambda r: r.with_channels(beta=np.zeros(len(r))),
     "sampling rate changes": slower,
     "the thrust is 0.": lambda r: r.with_channels(thrust=0.5 * r["thrust"]),
 }
@@ -46,6 +44,16 @@ def test_what_does_not_fit_is_said(said: str) -> None:
     assert not remarks(records, aircraft, DataCriteria())
     found = remarks([CHANGES[said](one) for one in records], aircraft, DataCriteria())
     assert found and all(said in one for one in found), found
+
+
+@pytest.mark.parametrize("name", ["phi", "beta"])
+def test_an_angle_of_zero_was_not_measured(name: str) -> None:
+    """It is left out, and nothing else is at fault; a file of data has the same findings as one without the column."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [cs.read_record(DEMO / f"{one}.csv") for one in ("m1", "m2")]
+    found = cs.check([one.with_channels(**{name: np.zeros(len(one))}) for one in records], aircraft)
+    assert [(one.kind, one.target, one.handled) for one in found.findings] == [("data_stuck", name, "excluded")]
+    assert all(name not in one for one in found.records) and not found.remarks
 
 
 def test_lengths_that_are_exchanged_are_no_unit_of_the_inertia() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from casid.records.channel_faults import channel_faults, constant_in_one, without_faults
+from casid.records.channel_faults import channel_faults, not_moving, without_faults
 from casid.records.channel_table import as_text, channel_table
 from casid.records.record import Record
 
@@ -99,8 +99,25 @@ def test_outputs_that_are_not_to_be_believed_become_missing() -> None:
 
 def test_a_channel_that_rests_in_one_record_of_several_is_stuck_there() -> None:
     frozen, healthy = record(np.full(len(T), 0.01), label="m1"), record(motion(), label="m2")
-    assert [(f.kind, f.target, f.record) for f in constant_in_one([frozen, healthy])] == [("data_stuck", "beta", "m1")]
-    assert not constant_in_one([frozen])  # one record alone may not have measured it
+    assert [(f.kind, f.target, f.record) for f in not_moving([frozen, healthy])] == [("data_stuck", "beta", "m1")]
+    assert not not_moving([frozen])  # one record alone may not have measured it
+
+
+def test_an_angle_of_zero_beside_motion_was_not_measured() -> None:
+    still = record(np.zeros(len(T)), label="m1")
+    assert [(f.kind, f.target) for f in not_moving([still])] == [("data_stuck", "beta")]
+    rests = Record(name="m", t=T, channels={"delta_r": motion(seed=5), "beta": np.zeros(len(T)), "r": np.zeros(len(T))})
+    assert not not_moving([rests])  # a simulation of the other axis
+
+
+def test_what_is_commanded_and_what_nobody_knows_may_rest_jump_and_saturate() -> None:
+    """A motor that stops, a throttle at its stop, a mode that is a number: what was commanded is known exactly."""
+    x = np.clip(motion(), -0.5, 0.4)
+    x[300:600] = 0.0
+    x[800] = 5.0
+    named = {name: x for name in ("m1", "throttle", "delta_e_command", "mode", "output_3")}
+    assert not channel_faults(Record(name="log", t=T, channels={"q": motion(seed=8), **named}))
+    assert channel_faults(record(x, "ay"))
 
 
 def test_the_table_is_in_degrees() -> None:

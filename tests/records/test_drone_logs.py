@@ -3,6 +3,7 @@ each: forward, left and up, turned over into forward, right and down."""
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
 
@@ -144,27 +145,31 @@ float64 z
 """
 
 
+def ros_bag(**options) -> bytes:
+    """A bag of an inertial unit and a voltage. ROS counts yaw from east, so that 0 is a heading of 90 deg; nose up is a
+    negative turn about the left."""
+    out = io.BytesIO()
+    bag = pytest.importorskip("mcap_ros2.writer").Writer(out, **options)
+    imu = bag.register_msgdef("sensor_msgs/msg/Imu", IMU)
+    volts = bag.register_msgdef("std_msgs/msg/Float64", "float64 data\n")
+    for t, wave in zip(T, WAVE, strict=True):
+        ns = 1_714_727_662_000_000_000 + round(t * 1e9)
+        up = 0.5 * 0.1  # half of a pitch of 0.1 rad, nose up
+        message = {
+            "header": {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": "base_link"},
+            "orientation": {"x": 0.0, "y": -np.sin(up), "z": 0.0, "w": np.cos(up)},
+            "angular_velocity": {"x": wave, "y": 0.5 * wave, "z": -wave},
+            "linear_acceleration": {"x": 0.1, "y": 0.2, "z": 9.8},
+        }
+        bag.write_message("/imu", imu, message, log_time=ns, publish_time=ns)
+        bag.write_message("/volts", volts, {"data": 11.1}, log_time=ns, publish_time=ns)
+    bag.finish()
+    return out.getvalue()
+
+
 def test_a_ros_bag(tmp_path):
-    """ROS counts yaw from east, so that 0 is a heading of 90 deg; nose up is a negative turn about the left."""
-    writer = pytest.importorskip("mcap_ros2.writer")
     file = tmp_path / "bag.mcap"
-    with file.open("wb") as out:
-        bag = writer.Writer(out)
-        imu = bag.register_msgdef("sensor_msgs/msg/Imu", IMU)
-        volts = bag.register_msgdef("std_msgs/msg/Float64", "float64 data\n")
-        for t, wave in zip(T, WAVE, strict=True):
-            ns = 1_714_727_662_000_000_000 + round(t * 1e9)
-            head = {"stamp": {"sec": ns // 10**9, "nanosec": ns % 10**9}, "frame_id": "base_link"}
-            up = 0.5 * 0.1  # half of a pitch of 0.1 rad, nose up
-            message = {
-                "header": head,
-                "orientation": {"x": 0.0, "y": -np.sin(up), "z": 0.0, "w": np.cos(up)},
-                "angular_velocity": {"x": wave, "y": 0.5 * wave, "z": -wave},
-                "linear_acceleration": {"x": 0.1, "y": 0.2, "z": 9.8},
-            }
-            bag.write_message("/imu", imu, message, log_time=ns, publish_time=ns)
-            bag.write_message("/volts", volts, {"data": 11.1}, log_time=ns, publish_time=ns)
-        bag.finish()
+    file.write_bytes(ros_bag())
     record = read_record(file)
     np.testing.assert_allclose(record.t, T, atol=1e-6)
     for channel, expected in (("p", WAVE), ("q", -0.5 * WAVE), ("r", WAVE)):
@@ -179,3 +184,14 @@ def test_a_ros_bag(tmp_path):
     ):
         np.testing.assert_allclose(record[channel], expected, atol=1e-9)
     np.testing.assert_allclose(record["/volts.data"], 11.1)
+
+
+@pytest.mark.parametrize("left", [0.5, 0.99])
+def test_a_bag_that_is_cut_off_is_read_to_its_end(tmp_path, left):
+    """Of a bag in chunks of 1 kB: the power went, and the summary at its end was never written."""
+    whole = ros_bag(chunk_size=1024)
+    file = tmp_path / "bag.mcap"
+    file.write_bytes(whole[: int(left * len(whole))])
+    record = read_record(file)
+    assert 0.3 * N < len(record) <= N and any("cut off" in note for note in record.notes)
+    np.testing.assert_allclose(record["p"], WAVE[: len(record)], atol=1e-9)

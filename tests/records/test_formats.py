@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from casid.errors import InputError
 from casid.records.clock import seconds_of, stride_of
 from casid.records.column_map import ColumnMap
+from casid.records.layout import number_of
 from casid.records.log import euler_angles
 from casid.records.readers import read_record
 from casid.records.table import plain_numbers
@@ -162,6 +163,48 @@ def test_the_quick_way_reads_the_same_numbers(rows):
 )
 def test_the_quick_way_leaves_to_the_slow_one_what_is_not_plain(text):
     assert plain_numbers(text.encode(), 0, 2, ",") is None
+
+
+@pytest.mark.parametrize(
+    ("cell", "number"),
+    [
+        ("-1.5D+02", -150.0),  # Fortran
+        ("8,201.4", 8201.4),  # thousands, with decimals by a point
+        ("-12,345,678.9", -12345678.9),
+        ("8.201.4", 8201.4),  # 8.201,4 after its comma became a point
+        ("***", np.nan),  # Fortran, where a number does not fit
+        ("", np.nan),
+        ("#N/A", np.nan),
+        ("1,234", None),  # thousands or decimals: nobody knows
+        ("1.2.3", None),
+        ("0x1F", None),
+        ("1_000", None),
+    ],
+)
+def test_a_number_as_programs_write_it(cell, number):
+    read = number_of(cell)
+    assert read is None if number is None else read == pytest.approx(number, nan_ok=True)
+
+
+def test_columns_of_text_that_nobody_needs_are_one_note(tmp_path):
+    rows = "\n".join(
+        f"{0.02 * i:.2f},{np.sin(0.05 * i):.4f},{0.1 * np.cos(0.05 * i):.4f},AUTO,2024-05-03" for i in range(300)
+    )
+    path = tmp_path / "m.csv"
+    path.write_text("t,q,delta_e,mode,date\n" + rows, encoding="utf-8")
+    (note,) = [one for one in read_record(path).notes if "text" in one]
+    assert "'mode'" in note and "'date'" in note
+
+
+def test_capitals_with_a_unit_are_nearly_the_channel(tmp_path):
+    """DELTA_E_deg is not taken for a column that nobody knows, for then the record would have no surface."""
+    rows = "\n".join(f"{0.02 * i:.2f},{np.sin(0.05 * i):.4f},{5.0 * np.cos(0.05 * i):.4f}" for i in range(300))
+    path = tmp_path / "m.csv"
+    path.write_text("t,q,DELTA_E_deg\n" + rows, encoding="utf-8")
+    with pytest.raises(InputError, match="delta_e"):
+        read_record(path)
+    record = read_record(path, {"delta_e": "DELTA_E"})
+    assert record["delta_e"][0] == pytest.approx(np.radians(5.0))
 
 
 def test_a_stray_carriage_return_joins_no_digits(tmp_path):

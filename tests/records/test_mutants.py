@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from records.test_formats import old_px4
+from records.test_drone_logs import blackbox, crazyflie, ros_bag
+from records.test_formats import flown_log, old_px4
 from scipy.io import savemat
 
 import casid as cs
@@ -23,7 +24,10 @@ from casid.records import limits
 
 CORPUS = Path(__file__).resolve().parent.parent / "corpus"
 MANY = int(os.environ.get("CASID_MUTANTS", "20000"))
-SHARES = {"csv": 30, "txt": 10, "toml": 25, "xml": 15, "mat": 6, "npz": 5, "h5": 4, "parquet": 3, "xlsx": 1, "ulg": 1}
+SHARES = {"csv": 26, "txt": 9, "toml": 22, "xml": 13, "mat": 6, "npz": 5, "h5": 4, "parquet": 3, "xlsx": 1, "ulg": 1}
+SHARES |= {"bin": 1, "bbl": 2, "usd": 5, "mcap": 2}
+LOGS = {"ulg": ("pyulog", old_px4), "bin": ("pymavlink", flown_log), "bbl": ("orangebox", blackbox)}
+LOGS |= {"usd": ("casid", lambda: crazyflie(2)), "mcap": ("mcap", ros_bag)}
 T = np.arange(0.0, 4.0, 0.06)
 SMALL = {"t": T, "delta_e": 0.02 * np.sin(T), "q": 0.01 * np.cos(T), "V": 50.0 + 0.0 * T}
 SPLICES = (
@@ -81,8 +85,9 @@ def sound(ending: str, folder: Path) -> bytes:
             book.active.append(row)
         book.save(path)
     else:
-        pytest.importorskip("pyulog")
-        return old_px4()
+        library, written = LOGS[ending]
+        pytest.importorskip(library)
+        return written()
     return path.read_bytes()
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from casid.data_check.relations import FILE_UNITS, file_units
+from casid.data_check.file_meaning import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.model.aircraft import Aircraft
