@@ -289,11 +289,16 @@ def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
 
 def _is_no_imitation(seen: _Seen) -> list[Gate]:
     """The gate on a cause flexible enough to imitate others, a term or a configuration change: less may remain at its
-    port.
+    port, and nothing beside a cause of last resort.
     """
     effect = seen.effect
     if effect.improbable or not (effect.quasi_steady or effect.members):
         return []
+    if effect.last_resort:
+        left = max((m for m in seen.after if m.station in seen.own), key=lambda m: m.gain)
+        noise = at_most("gain still missing", left.gain, seen.criteria.verdict.missing, "verdict.missing")
+        size = missing_size(seen.evidence.fit, left)
+        return [at_most("size still missing at its port, of what matters", size, 1.0, "size.share", [noise])]
     return seen.gone(seen.own, seen.most, seen.last.gain.total)
 
 

@@ -399,7 +399,7 @@ def in_its_records(evidence: Evidence, one: Attached) -> Attached:
         others = [replace(one, onsets={k: v for k, v in one.onsets.items() if k != name}) for name in one.onsets]
         profile = _profile(Screen(evidence).holding(one.name), one, others)
         needs = {name: -float(profile[name][i]) for i, name in enumerate(one.onsets)}
-        least = min(criteria.significance.search, max(needs.values()))
+        least = min(criteria.significance.chance, max(needs.values()))
         one = replace(one, onsets={k: v for k, v in one.onsets.items() if needs[k] >= least})
     if len(one.onsets) == len(base.flight.records):
         return one

@@ -65,24 +65,15 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class State:
-    """A fitted set of causes, with the rounds that led to it.
+    """A fitted set of causes, with the rounds that led to it."""
 
-    baseline   the model that the causes are added to
-    evidence   evidence of the fitted model with the causes
-    kinematic  evidence of the kinematics with the causes; None if the forces cannot be left free with these records
-    observed   instrument and air causes, ranked by the kinematics alone
-    missing    latent input at each port, with the likelihood-ratio statistic that it still has
-    rounds     rounds of the search so far
-    intervals  95 % intervals of the onsets, by name of the cause
-    """
-
-    baseline: Baseline
-    evidence: Evidence
-    kinematic: Evidence | None
-    observed: Sequence[Candidate]
-    missing: tuple[MissingInput, ...]
+    baseline: Baseline  # the model that the causes are added to
+    evidence: Evidence  # of the fitted model with the causes
+    kinematic: Evidence | None  # of the kinematics with the causes; None if the forces cannot be left free
+    observed: Sequence[Candidate]  # instrument and air causes, ranked by the kinematics alone
+    missing: tuple[MissingInput, ...]  # latent input at each port, with the statistic that it still has
     rounds: tuple[Round, ...] = ()
-    intervals: Mapping[str, Intervals]
+    intervals: Mapping[str, Intervals]  # 95 % intervals of the onsets, by name of the cause
 
     @property
     def criteria(self) -> Criteria:
@@ -206,9 +197,21 @@ def _after_round(accepted: State, state: State) -> State:
     if not state.rounds[-1].named:
         return state
     state = with_gates_of_set(accepted, state)
-    if not _passes(accepted, state) and (other := swapped(state)) is not state:
-        state = with_gates_of_set(accepted, other)
+    for changed in (_without_refused, lambda _, refused: swapped(refused)):
+        if not _passes(accepted, state) and (other := changed(accepted, state)) is not state:
+            state = with_gates_of_set(accepted, other)
     return state
+
+
+def _without_refused(accepted: State, state: State) -> State:
+    """The state without the causes before the last one that were refused: the last is not refused for them."""
+    rounds = state.rounds[len(accepted.rounds) : -1]
+    refused = [one for one in rounds if not all_passed(one.accepted_by)]
+    if not refused or not all_passed(state.rounds[-1].accepted_by):
+        return state
+    fitted = without(state.fit, {one.leader.candidate.name for one in refused})
+    kept = tuple(replace(one, named=False) if any(one is r for r in refused) else one for one in state.rounds)
+    return _settled_in(replace(state, rounds=kept), fitted, refused[0].leader.effect)
 
 
 def with_gates_of_set(accepted: State, state: State) -> State:
@@ -266,18 +269,12 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Screening:
-    """The result of screening with a linearisation.
+    """The result of screening with a linearisation."""
 
-    chosen      causes to be fitted
-    refused     gates of the causes that are not fitted, by name
-    candidates  all causes, by net score statistic
-    detectable  smallest detectable sizes by name; only in the first round
-    """
-
-    chosen: Sequence[Candidate]
-    refused: Mapping[str, tuple[Gate, ...]]
-    candidates: tuple[Candidate, ...]
-    detectable: Mapping[str, float]
+    chosen: Sequence[Candidate]  # causes to be fitted
+    refused: Mapping[str, tuple[Gate, ...]]  # gates of the causes that are not fitted, by name
+    candidates: tuple[Candidate, ...]  # all causes, by net score statistic
+    detectable: Mapping[str, float]  # smallest detectable sizes by name; only in the first round
 
 
 def _screened(state: State, effects: Sequence[Effect]) -> _Screening:

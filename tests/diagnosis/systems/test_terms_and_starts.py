@@ -14,6 +14,8 @@ from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.model.port import ports_of
 from casid.model.system import Model, define_model
 from casid.records.record import Record
+from problems.random_systems.contract import diagnosed
+from problems.random_systems.world import draw
 
 
 def swing(w: float, damping: float, gain: float) -> Model:
@@ -101,3 +103,18 @@ def test_a_power_of_an_input_is_found_from_any_zero_of_it(zero: float) -> None:
     found: Any = diagnose_system(model, [climbed(1, zero), climbed(2, zero)], [climbed(3, zero)])
     assert [one.key for one in found.causes] == [("missing_term", "w", "n^2")]
     assert found.causes[0].value == pytest.approx(0.0981, abs=4.0 * found.causes[0].std)
+
+
+@pytest.mark.parametrize("seed", [3, 23, 35])
+def test_no_power_is_named_for_what_it_only_imitates(seed: int) -> None:
+    """Friction and a dead zone, drawn: a polynomial follows them, and leaves a part that matters at its port."""
+    world = draw(seed)
+    assert world.truth in ("friction", "dead zone")
+    assert not [one for one in diagnosed(world).causes if one.effect.last_resort]
+
+
+def test_a_cause_is_not_refused_for_another_that_was_wrong() -> None:
+    """A dead zone, drawn, beside which play was tried first: the set of both is refused, and the dead zone alone is
+    accepted."""
+    world = draw(26)
+    assert [one.kind for one in diagnosed(world).causes] == [world.truth.replace(" ", "_")]
