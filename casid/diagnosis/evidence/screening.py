@@ -16,6 +16,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import Fingerprint, fingerprints
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 
@@ -102,11 +103,27 @@ class Screen:
         reproduce. In closed loop the numbers of the file are known well: only their priors tell a cause from them.
         """
         left, match, share = self.projected(parts, keep)
-        # How much of a term survives depends on where its variables have their zero: krpm^2 far from it is a line.
-        told_by_priors = parts[0].effect.quasi_steady or self.base.flight.closed_loop
-        if left <= 0.0 or (share < self.criteria.screening.surviving and not told_by_priors):
+        least = 0.0 if self.base.flight.closed_loop else self.criteria.screening.surviving
+        if left <= 0.0 or share < least * _bent(self.base, parts[0].effect):
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
+
+
+def _bent(base: FlightFit, effect: Effect) -> float:
+    """Part of a term of a system that no straight line in states and inputs has; 1 where it is a line itself.
+
+    A square far from its zero is nearly a line, which parameters reproduce. How much of it is left must not depend on
+    where its variables have their zero.
+    """
+    names = base.flight.lines if effect.quasi_steady else ()
+    if not names:
+        return 1.0
+    live = base.batch.live
+    term = np.broadcast_to(base.flight.term_along(effect, base.regressors), live.shape)[live]
+    lines = np.stack([np.ones(len(term)), *(base.regressors[name][live] for name in names)], axis=1)
+    left = term - lines @ np.linalg.lstsq(lines, term, rcond=None)[0]
+    part = np.linalg.norm(left) / max(float(np.linalg.norm(term)), 1e-300)
+    return float(part) if part > base.criteria.numerics.structure.rounding else 1.0
 
 
 def screen(evidence: Evidence, effects: Iterable[Effect], exact: bool = False) -> list[Candidate]:

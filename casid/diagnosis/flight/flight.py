@@ -134,6 +134,11 @@ class Flight:
         return effect.smallest_that_matters(self.aircraft)
 
     @property
+    def lines(self) -> tuple[str, ...]:
+        """None: the discrepancy of a coefficient contains its terms already (`Plant.lines`)."""
+        return ()
+
+    @property
     def imitated_names(self) -> frozenset[str]:
         """Names of effects that are a relative change of a fitted number of the file: none of an aeroplane."""
         return frozenset()

@@ -177,14 +177,17 @@ def effects_of(
 ) -> list[Effect]:
     """All causes of a library for this model: at its ports, and for its `free` parameters."""
     found: list[Effect] = []
-    terms = dict.fromkeys(library.terms(model), False) | dict.fromkeys(library.further_terms(model), True)
+    last = library.further_terms(model)
+    every = library.terms(model) | last
+    scaled = _scaled_by_parameters(model, {k: v for k, v in every.items() if k not in library.regressors}, free)
     for port in ports:
         if port.kind == "input":
             found += _of_input(port, records, criteria)
         elif port.kind == "output":
             found += _of_output(port, records, criteria)
         else:
-            found += [replace(_term(port, name), last_resort=last) for name, last in terms.items()]
+            terms = [name for name in every if (port.name, name) not in scaled]
+            found += [replace(_term(port, name), last_resort=name in last) for name in terms]
     if len(records) > 1:
         found += [_parameter(name) for name in free]
     return [
@@ -192,6 +195,23 @@ def effects_of(
         for effect in found
         if effect.kind in library.kinds
     ]
+
+
+def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequence[str]) -> set[tuple[str, str]]:
+    """(state, term) where a free parameter multiplies the term in the equation: that term is the parameter's value.
+
+    The slope of the equation by the parameter is then the same multiple of the term at any point.
+    """
+    by = ca.vertcat(*[model.p[model.parameters.index(name)] for name in free])
+    slopes, values = ca.densify(ca.jacobian(model.f, by)), ca.densify(ca.vertcat(*terms.values()))
+    both = ca.Function("both", [model.x, model.u, model.p, model.w], [slopes, values])
+    rng, p, w, points = np.random.default_rng(0), model.nominal_vector(), np.zeros(model.w.numel()), 6
+    drawn = [both(rng.normal(size=model.x.numel()), rng.normal(size=model.u.numel()), p, w) for _ in range(points)]
+    F, T = np.stack([one.full() for one, _ in drawn]), np.stack([one.full().ravel() for _, one in drawn])
+    with np.errstate(all="ignore"):
+        ratio = F[..., None] / T[:, None, None, :]  # (points, states, parameters, terms)
+        same = (np.abs(ratio - ratio[0]) <= 1e-9 * np.abs(ratio[0])).all(axis=0) & (ratio[0] != 0.0)
+    return {(model.states[i], name) for i, _, j in np.argwhere(same) for name in [list(terms)[j]]}
 
 
 def _unit(effect: Effect, model: Model, ports: Sequence[Port]) -> str:

@@ -283,6 +283,11 @@ class Plant:
         return None if self.build is None or callable(effect.meaningful) else effect.meaningful
 
     @property
+    def lines(self) -> tuple[str, ...]:
+        """Names of the regressors that parameters multiply: a term may be nearly a line in these."""
+        return (*self.base.states, *self.base.inputs)
+
+    @property
     def imitated_names(self) -> frozenset[str]:
         """Names of effects that are a relative change of a fitted number."""
         return frozenset(effect.name for effect in self.imitated.values())

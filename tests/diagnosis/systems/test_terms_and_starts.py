@@ -118,3 +118,13 @@ def test_a_cause_is_not_refused_for_another_that_was_wrong() -> None:
     accepted."""
     world = draw(26)
     assert [one.kind for one in diagnosed(world).causes] == [world.truth.replace(" ", "_")]
+
+
+def test_a_term_that_a_parameter_multiplies_is_the_value_of_that_parameter() -> None:
+    """The file has a third of the true gain, ten times its stated uncertainty away: a wrong value, and no term in u."""
+    world = draw(86)
+    assert world.truth == "values" and not diagnosed(world).causes
+    model = swing(1.0, 0.1, 1.0)
+    plant = plant_of(model, [swung(1, 1.0, 0.1, 100, 20)], ports_of(model), Library(), Criteria())
+    terms = {one.term for one in plant.effects if one.key[:2] == ("missing_term", "v")}
+    assert not terms & {"x", "v", "u"} and {"1", "x^2", "x*u", "u^2"} <= terms
