@@ -62,7 +62,7 @@ class Fit:
         Record -> StateHistory; empty for equation error.
     multipliers
         One per limit on parameters, in the order of the problem's constraints and positive at an upper limit. A
-        constraint with per-record parameters has one for every record.
+        constraint with per-record parameters has one for every record. For the path see `path_multipliers`.
     solver
         The one that finished: "GaussNewton", "Newton" or "Ipopt"; iterations are those of all.
     method, substeps, implicit
@@ -109,6 +109,22 @@ class Fit:
     starts: Starts | None = None
     population: Mapping[str, Population] = field(default_factory=dict)
     way: str = ""
+
+    @property
+    def path_multipliers(self) -> tuple[dict[str, np.ndarray], ...]:
+        """One table per path limit, in the order of the problem's constraints: record -> (N,).
+
+        Positive where an upper limit holds a sample, negative where a lower one does, else zero. The sum over all
+        samples is the rate at which the cost falls as the limit is raised. A soft limit holds no sample.
+        """
+        problem, pressed = self.problem, self.uncertainty.pressed
+        names = [record.name for record in problem.records]
+        if pressed is None:
+            pressed = [np.zeros((len(problem.path_constraints), len(record.t))) for record in problem.records]
+        return tuple(
+            {name: of_record[i] for name, of_record in zip(names, pressed, strict=True)}
+            for i in range(len(problem.path_constraints))
+        )
 
     @property
     def log_posterior(self) -> float:

@@ -90,6 +90,7 @@ class Uncertainty:
             "sides",
             "initial_std",
             "quantile",
+            "pressed",
         )
         known = {name: getattr(self, name) for name in names}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
@@ -302,6 +303,11 @@ class Uncertainty:
         return self.objective.held_paths(self.linear)
 
     @cached_property
+    def pressed(self) -> tuple[np.ndarray, ...] | None:
+        """Record -> (path limits, N) multipliers of samples that hard path limits hold; None where there are none."""
+        return None if self.linear is None or self._paths is None else self._paths.pressed
+
+    @cached_property
     def _information(self) -> np.ndarray:
         """(unknowns, unknowns) of the parameters and of what else path limits hold."""
         assert self.linear is not None
@@ -371,6 +377,11 @@ class Rescaled:
     added: np.ndarray | None = None
 
     __repr__ = brief
+
+    @property
+    def pressed(self) -> tuple[np.ndarray, ...] | None:
+        """Multipliers of path limits, which another scale of the parameters leaves as they are."""
+        return self.of.pressed
 
     @property
     def covariance(self) -> np.ndarray:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from estimation_cases import NOISE, START, TRUTH, flight, short_period
@@ -24,6 +27,7 @@ from casid.estimation import (
 from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.quadratic import parameter_step
 from casid.estimation.solvers.status import Results
+from casid.keeping import load
 from casid.model.system import define_model, define_regression
 from casid.records.record import Record
 
@@ -172,6 +176,28 @@ def test_the_optimum_under_a_path_limit_satisfies_the_conditions_of_kuhn_and_tuc
     assert np.abs(room[multipliers > 0.0]).max() < 1e-9 and room.min() > -1e-9
     costs = [solved(side * 1e-6)[1].value.cost for side in (1, -1)]
     assert multipliers.sum() == pytest.approx((costs[1] - costs[0]) / 2e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "solver", [GaussNewton(tolerance=1e-10), Ipopt(tolerance=1e-11)], ids=["gauss-newton", "ipopt"]
+)
+def test_multipliers_of_a_path_limit_are_the_rate_at_which_the_cost_falls(tmp_path: Path, solver: Any) -> None:
+    """Truth: the envelope theorem, by fits with the limit moved to either side."""
+    (limit,) = limited("path")
+    low, fit, high = (
+        solve(problem(limit_trajectory("alpha", upper=limit.upper + shift)), solver=solver)
+        for shift in (-1e-6, 0.0, 1e-6)
+    )
+    (of_limit,) = fit.path_multipliers
+    assert sum(one.sum() for one in of_limit.values()) == pytest.approx((low.cost - high.cost) / 2e-6, rel=1e-3)
+    for record, one in of_limit.items():
+        alpha = fit.predictions[record][:, fit.problem.model.outputs.index("alpha")]
+        assert one.shape == alpha.shape and (one >= 0.0).all()
+        assert np.abs(alpha - limit.upper)[one > 0.0].max(initial=0.0) < 1e-7
+    fit.save(tmp_path / "fit.casid")
+    kept = load(tmp_path / "fit.casid").path_multipliers
+    assert all((kept[0][record] == one).all() for record, one in of_limit.items())
+    assert solve(problem()).path_multipliers == ()
 
 
 def test_constrained_fits_from_zero_come_to_those_from_near():

@@ -63,6 +63,7 @@ class HeldPaths:
     equal: np.ndarray  # (limits,) whether a limit is upper and lower one
     # per record (segments, n, v of the record) how its v move the nodes; the v of records follow each other
     motion: list[np.ndarray]
+    pressed: tuple[np.ndarray, ...]  # record -> (constraints, N) multipliers of the samples that are held, else zero
 
     def columns(self, record: int) -> np.ndarray:
         """Of the v of a record among all unknowns."""
@@ -188,6 +189,7 @@ class PathLimits:
             multipliers=np.concatenate(multipliers),
             equal=np.concatenate(equal),
             motion=motion,
+            pressed=tuple(np.where(held, pressed, 0.0)[:, self.record == r] for r in range(len(problem.records))),
         )
 
     def _together(self, own: np.ndarray, pressed: np.ndarray) -> np.ndarray:
