@@ -16,7 +16,6 @@ from casid.diagnosis.cause import Trace as Trace
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, SteadyWind, compatibility
 from casid.diagnosis.result import Cause, Diagnosis
-from casid.diagnosis.systems.library import Library
 from casid.errors import CasidError, EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -64,6 +63,7 @@ from casid.frequency.state_space import fit_state_space
 from casid.frequency.transfer_function import TransferFunction, fit_transfer_functions
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
+from casid.model.causes.systems import Library
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.external import external_function
 from casid.model.feedback import SampledFeedback

@@ -49,7 +49,7 @@ LAYERS: dict[str, set[str]] = {
     "analysis": _MODEL | {"estimation", "filtering"},
     "design": _MODEL | {"estimation", "filtering"},
     "data_check": _MODEL,
-    "diagnosis": _ENGINE | {"data_check"},
+    "diagnosis": _ENGINE | {"data_check", "frequency"},
     "frequency": _ENGINE,
     "acceptance": _ENGINE | {"frequency", "diagnosis"},
     "report": _ENGINE | _STANDARDS | {"diagnosis", "data_check"},
@@ -180,6 +180,35 @@ def test_matplotlib_stays_in_the_report() -> None:
         if module.split(".")[0] == "matplotlib" and room_of_file(path) != "report"
     ]
     assert not wrong
+
+
+_COMPUTES = {"estimation", "filtering", "analysis", "design", "diagnosis", "frequency", "data_check"}
+_UNITS = {"gain_db", "phase_deg"}  # a number in another unit
+
+
+def test_the_report_draws_and_fits_nothing() -> None:
+    """It takes results, whose classes and constants it may name, and calls no function of a room that computes."""
+    wrong = [
+        f"{path.relative_to(REPO)}:{node.lineno} {alias.name}"
+        for path in sources("casid/report")
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.ImportFrom) and room_of_module(node.module or "") in _COMPUTES
+        for alias in node.names
+        if alias.name.islower() and alias.name not in _UNITS
+    ]
+    assert not wrong
+
+
+def test_gates_are_made_in_one_file() -> None:
+    """Why a cause was named is read in `casid/diagnosis/gates.py`; `cause.py` has the class and its constructors."""
+    makers = {"Gate", "at_least", "at_most"}
+    found = {
+        str(path.relative_to(REPO))
+        for path in sources("casid")
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in makers
+    }
+    assert found == {"casid/diagnosis/cause.py", "casid/diagnosis/gates.py"}
 
 
 def test_casid_needs_only_its_declared_dependencies() -> None:

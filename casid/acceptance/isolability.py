@@ -26,9 +26,10 @@ from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
 from casid.arguments import names, numbers_by_name, require
 from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import meaningful_share
+from casid.diagnosis.evidence.detectable import sigmas_shown
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, responses
+from casid.diagnosis.evidence.size import meaningful_share
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
@@ -46,7 +47,6 @@ from casid.views import brief, view
 
 _POWER = 0.9  # of the smallest size that is told
 _ALIKE = 0.05  # probability of confusion from which two causes are one set
-_NONE = 1e-9  # part of a response that rounding leaves of nothing
 # of the aerodynamic terms that a file may lack, those that are looked at unless others are asked for
 _TERMS = ("CL:alpha^2", "CD:alpha^2", "CX:alpha^2", "CZ:alpha^2", "Cm:alpha^2", "C[Yln]:alpha[*]beta")
 _DEFAULT = tuple(f"aero_term({term})" for term in _TERMS)
@@ -352,10 +352,7 @@ def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effe
     own = responses(evidence, [row for row, _ in with_size])
     projected = Projection.shared(evidence, own)
     whole = (own**2).sum(axis=(0, 1, 2))
-    square = np.diag(projected.gram).copy()
-    least = np.maximum(flight.criteria.screening.surviving**2, _NONE) * whole
-    square[square <= least] = 0.0
-    length = np.sqrt(square)
+    length = sigmas_shown(np.diag(projected.gram), whole, flight.criteria)
     inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
     matters = np.array([size for _, size in with_size])
     kinds = [row[0] for row, _ in with_size]
@@ -377,7 +374,7 @@ def _row(evidence: Evidence, effect: Effect) -> tuple[tuple[Effect, Mapping[str,
     fitted = evidence.fit
     onset = 0.5 * min(record.duration for record in fitted.flight.records) if effect.timed else None
     values = dict(effect.grid[len(effect.grid) // 2]) if effect.grid else {}
-    smallest = effect.smallest_that_matters(fitted.flight.aircraft)
+    smallest = fitted.flight.smallest_that_matters(effect)
     if effect.linear and not smallest:
         onsets = {r.name: r.t[0] + (onset or 0.0) for r in fitted.flight.records} if effect.timed else {}
         unit = Attached(effect=effect, values=values | {"value": 1.0}, onsets=onsets)

@@ -157,7 +157,7 @@ def _separating(
         "told_by": dict(found.separation.told),
     }
     expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
-    said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation.log_odds)}. {expected}"
+    said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}"
     title = f"Manoeuvre that separates {separate[0]} and {separate[1]}"
     write_result(folder, "design", title, said, [separated(found, rivals)])
     return json.dumps(told, indent=1), said

@@ -8,6 +8,7 @@ derivatives, so that the promise is kept whatever they are; that one explanation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -116,6 +117,11 @@ class Separation:
         meets noise of variance twice `log_odds`, and each fit takes up noise along one direction, of variance 1 at
         most."""
         return float(np.sqrt(2.0 * self.log_odds + 1.0))
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether it tells of the two anything that is worth mentioning (Jeffreys: odds of 3)."""
+        return self.log_odds >= math.log(3.0)
 
 
 @single_threaded()

@@ -351,10 +351,7 @@ def _line(one: Decision) -> str:
 def trace_of(document: Mapping[str, Any]) -> Trace:
     """The decision trace of a document of diagnosis.json.
 
-    Raises
-    ------
-    InputError
-        For a document of `casid.diagnosis/2` or before, which has no decisions.
+    raises  InputError for a document of `casid.diagnosis/2` or before, which has no decisions
     """
     if "decisions" not in document:
         schema = document.get("schema", "no schema")

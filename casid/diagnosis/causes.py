@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
+from casid.diagnosis import gates
 from casid.diagnosis.cause import (
     IN_A_SET,
     MINOR,
@@ -18,22 +19,21 @@ from casid.diagnosis.cause import (
     Gate,
     Trace,
     all_passed,
-    at_least,
-    at_most,
     merged,
 )
-from casid.diagnosis.engine.acceptance import clear_gain, matters, mostly_gone, required_gain, sine
+from casid.diagnosis.engine.acceptance import sine
 from casid.diagnosis.engine.held_out import Kept
-from casid.diagnosis.engine.onsets import Intervals, end_intervals
 from casid.diagnosis.engine.search import State
-from casid.diagnosis.engine.size import meaningful_share, missing_size, plausible, plausible_size
-from casid.diagnosis.engine.structure import is_induced_drag, is_usual
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, deviation, sure, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
+from casid.diagnosis.evidence.onsets import Intervals, end_intervals
+from casid.diagnosis.evidence.size import meaningful_share, missing_size
+from casid.diagnosis.evidence.structure import is_induced_drag, is_usual
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics.kinematics import Turbulence
+from casid.diagnosis.kinematics.turbulence import Turbulence
 from casid.diagnosis.sentences import NOT_CONFIRMED, NOT_NEEDED, cause_sentence, expected_of, noted
 from casid.model import station
 from casid.model.aircraft import Aircraft
@@ -54,19 +54,8 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
     final model. Structure that every aircraft has is minor unless it is unusually large. An effect that is expected of
     some aircraft is minor unless it is equivalent to another cause.
 
-    Parameters
-    ----------
-    state
-        The final state of the search.
-    kept
-        The model after the test on the held-out records.
-    left
-        Latent inputs of that model in the fitted records.
-
-    Returns
-    -------
-    causes, minor
-        The two groups of causes.
+    kept  the model after the test on the held-out records
+    left  latent inputs of that model in the fitted records
     """
     final, required = kept.evidence.fit, state.baseline.required
     told = [*_moving_air(state, kept)]
@@ -96,7 +85,7 @@ def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
     air, fitted = state.baseline.turbulence, kept.fit
     if not air.named:
         return []
-    cause = turbulence_cause(air, fitted.flight.aircraft, kept.air_gain)
+    cause = turbulence_cause(air, of_aircraft(fitted.flight).aircraft, kept.air_gain)
     named = bool(fitted.noise.coloured)
     return [(cause if named else noted(cause, NOT_CONFIRMED), named)]
 
@@ -105,19 +94,19 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
     """The cause of a round, and whether it is named."""
     evidence, leader = kept.evidence, round_.leader
     name = leader.candidate.name
-    held, gates = kept.gains.get(name), tuple(gate for of, gate in kept.gates.items() if of == name)
+    held, asked = kept.gains.get(name), tuple(gate for of, gate in kept.gates.items() if of == name)
     if name not in {one.name for one in evidence.fit.attached}:
         if name in {one.name for one in state.fit.attached}:
-            return noted(cause_of(leader, state, (), held, gates), NOT_CONFIRMED), False
-        gates = (*gates, at_least("still in the model beside later causes", 0.0, 1.0))
-        return noted(cause_of(leader, state, (), held, gates), NOT_NEEDED), False
+            return noted(cause_of(leader, state, (), held, asked), NOT_CONFIRMED), False
+        asked = (*asked, gates.gone_beside_later_causes())
+        return noted(cause_of(leader, state, (), held, asked), NOT_NEEDED), False
     final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
-    gates = (*gates, *(replace(gate, gate=f"{gate.gate}, in the final model") for gate in final))
+    asked = (*asked, *gates.in_the_final_model(final))
     present = _as_in(evidence, leader)
     if not all_passed(final):
-        refused = cause_of(present, state, (), held, gates)
+        refused = cause_of(present, state, (), held, asked)
         return noted(refused, NOT_NEEDED) if leader.meaningful else refused, False
-    cause = cause_of(present, state, round_.equivalents, held, gates)
+    cause = cause_of(present, state, round_.equivalents, held, asked)
     if leader.effect.expected and not round_.equivalents:
         return expected_of(cause, "a propeller aircraft"), False
     return cause, True
@@ -164,8 +153,7 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
 def still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
     """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters."""
     one = next(a for a in fit.attached if a.name == name)
-    size = at_least("size, of what matters", meaningful_share(fit, one), 1.0, "size.share")
-    return (*plausible_size(one), size)
+    return (*gates.possible(one), gates.matters(meaningful_share(fit, one)))
 
 
 def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
@@ -192,10 +180,10 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
-                trial.gain.net > required_gain(effect, state.criteria)
+                trial.gain.net > gates.required_gain(effect, state.criteria)
                 and not trial.refuted
                 and not trial.meaningful
-                and plausible(trial.candidate.attached)
+                and gates.is_possible(trial.candidate.attached)
                 and effect.key not in known
                 and not any(
                     t.effect.target == effect.target and sine(t, trial) < state.criteria.naming.alike for t in found
@@ -220,16 +208,14 @@ def cause_of(
     state: State,
     equivalents: Sequence[Trial] = (),
     held: float | None = None,
-    gates: tuple[Gate, ...] = (),
+    asked: tuple[Gate, ...] = (),
 ) -> Cause:
     """The cause to be reported for a trial."""
     one, fit, names = trial.candidate.attached, state.evidence.fit, state.evidence.fit.batch.names
     effect, values = one.effect, one.effect.in_words(one.values)
-    dof, value, std = len(values), values["value"], trial.std
+    dof, (value, std) = len(values), fit.flight.sizes.told(fit, one, trial.std)
     onsets = onset_intervals(state.evidence, one, state.intervals.get(one.name, {}))
     ends = end_intervals(state.evidence, one)
-    if fit.flight.sizes is not None:
-        value, std = fit.flight.sizes.told(fit, one, std)
     return Cause(
         effect=effect,
         value=value,
@@ -246,7 +232,7 @@ def cause_of(
         meaningful=trial.meaningful,
         share=trial.share,
         on_readings=trial.gain.raw / max(trial.candidate.surviving, 1e-3) ** 2,
-        gates=gates,
+        gates=asked,
     )
 
 
@@ -274,15 +260,16 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     usual = one.nuisance or is_induced_drag(effect, value, fit)
-    gates = (
-        at_most("expected of any aircraft", float(usual), 0.0),
-        at_least("gain", statistic, required, "naming.approximate"),
-        *matters(share, statistic, clear_gain(evidence.fit), criteria),
+    clear = gates.clear_gain(criteria, fit.flight.noise_by_fit)
+    asked = (
+        gates.unusual(usual),
+        gates.gain_of_structure(statistic, required),
+        *gates.clear_size(share, statistic, clear, criteria),
         *sure(evidence, name),
-        at_least("gain on held-out records", 0.0 if held is None else held, 0.0),
-        mostly_gone(statistic, left, criteria),
+        gates.gain_held_out(held),
+        gates.still_missing(statistic, left, criteria),
     )
-    meaningful = all_passed(gates)
+    meaningful = all_passed(asked)
     cause = Cause(
         effect=effect,
         value=value,
@@ -292,7 +279,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
         held_out_gain=held,
         meaningful=meaningful,
         share=share,
-        gates=gates,
+        gates=asked,
         sentence=sentence,
     )
     return cause if meaningful or one.nuisance else expected_of(cause, "any aircraft")
@@ -307,7 +294,7 @@ def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, obje
     """The entry of the effect that is equal to a cause by algebra; empty without one."""
     if one.effect.equal is None or one.records:
         return []
-    other, factor = one.effect.equal(fit.flight.aircraft)
+    other, factor = one.effect.equal(of_aircraft(fit.flight).aircraft)
     return [_entry(other, factor * one.values["value"], gain)]
 
 

@@ -30,18 +30,10 @@ from casid.model.numbers import digits
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
-    """A statement, whether it is made, and why not.
+    """A statement, whether it is made, and why not."""
 
-    Attributes
-    ----------
-    statement
-        What is stated, in a few words.
-    because
-        Why it is not said; empty if it is said.
-    """
-
-    statement: str
-    because: str = ""
+    statement: str  # what is stated, in a few words
+    because: str = ""  # why it is not said; empty if it is said
 
     @property
     def said(self) -> bool:

@@ -12,26 +12,28 @@ from casid.arguments import number, require
 from casid.data_check.check import channels_of, check
 from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import NAMED, Cause, Decision, Trace, at_least
+from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import baseline_of
 from casid.diagnosis.engine.held_out import Kept, split
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.judgement import Stages, judged
+from casid.diagnosis.part import OfAircraft
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.subject import OfAircraft
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
-from casid.diagnosis.systems.library import Library
 from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
+from casid.model.causes.systems import Library
 from casid.model.linearised import linearised
 from casid.model.port import ModelPort as Port
 from casid.model.system import Model
@@ -56,30 +58,17 @@ def diagnose_aircraft(
 ) -> Diagnosis:
     """Diagnose an aircraft file with flight records.
 
-    Parameters
-    ----------
-    aircraft
-        The aircraft model, or the name of its file.
-    records
-        Flight records to be fitted, or names of files.
-    hold_out
-        Records that are never fitted. If none is given, the last record is held out, or the last third of a single one.
-    report
-        Function that is called with the name of every stage.
-    criteria
-        Thresholds of the diagnosis; by default `Criteria()`.
-    as_recorded
-        True: faults of the data are reported, and the data are neither corrected nor left out. Names of channels: these
-        are trusted as recorded.
-    axes
-        Scope: "longitudinal", "lateral" or "full"; by default the largest that the records support.
-    seconds
-        Time after which the search for causes ends; by default it ends by itself.
-
-    Raises
-    ------
-    InputError
-        If an argument has the wrong type, or the records lack channels that the model needs.
+    aircraft     the aircraft model, or the name of its file
+    records      flight records to be fitted, or names of files
+    hold_out     records that are never fitted. If none is given, the last record is held out, or the last third of a
+                 single one.
+    report       function that is called with the name of every stage
+    criteria     thresholds of the diagnosis; by default `Criteria()`
+    as_recorded  true: faults of the data are reported, and the data are neither corrected nor left out. Names of
+                 channels: these are trusted as recorded.
+    axes         scope: "longitudinal", "lateral" or "full"; by default the largest that the records support
+    seconds      time after which the search for causes ends; by default it ends by itself
+    raises       InputError if an argument has the wrong type, or the records lack channels that the model needs
     """
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
@@ -108,7 +97,7 @@ def diagnose_aircraft(
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
 
         def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
-            extended = extended_aircraft(state.baseline.flight.aircraft, kept.fit, causes, minor)
+            extended = extended_aircraft(of_aircraft(state.baseline.flight).aircraft, kept.fit, causes, minor)
             return OfAircraft(file=aircraft, extended=extended)
 
         found = judged(state, given, scope.held, part, stages)
@@ -120,7 +109,7 @@ def diagnose_aircraft(
             found,
             scope.contradicted(aircraft, found.flight),
             scope.factors(aircraft, found.flight),
-            (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable)),
+            (*scope.not_judged(found.flight), *out_of_sight(of_aircraft(found.bare.flight), found.detectable)),
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
@@ -133,7 +122,7 @@ def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
             cause=f"{one.kind}({one.target})",
             round=0,
             outcome=NAMED,
-            gates=() if one.odds is None else (at_least("odds against records that are well", one.odds, 1.0),),
+            gates=() if one.odds is None else (odds_against_good_records(one.odds),),
             against=tuple(f"{rival['kind']}({rival['target']})" for rival in one.indistinguishable_from),
         )
         for one in findings

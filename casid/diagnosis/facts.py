@@ -25,28 +25,15 @@ from casid.model.numbers import digits, with_deviation
 
 @dataclass(frozen=True, kw_only=True)
 class ChangedValue:
-    """A value of the extended model beside that as given.
+    """A value of the extended model beside that as given."""
 
-    Attributes
-    ----------
-    parameter, unit
-        Its name, and the unit of its values.
-    given, extended
-        Its value as given, and in the extended model.
-    stated_std
-        Its stated 1-sigma; 10 % of its value where none is stated.
-    identifiable
-        Whether the records determine it better than the file does.
-    effect
-        Channel -> r.m.s. change of the predicted readings by the move, in units of their noise.
-    """
-
-    parameter: str
+    parameter: str  # parameter, unit: its name, and the unit of its values
     unit: str
-    given: float
+    given: float  # given, extended: its value as given, and in the extended model
     extended: float
-    stated_std: float
-    identifiable: bool
+    stated_std: float  # its stated 1-sigma; 10 % of its value where none is stated
+    identifiable: bool  # whether the records determine it better than the file does
+    # channel -> r.m.s. change of the predicted readings by the move, in units of their noise.
     effect: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -84,18 +71,10 @@ class ChangedValue:
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
-    """Two values that the records do not determine one by one, but of which they determine a ratio, product or sum.
+    """Two values that the records do not determine one by one, but of which they determine a ratio, product or sum."""
 
-    Attributes
-    ----------
-    parameters
-        The two names.
-    sentence
-        What is determined, with its value as given and by the records.
-    """
-
-    parameters: tuple[str, str]
-    sentence: str
+    parameters: tuple[str, str]  # the two names
+    sentence: str  # what is determined, with its value as given and by the records
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `combinations` in diagnosis.json."""
@@ -104,56 +83,32 @@ class Combination:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Facts:
-    """What statements and verdict depend on.
+    """What statements and verdict depend on."""
 
-    Attributes
-    ----------
-    source, witness
-        What the values are from, "file" or "model"; and what speaks against them, "flight" or "the records".
-    budget
-        Errors on the held-out records, and by record.
-    criteria
-        Thresholds of the simulation as given.
-    at_fault, corrected
-        Faults of the data that could not be corrected, and corrections.
-    impossible
-        Numbers of the file that no aircraft has.
-    causes, minor
-        The causes that the gates let pass, and those that are real and too small to matter.
-    unexplained
-        Sentences of what no cause explains, strongest first.
-    contradicted, factors
-        Values, and common factors of groups of values, that are inconsistent with the records.
-    changed, combinations
-        Values of the extended model beside those as given, and what is determined of pairs.
-    not_judged
-        What the records leave open.
-    fewest_readings
-        Number of fitted readings of the channel that is read least.
-    turbulent
-        Records in turbulence.
-    listed
-        Largest number of items that a sentence lists.
-    """
-
+    # source, witness: what the values are from, "file" or "model"; and what speaks against them, "flight" or "the
+    # records"
     source: str
     witness: str
-    budget: Budget
-    criteria: GivenCriteria = GivenCriteria()
+    budget: Budget  # errors on the held-out records, and by record
+    criteria: GivenCriteria = GivenCriteria()  # thresholds of the simulation as given
+    # at_fault, corrected: faults of the data that could not be corrected, and corrections
     at_fault: tuple[Finding, ...] = ()
     corrected: tuple[Finding, ...] = ()
-    impossible: tuple[Contradiction, ...] = ()
+    impossible: tuple[Contradiction, ...] = ()  # numbers of the file that no aircraft has
+    # causes, minor: the causes that the gates let pass, and those that are real and too small to matter
     causes: tuple[Cause, ...] = ()
     minor: tuple[Cause, ...] = ()
-    unexplained: tuple[str, ...] = ()
+    unexplained: tuple[str, ...] = ()  # sentences of what no cause explains, strongest first
+    # contradicted, factors: values, and common factors of groups of values, that are inconsistent with the records
     contradicted: tuple[Contradiction, ...] = ()
     factors: tuple[Factor, ...] = ()
+    # changed, combinations: values of the extended model beside those as given, and what is determined of pairs
     changed: tuple[ChangedValue, ...] = ()
     combinations: tuple[Combination, ...] = ()
-    not_judged: tuple[NotJudged, ...] = ()
-    fewest_readings: int = 1
-    turbulent: tuple[str, ...] = ()
-    listed: int = 3
+    not_judged: tuple[NotJudged, ...] = ()  # what the records leave open
+    fewest_readings: int = 1  # number of fitted readings of the channel that is read least
+    turbulent: tuple[str, ...] = ()  # records in turbulence
+    listed: int = 3  # largest number of items that a sentence lists
 
     @property
     def moved(self) -> tuple[ChangedValue, ...]:
@@ -166,16 +121,9 @@ def changed_values(
 ) -> tuple[ChangedValue, ...]:
     """Values of the extended model beside those as given, those with the largest effect on the readings first.
 
-    Parameters
-    ----------
-    fit
-        The fit of the extended model.
-    given
-        Values as given, by name.
-    flight
-        Values by the records alone.
-    least
-        Relative uncertainty of a value without a stated one.
+    given   values as given, by name
+    flight  values by the records alone
+    least   relative uncertainty of a value without a stated one
     """
     units, found = fit.model.units, []
     names = {one.name: one.effect.unit for one in fit.attached}
@@ -275,3 +223,27 @@ def fewest_readings(fit: FlightFit) -> int:
     """Number of readings of the channel that is read least, of those that are read at all."""
     counts = fit.seen.sum(axis=(0, 1))
     return int(min((count for count in counts if count), default=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """A parameter of the file or model, in `unit`: for an aircraft a derivative, term or effect."""
+
+    name: str
+    unit: str
+    a_priori: float  # its value as given; 0 if there is none
+    # refitted, refitted_std: its estimate with the structure as given, and the standard deviation (Cramer-Rao)
+    refitted: float
+    refitted_std: float
+    extended: float  # extended, extended_std: the same in the extended model
+    extended_std: float
+    flight: FlightValue  # its value according to the records alone, with a corrected standard deviation
+
+    def to_dict(self) -> dict[str, Any]:
+        return {
+            "unit": self.unit,
+            "a_priori": self.a_priori,
+            "refitted": {"value": self.refitted, "std": self.refitted_std},
+            "extended": {"value": self.extended, "std": self.extended_std},
+            "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.determined},
+        }

@@ -9,18 +9,18 @@ from functools import partial
 
 import numpy as np
 
-from casid.diagnosis import sentences
-from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace, at_least, at_most
+from casid.diagnosis import gates, sentences
+from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
-from casid.diagnosis.engine.acceptance import required_gain, tempered
+from casid.diagnosis.engine.acceptance import tempered
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, part_of_a_fitted_record, with_events
 from casid.diagnosis.engine.probability import Probabilities, probabilities
 from casid.diagnosis.engine.search import State
-from casid.diagnosis.engine.size import missing_size
-from casid.diagnosis.engine.structure import is_usual
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.evidence.size import missing_size
+from casid.diagnosis.evidence.structure import is_usual
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -28,10 +28,10 @@ from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, v
 from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.given.scope import NotJudged
-from casid.diagnosis.kinematics.kinematics import in_other_air
+from casid.diagnosis.kinematics.turbulence import in_other_air
+from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
-from casid.diagnosis.subject import OfAircraft, OfSystem
 from casid.records.record import Record
 
 
@@ -45,23 +45,10 @@ def what_is_left(
 
     Latent inputs are dropped if causes that are too small to matter explain them.
 
-    Parameters
-    ----------
-    kept
-        The model after the test on the held-out records.
-    state
-        The final state of the search.
-    left
-        Latent inputs in the fitted records.
-    judged
-        Named causes and minor ones so far.
-
-    Returns
-    -------
-    minor
-        The minor causes, with those added here.
-    unexplained
-        The latent inputs that remain.
+    kept    the model after the test on the held-out records
+    left    latent inputs in the fitted records
+    judged  named causes and minor ones so far
+    minor   the minor causes, with those added here
     """
     (causes, minor), begun, required = judged, state.baseline, state.baseline.required
     unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, begun)
@@ -72,8 +59,7 @@ def what_is_left(
         minor, unexplained = (*minor, *small), []
     if not unexplained:
         unexplained = _missing_on_held(kept, nuisance, causes, begun)
-    sizes = kept.fit.flight.sizes
-    return minor, unexplained if sizes is None else sizes.told_at(kept.fit, unexplained)
+    return minor, list(kept.fit.flight.sizes.told_at(kept.fit, unexplained))
 
 
 def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
@@ -85,19 +71,13 @@ def drifting(fitted: FlightFit, missing: Sequence[MissingInput]) -> set[str]:
 
 def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[MissingInput], of_causes: Trace) -> Trace:
     """The decisions on causes, and on the ports where the final model lacks something: unexplained, or why not."""
-    by, told = kept.evidence.criteria, {m.station for m in unexplained}
+    told = {m.station for m in unexplained}
     found = list(of_causes.decisions)
     for m in left:
-        size = missing_size(kept.fit, m)
-        gates = [
-            at_least("gain of an input of any shape", m.gain, by.verdict.missing, "verdict.missing"),
-            at_least("size, of what matters", size, 1.0, "size.share"),
-            at_least("left beside causes, slow noise and turbulence", float(m.station in told), 1.0),
-        ]
         known = m.place.name in kept.fit.flight.unknown
-        gates += [at_most("never recorded, and so not judged", 1.0, 0.0)] if known else []
+        asked = gates.unexplained(m.gain, missing_size(kept.fit, m), m.station in told, known, kept.evidence.criteria)
         outcome = NAMED if m.station in told else REFUSED
-        found.append(Decision(cause=m.station, round=0, outcome=outcome, gates=tuple(gates)))
+        found.append(Decision(cause=m.station, round=0, outcome=outcome, gates=asked))
     return Trace(decisions=tuple(found))
 
 
@@ -127,10 +107,10 @@ def beside_slow_noise(
     slow, stay = as_slow_as_left(kept.fit, drifting(kept.fit, left)), list(causes)
     while stay and slow.noise.slow:
         shares = [_share_of_required(slow, state, cause) for cause in stay]
-        gates = [at_least("gain where noise is slow, of that for a name", one, 1.0, "naming.gain") for one in shares]
-        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(stay, gates, strict=True)]
+        found = [gates.beside_slow_noise(one) for one in shares]
+        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(stay, found, strict=True)]
         weakest = int(np.argmin(shares))
-        if gates[weakest].passed:
+        if found[weakest].passed:
             stay = asked
             break
         one = stay.pop(weakest)
@@ -148,7 +128,7 @@ def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
     slots = {slot.name for slot in slow.slots}
     for one in slow.attached:
         if one.effect.key == cause.key and one.name in slots:
-            return (slow[one.name] / slow.std(one.name)) ** 2 / required_gain(one.effect, state.criteria)
+            return (slow[one.name] / slow.std(one.name)) ** 2 / gates.required_gain(one.effect, state.criteria)
     return np.inf
 
 
@@ -228,18 +208,9 @@ def judged(
 ) -> Diagnosis:
     """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
 
-    Parameters
-    ----------
-    state
-        The final state of the search.
-    given
-        Simulations by the file or model as given.
-    held
-        The held-out records.
-    part
-        Makes what only an aircraft or a system has, from the final model, the named and the minor causes.
-    stages
-        Takes the time of each stage.
+    given   simulations by the file or model as given
+    part    makes what only an aircraft or a system has, from the final model, the named and the minor causes
+    stages  takes the time of each stage
     """
     begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
     state = replace(state, rounds=tempered(state.rounds, state.evidence))

@@ -13,23 +13,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from casid.data_check.reading import Finding
+from casid.design.next_flight import NextFlights, Setting, Untold, next_flights
 from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import missing_share
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
-from casid.diagnosis.facts import ChangedValue, Combination
+from casid.diagnosis.evidence.size import missing_share
+from casid.diagnosis.facts import ChangedValue, Combination, Parameter
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.given.budget import AccountStep, Budget, RecordError
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
-from casid.diagnosis.kinematics.kinematics import Turbulence
-from casid.diagnosis.subject import OfAircraft, OfSystem
+from casid.diagnosis.kinematics.turbulence import Turbulence
+from casid.diagnosis.left_open import questions, untold
+from casid.diagnosis.part import OfAircraft, OfSystem
+from casid.diagnosis.shown import Gusts, History, ShownCause, gusts_of, histories_of, shown_of
 from casid.errors import InputError, unknown
 from casid.keeping import save, whole_file
 from casid.model.aircraft import Aircraft
@@ -280,6 +284,67 @@ class Diagnosis:
         """
         return shapes_of(self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.worse)
 
+    def shown(self, cause: Cause) -> ShownCause:
+        """Compute what the figures of a cause show.
+
+        Parameters
+        ----------
+        cause
+            One of `causes`.
+
+        Returns
+        -------
+        ShownCause
+            Arrays of its term, onsets, frequency response and latent input.
+        """
+        before = {one.station: one for one in self.missing_before}
+        return shown_of(cause, self.bare, (self.as_given, self.extended), before.get(cause.effect.enters or ""))
+
+    def histories(self, missing: MissingInput) -> tuple[History, ...]:
+        """Time histories of a latent input that no cause explains, record by record.
+
+        Parameters
+        ----------
+        missing
+            One of `unexplained`.
+
+        Returns
+        -------
+        tuple of History
+            One for each record of the fit that shows it.
+        """
+        fit = self.refitted.fit
+        return tuple(histories_of(fit if missing.concerns(fit.batch.names) else self.held_out_extended.fit, missing))
+
+    @property
+    def untold(self) -> tuple[Untold, ...]:
+        """Numbers of an aircraft file that the records do not tell."""
+        return tuple(untold(self.parameters, self.aircraft, of_aircraft(self.extended.fit.flight)))
+
+    def next_flights(self) -> NextFlights:
+        """Design the manoeuvres that would answer what these records leave open; about 5 s of processor time each.
+
+        Returns
+        -------
+        NextFlights
+            None for an aircraft with rotors and for another system.
+        """
+        if not self.of_aeroplane:
+            return NextFlights()
+        setting = Setting(
+            aircraft=self.extended_aircraft,
+            records=self.refitted.fit.flight.records,
+            resting=of_aircraft(self.extended.fit.flight).resting,
+            noise=self.noise,
+        )
+        unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
+        return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
+
+    @property
+    def gusts(self) -> Gusts | None:
+        """Reconstructed moving air of the most turbulent record; None in calm air."""
+        return gusts_of(self.extended.fit)
+
     @property
     def is_extended(self) -> bool:
         """Whether the extended model has a cause, named or minor, that the re-estimated model lacks."""
@@ -482,41 +547,6 @@ def _freedom(fit: FlightFit) -> int:
 
 def _sure(cause: Cause) -> str:
     return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "
-
-
-@dataclass(frozen=True, kw_only=True)
-class Parameter:
-    """A parameter of the file or model, in `unit`: for an aircraft a derivative, term or effect.
-
-    Attributes
-    ----------
-    a_priori
-        Its value as given; 0 if there is none.
-    refitted, refitted_std
-        Its estimate with the structure as given, and the standard deviation (Cramer-Rao).
-    extended, extended_std
-        The same in the extended model.
-    flight
-        Its value according to the records alone, with a corrected standard deviation.
-    """
-
-    name: str
-    unit: str
-    a_priori: float
-    refitted: float
-    refitted_std: float
-    extended: float
-    extended_std: float
-    flight: FlightValue
-
-    def to_dict(self) -> dict[str, Any]:
-        return {
-            "unit": self.unit,
-            "a_priori": self.a_priori,
-            "refitted": {"value": self.refitted, "std": self.refitted_std},
-            "extended": {"value": self.extended, "std": self.extended_std},
-            "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.determined},
-        }
 
 
 def plain(value: Any) -> Any:

@@ -12,9 +12,10 @@ from dataclasses import replace
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims, sentences
-from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Trace, at_most
-from casid.diagnosis.engine.size import missing_share
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Trace
+from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
+from casid.diagnosis.gates import refused_by_the_data
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -50,26 +51,13 @@ def concluded(
 ) -> Diagnosis:
     """The diagnosis with its verdict and sentences.
 
-    Parameters
-    ----------
-    found
-        The diagnosis with causes and latent inputs only.
-    against
-        Numbers of the file or model that are inconsistent with the records.
-    factors
-        Common factors of groups of numbers. One without any number in `against` is left out, and the numbers of the
-        others are not reported one by one.
-    not_judged
-        What the records leave open.
-    data
-        Findings of the data check.
-    doubts
-        Numbers of the file that are impossible.
-
-    Returns
-    -------
-    Diagnosis
-        The complete diagnosis.
+    found       the diagnosis with causes and latent inputs only
+    against     numbers of the file or model that are inconsistent with the records
+    factors     common factors of groups of numbers. One without any number in `against` is left out, and the numbers of
+                the others are not reported one by one.
+    not_judged  what the records leave open
+    data        findings of the data check
+    doubts      numbers of the file that are impossible
     """
     facts = facts_of(found, against, factors, not_judged, data, doubts)
     verdict, account = verdict_of(facts), claims.account(facts)
@@ -191,7 +179,7 @@ def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
         )
         for c in found.causes
     ]
-    gate = at_most(because, 1.0, 0.0)
+    gate = refused_by_the_data(because)
     decisions = tuple(
         replace(one, outcome=MINOR, gates=(*one.gates, gate)) if one.outcome in (NAMED, IN_A_SET) else one
         for one in found.trace.decisions

@@ -16,7 +16,7 @@ Whatever else there is to know of a cause stands in its definition too; nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -40,6 +40,8 @@ class Words:
 
     unit: str  # of its value; empty if it is not stated
     sentence: str  # template; fields target, term, size; [late|early] for either sign, then without it
+    # (value, recorded series of the target) -> the value for a person; None: as it is
+    told: Callable[[float, Sequence[np.ndarray]], float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,6 +71,8 @@ class Effect:
     limit: float = np.inf
     limits: Mapping[str, float] = field(default_factory=dict)
     lowest: float | None = None
+    # what of the aircraft bounds its size beside `limit`: "span", "chord", "mass" or "inertia"
+    within: str | None = None
     # typical deflection of what drives an oscillation of the channel `target`: the value times this is judged by its
     # part of the variation of that channel
     amplitude: float | None = None

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.diagnosis.result import Diagnosis, Parameter
+from casid.diagnosis.facts import Parameter
+from casid.diagnosis.result import Diagnosis
 from casid.records.record import Record
 from casid.report.style import (
     BASELINE,

@@ -16,9 +16,7 @@ from matplotlib.patches import Patch, Rectangle
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.engine.trial import Trial
-from casid.diagnosis.flight.noise import band_energy
 from casid.diagnosis.result import Diagnosis
-from casid.report.cause_figures import Reconstruction
 from casid.report.style import (
     ALERT,
     BASELINE,
@@ -125,10 +123,10 @@ def named_or_minor(diagnosis: Diagnosis) -> tuple[Cause, ...]:
     return (*diagnosis.causes, *diagnosis.minor)
 
 
-def missing(diagnosis: Diagnosis, seen: Reconstruction) -> Picture:
+def missing(diagnosis: Diagnosis) -> Picture:
     """Likelihood-ratio statistics of latent inputs at the ports where they are largest, before naming and after."""
-    before = {station: m.gain for station, m in seen.before.items()}
-    after = {station: m.gain for station, m in seen.after.items()}
+    before = {m.station: m.gain for m in diagnosis.missing_before}
+    after = {m.station: m.gain for m in diagnosis.missing_after}
     fitted = diagnosis.extended.fit.batch.names
     unexplained = [m.station for m in diagnosis.unexplained if m.concerns(fitted)][:1]
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
@@ -247,7 +245,7 @@ def heatmap(diagnosis: Diagnosis) -> Picture | None:
     axes = [figure.add_subplot(grid[0, k]) for k in range(len(views))]
     image, energies = None, []
     for ax, (title, view) in zip(axes, views, strict=True):
-        ratio = band_energy(view.fit, view.simulated, edges)
+        ratio = view.band_energy(edges)
         energies.append(ratio)
         image = ax.imshow(np.clip(ratio, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
         ax.set_title(title)

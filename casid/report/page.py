@@ -20,11 +20,9 @@ from casid.report import tables
 from casid.report.aircraft_figures import derivatives, envelope, envelope_table
 from casid.report.budget_figures import budget
 from casid.report.cause_figures import (
-    Reconstruction,
     cause_response,
     missing_history,
     onset,
-    reconstruct,
     shape,
     unexplained_shapes,
     wind,
@@ -84,14 +82,13 @@ _MOST = 3  # causes, and places where something is unexplained, that have pictur
 def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str, Picture]:
     """Name -> picture, the one most convincing for this verdict first. Those that cannot be drawn are added to `failed`
     with the error; without such a list it is raised."""
-    seen = reconstruct(diagnosis)
     ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
     budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)
     if not diagnosis.of_aeroplane:
         makers = [budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
     else:
         makers = [
-            *(partial(_of_cause_numbered, diagnosis, n, seen) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
+            *(partial(_of_cause_numbered, diagnosis, n) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
             partial(_of_the_unexplained, diagnosis),
             budget_,
             partial(tracks, diagnosis),
@@ -100,7 +97,7 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
             partial(heatmap, diagnosis),
             ladder_,
             ambiguity_,
-            partial(missing, diagnosis, seen),
+            partial(missing, diagnosis),
             partial(kinematic, diagnosis),
             partial(check_figure, diagnosis.data, *_before_and_after(diagnosis)),
             derivatives_,
@@ -128,27 +125,29 @@ def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
     return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
 
 
-def _of_cause_numbered(diagnosis: Diagnosis, number: int, seen: Reconstruction) -> Iterator[Picture]:
+def _of_cause_numbered(diagnosis: Diagnosis, number: int) -> Iterator[Picture]:
     """Pictures of one of the strongest causes, named with its number."""
-    for picture in _of_cause(diagnosis, diagnosis.causes[number - 1], seen):
+    for picture in _of_cause(diagnosis, diagnosis.causes[number - 1]):
         if picture is not None:
             yield replace(picture, name=numbered(picture.name, number))
 
 
-def _of_cause(diagnosis: Diagnosis, cause: Cause, seen: Reconstruction) -> Iterable[Picture | None]:
+def _of_cause(diagnosis: Diagnosis, cause: Cause) -> Iterable[Picture | None]:
     if cause.effect.stochastic:
         yield wind(diagnosis)
         return
-    yield shape(diagnosis, cause, seen.before)
-    yield onset(diagnosis, cause)
-    yield cause_response(diagnosis, cause)
-    found = seen.before.get(cause.effect.enters or "")
-    yield missing_history(diagnosis, found, curve=True) if found is not None else None
+    shown = diagnosis.shown(cause)
+    yield shape(cause, shown)
+    yield onset(cause, shown)
+    yield cause_response(diagnosis, cause, shown.answer)
+    if shown.histories:
+        (found,) = (one for one in diagnosis.missing_before if one.station == cause.effect.enters)
+        yield missing_history(found, shown.histories, curve=True)
 
 
 def _of_the_unexplained(diagnosis: Diagnosis) -> Iterator[Picture]:
     for number, one in enumerate(diagnosis.unexplained[:_MOST], 1):
-        yield missing_history(diagnosis, one, curve=False, name=numbered("unexplained", number))
+        yield missing_history(one, diagnosis.histories(one), curve=False, name=numbered("unexplained", number))
     yield from unexplained_shapes(diagnosis.shapes)
 
 
@@ -240,7 +239,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     made_with = provenance() if made_with is None else made_with
     following, failed = NextFlights(proposals=(), beyond=()), list[str]()
     with noting(failed, "next flight"):
-        following = next_flights(diagnosis) if diagnosis.of_aeroplane else following
+        following = next_flights(diagnosis)
     shown = pictures(diagnosis, failed) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
     for one in following.proposals:

@@ -9,6 +9,7 @@ from typing import Any
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED, Cause
+from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.result import Diagnosis
 from casid.model.effects import effect_named
@@ -114,8 +115,8 @@ def channels(before: View, after: View, best: str) -> ReportTable:
     rows = []
     for name, old in before.channels.items():
         new = after.channels[name]
-        own = {} if before.fit.flight.sizes is None else before.fit.model.units
-        factor, unit = (1.0, own.get(name, "")) if before.fit.flight.sizes else channel_scale(name)
+        own = not isinstance(before.fit.flight, Flight)
+        factor, unit = (1.0, before.fit.model.units.get(name, "")) if own else channel_scale(name)
         pairs = [
             (factor * old.rms, factor * new.rms, digits),
             (old.theil, new.theil, _three),

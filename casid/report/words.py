@@ -98,14 +98,10 @@ def probability_in_words(probability: float) -> str:
     return "< 1 %" if probability < 0.005 else f"{100.0 * probability:.0f} %"
 
 
-def tells_apart(log_odds: float) -> bool:
-    """Whether a flight tells of two causes anything that is worth mentioning (Jeffreys: odds of 3)."""
-    return log_odds >= math.log(3.0)
-
-
-def odds_in_words(log_odds: float) -> str:
+def odds_in_words(found: Separation) -> str:
     """What a flight tells of two causes, by the expected logarithm of their likelihood ratio."""
-    if not tells_apart(log_odds):
+    log_odds = found.log_odds
+    if not found.tells_apart:
         return "does not tell the two apart"
     if log_odds < math.log(20.0):
         return f"hints at one of the two, by odds of {math.exp(log_odds):.0f} to 1"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from casid.diagnosis.systems.library import Library
+from casid.model.causes.systems import Library
 from casid.model.system import Model, define_model
 from problems.systems.system import System, levels
 

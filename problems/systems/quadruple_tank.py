@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.diagnosis.systems.library import Library
+from casid.model.causes.systems import Library
 from casid.model.system import Model, define_model
 from problems.systems.system import System, levels
 

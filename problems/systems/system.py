@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from casid.diagnosis.systems.library import Library
 from casid.errors import InputError
+from casid.model.causes.systems import Library
 from casid.model.port import ModelPort, ports_of
 from casid.model.system import Model
 from casid.records.record import Record

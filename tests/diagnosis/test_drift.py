@@ -11,9 +11,9 @@ from diagnosis_flights import flights
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED, REFUSED, Trace
 from casid.diagnosis.diagnose import of_data
-from casid.diagnosis.engine.size import missing_size
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, drifts
+from casid.diagnosis.evidence.size import missing_size
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.noise import as_slow_as_left
@@ -26,7 +26,7 @@ def test_a_drift_matters_as_a_bias_does_however_much_the_reading_varies() -> Non
     """A rate gyro whose zero runs off by twice a bias that matters, in a flight that turns 20 times as fast."""
     least = sensor_bias("q").smallest_that_matters(do328()) or 0.0
     flight = prepare(do328(), flights(seed=5, count=2, duration_s=8.0, size=3.0))
-    fitted = fit(flight, (), flight.noise(), iterations=2)
+    fitted = fit(flight, (), flight.noise(), extent=(2, 0.5))
     for part in (0.5, 2.0):
         missing = MissingInput(station="reading_q", gain=9e3, size=0.1, history=ramp(part * least))
         assert (missing_size(fitted, missing) > 1.0) == (part > 1.0)
@@ -58,7 +58,7 @@ def test_ports_and_data_have_their_trace() -> None:
     told = MissingInput(station="reading_q", gain=9e3, size=0.1, history=ramp(0.3))
     small = MissingInput(station="reading_alpha", gain=9e3, size=1e-6, history=ramp(1e-6))
     flight = prepare(do328(), flights(seed=5, count=2, duration_s=8.0))
-    evidence = weigh(fit(flight, (), flight.noise(), iterations=2))
+    evidence = weigh(fit(flight, (), flight.noise(), extent=(2, 0.5)))
     kept = SimpleNamespace(evidence=evidence, fit=evidence.fit)
     turned = Finding(kind="data_sign", target="ay", records=("m1",), handled="corrected", sentence="", odds=1e6)
     trace = traced(kept, [told, small], [told], Trace(decisions=of_data([turned])))  # pyright: ignore

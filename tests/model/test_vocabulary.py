@@ -108,17 +108,12 @@ def named_kinds(source: str) -> list[str]:
 def test_no_kind_is_named_outside_its_definition():
     """What is to be known of a kind is asked of its definition.
 
-    A library for any system has definitions of its own; what JSBSim or another simulator has for a kind is a
-    translation into its words. What an aircraft can have of it, by its mass and lengths, stands together in
-    `bounds.py`, and the instrument errors of a check of compatibility are a list of its own.
+    What JSBSim or another simulator has for a kind is a translation into its words, and the instrument errors of a
+    check of compatibility are a list of its own.
     """
     package = Path(__file__).resolve().parents[2] / "casid"
-    paths = [
-        path
-        for path in sorted(package.rglob("*.py"))
-        if path.parent.name not in ("causes", "systems", "jsbsim", "formats")
-    ]
-    paths = [path for path in paths if path.name not in ("bounds.py", "compatibility.py")]
+    paths = [path for path in sorted(package.rglob("*.py")) if path.parent.name not in ("causes", "jsbsim", "formats")]
+    paths = [path for path in paths if path.name != "compatibility.py"]
     wrong = {path.name: names for path in paths if (names := named_kinds(path.read_text(encoding="utf-8")))}
     assert not wrong
     for told in ('x.kind == "gust"', 'x in ("gust", "y")', 'f(kind="gust")', 'L = {"gust": 1, "cg_offset": 2}'):

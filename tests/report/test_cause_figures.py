@@ -12,6 +12,11 @@ from casid.model.effect import Effect
 from casid.model.effects import effect_named
 from casid.report.cause_figures import cause_response
 from casid.report.page import write_report
+from casid.report.style import Picture
+
+
+def drawn(diagnosis: Diagnosis, named: Cause) -> Picture | None:
+    return cause_response(diagnosis, named, diagnosis.shown(named).answer)
 
 
 def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None) -> Cause:
@@ -29,7 +34,7 @@ def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None
     ],
 )
 def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, name: str, shown: str) -> None:
-    picture = cause_response(diagnosis, cause(diagnosis, effect_named(name)))
+    picture = drawn(diagnosis, cause(diagnosis, effect_named(name)))
     assert picture is not None and shown in picture.alt
     gain, _, phase, _ = picture.figure.axes
     assert len(gain.get_lines()) == len(phase.get_lines()) == 4  # flight twice, file as given, extended model
@@ -37,16 +42,16 @@ def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, name: str, 
 
 
 def test_an_aerodynamic_term_has_none(diagnosis: Diagnosis) -> None:
-    assert cause_response(diagnosis, diagnosis.causes[0]) is None
+    assert drawn(diagnosis, diagnosis.causes[0]) is None
 
 
 def test_an_effectiveness_is_drawn_from_its_onset_on(diagnosis: Diagnosis) -> None:
     """Too short a rest is no record, and there is no diagram of it."""
     late = {name: (7.0, 7.4) for name in diagnosis.extended.records}
     change = effect_named("effectiveness_change(delta_e)")
-    assert cause_response(diagnosis, cause(diagnosis, change, -0.3, late)) is None
+    assert drawn(diagnosis, cause(diagnosis, change, -0.3, late)) is None
     early = {name: (0.1, 0.2) for name in diagnosis.extended.records}
-    picture = cause_response(diagnosis, cause(diagnosis, change, -0.3, early))
+    picture = drawn(diagnosis, cause(diagnosis, change, -0.3, early))
     assert picture is not None and "onset" in picture.caption
 
 

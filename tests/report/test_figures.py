@@ -18,12 +18,12 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.shown import onset_profiles
 from casid.keeping import load
 from casid.model.causes import actuator_lag, effectiveness_change, gust, input_delay, sensor_bias
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
-from casid.report.cause_figures import onset_profiles
 from casid.report.claims import claims
 from casid.report.evidence_figures import kinematic
 from casid.report.history_figures import tracks

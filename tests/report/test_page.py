@@ -17,8 +17,8 @@ import pytest
 from small_flight import HIDDEN, NAMES
 
 from casid.diagnosis.given.scope import NotJudged
+from casid.diagnosis.part import OfAircraft
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.subject import OfAircraft
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.folder import provenance, whole_folder

@@ -23,65 +23,29 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
+from casid.diagnosis import gates
+from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import meaningful_share, missing_size, plausible, plausible_size
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.evidence.size import meaningful_share, missing_size
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
 
 
-def required_gain(effect: Effect, criteria: Criteria) -> float:
-    """Net likelihood-ratio statistic that a cause must reach to be named.
-
-    Against a stated uncertainty it is that of a value beyond it: neither noise nor a choice of shapes enters.
-    """
-    if effect.stated:
-        return criteria.significance.sigmas**2
-    return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
-
-
-def clear_gain(base: FlightFit) -> float:
-    """Likelihood-ratio statistic at which a cause of the smallest size that matters counts as clear.
-
-    The value is larger if the noise was estimated with the model. Structural errors are then part of the residuals but
-    not of the noise, and a negligible cause can be many standard deviations from zero.
-    """
-    by = base.criteria
-    return by.significance.search if base.flight.noise_by_fit else by.naming.clear
-
-
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
-    """The gate on the likelihood-ratio statistic of a trial, in the presence of causes named earlier.
+    """The gate on the likelihood-ratio statistic of a trial, in the presence of causes named `earlier`.
 
-    The misfit that remains because an earlier cause, or turbulence, has only an approximate shape is no evidence for
-    another cause. The kinematic check is not affected: it includes turbulence and contains no aerodynamics.
-
-    Parameters
-    ----------
-    trial
-        The fitted cause.
-    earlier
-        The causes named before it.
-    required
-        The part of the likelihood-ratio statistic of turbulence that counts as misfit of its approximate shape.
-    criteria
-        The thresholds.
+    The kinematic check is not affected by them: it includes turbulence (of which `required` is misfit) and contains no
+    aerodynamics.
     """
-    of_a_name = "naming.gain_of_an_instrument" if trial.effect.of_an_instrument else "naming.gain"
-    leave = [one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed]
-    prices = {
-        of_a_name: required_gain(trial.effect, criteria),
-        "naming.approximate": 0.0 if trial.confirmed else required,
-        "naming.left_to_others": criteria.naming.left_to_others * max(leave, default=0.0),
-    }
-    highest = max(prices, key=lambda name: prices[name])
-    return at_least("gain", trial.decisive_gain, prices[highest], highest)
+    left = max((one.gain.raw for one in earlier if one.effect.kinematic or not trial.confirmed), default=0.0)
+    misfit = 0.0 if trial.confirmed else required
+    return gates.gain(trial.effect, trial.decisive_gain, left, misfit, criteria)
 
 
 def can_be_named(trial: Trial) -> bool:
@@ -95,51 +59,22 @@ def is_small(trial: Trial) -> bool:
     surface.
     """
     of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
-    return of_hardware and trial.share < 1.0 and plausible(trial.candidate.attached)
+    return of_hardware and trial.share < 1.0 and gates.is_possible(trial.candidate.attached)
 
 
-def size_gates(
-    fitted: FlightFit, one: Attached, share: float, gain: float, clear: float, confirmed: bool
-) -> tuple[Gate, ...]:
+def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float, confirmed: bool) -> tuple[Gate, ...]:
     """The gates on the fitted size of a cause: it matters, is clear and possible, and an event begins inside a record.
 
-    Parameters
-    ----------
-    fitted
-        The fit with the cause.
-    one
-        The cause with its fitted values.
-    share
-        Its size, in units of the smallest size that matters.
-    gain
-        Its likelihood-ratio statistic.
-    clear
-        The statistic at which a cause of the smallest size that matters is clear.
-    confirmed
-        Whether the kinematic check confirms it.
+    `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
     """
-    alone = confirmed or one.effect.of_an_instrument
-    gates = (*matters(share, gain, clear, fitted.criteria, alone), *plausible_size(one))
+    criteria, alone = fitted.criteria, confirmed or one.effect.of_an_instrument
+    clear = gates.clear_gain(criteria, fitted.flight.noise_by_fit)
+    found = (*gates.clear_size(share, statistic, clear, criteria, alone), *gates.possible(one))
     if not one.onsets:
-        return gates
-    edge, within = fitted.criteria.screening.edge, fitted.criteria.numerics.events.fine
-    first = {record.name: record.t[0] + edge for record in fitted.flight.records}
+        return found
+    first = {record.name: record.t[0] + criteria.screening.edge for record in fitted.flight.records}
     latest = max(onset - first[record] for record, onset in one.onsets.items())
-    return (*gates, at_least("onset after the beginning of a record", latest, within, "numerics.events.fine"))
-
-
-def matters(
-    share: float, gain: float, clear: float, criteria: Criteria, unlike_aerodynamics: bool = False
-) -> tuple[Gate, ...]:
-    """The gates on a size: it matters, and it is clear enough.
-
-    The second gate is omitted for a cause that nothing in the aerodynamics can imitate (`unlike_aerodynamics`).
-    """
-    size = at_least("size, of what matters", share, 1.0, "size.share")
-    if unlike_aerodynamics:
-        return (size,)
-    name = "naming.clear" if clear == criteria.naming.clear else "significance.search"
-    return size, at_least("clearness", share**2 * gain, clear, name)
+    return (*found, gates.begins_inside(latest, criteria))
 
 
 def explains(
@@ -152,35 +87,17 @@ def explains(
     the statistic of the cause exceeds that of a latent input at its port, or at any port; or the kinematic check, which
     contains no aerodynamics, confirms it.
 
-    Parameters
-    ----------
-    before
-        Latent inputs before the cause, and those named since the last accepted set, were added.
-    after
-        Latent inputs beside these causes.
-    last
-        The trial of the last cause.
-    evidence
-        Evidence of the model with the causes.
+    before    latent inputs before the cause, and those named since the last accepted set, were added
+    after     latent inputs beside these causes
+    evidence  evidence of the model with the causes
     """
     seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
-    gates: list[Gate] = []
+    asked: list[Gate] = []
     for objection in _OBJECTIONS:
-        gates += objection(seen)
-        if not all_passed(gates):
-            return tuple(gates)
-    return tuple(gates) if seen.effect.improbable else (*gates, _explains_what_was_missing(seen))
-
-
-def mostly_gone(before: float, left: float, criteria: Criteria, part: tuple[float, str] | None = None) -> Gate:
-    """The gate on what is still missing at a port: at most a part of what was missing before, or no more than noise.
-
-    `before` and `left` are the likelihood-ratio statistics of the latent input before and after the cause. `part` is
-    the largest permitted ratio with the name of its criterion.
-    """
-    most, name = part or (criteria.doubt.left, "doubt.left")
-    noise = at_most("gain still missing", left, criteria.verdict.missing, "verdict.missing")
-    return at_most("part still missing", left / max(before, 1e-300), most, name, [noise])
+        asked += objection(seen)
+        if not all_passed(asked):
+            return tuple(asked)
+    return tuple(asked) if seen.effect.improbable else (*asked, _explains_what_was_missing(seen))
 
 
 def _nearness(gate: Gate) -> tuple[bool, float]:
@@ -201,11 +118,6 @@ class _Seen:
     def criteria(self) -> Criteria:
         return self.evidence.criteria
 
-    @property
-    def most(self) -> tuple[float, str]:
-        """The part that may be missing beside a cause that can imitate others, with the name of its criterion."""
-        return self.criteria.doubt.left_by_terms, "doubt.left_by_terms"
-
     @cached_property
     def left(self) -> dict[str, float]:
         """Likelihood-ratio statistics of latent inputs beside the cause, by port."""
@@ -221,17 +133,19 @@ class _Seen:
         stations = {self.effect.enters, *(coefficient(member) for member in self.effect.members)}
         return [s for s in self.was if s in stations]
 
-    def gone(self, stations: Iterable[str], part: tuple[float, str] | None = None, least: float = 0.0) -> list[Gate]:
+    def gone(self, stations: Iterable[str], part: str = "doubt.left", least: float = 0.0) -> list[Gate]:
         """The gate of the worst of these ports on what may still be missing; empty without ports.
 
-        `part` is the largest permitted ratio to what was missing before, or to `least` if that is more.
+        `part` is the criterion of the largest permitted ratio to what was missing before, or to `least` if that is
+        more.
         """
-        found = [self._gone(s, part, least) for s in stations]
+        found = [
+            gates.still_missing(
+                max(self.was[s], least), self.left[s], self.criteria, part, f" at {Station.at(s).words}"
+            )
+            for s in stations
+        ]
         return [max(found, key=_nearness)] if found else []
-
-    def _gone(self, station: str, part: tuple[float, str] | None, least: float) -> Gate:
-        gate = mostly_gone(max(self.was[station], least), self.left[station], self.criteria, part)
-        return replace(gate, gate=f"{gate.gate} at {Station.at(station).words}")
 
     @property
     def judged(self) -> set[str]:
@@ -257,7 +171,7 @@ def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     if not sizes:
         return []
     most = max(sizes, key=lambda place: sizes[place])
-    return [at_most(f"size newly missing at {most}, of what matters", sizes[most], 1.0, "size.share")]
+    return [gates.nothing_worse(most, sizes[most])]
 
 
 def _is_sure(seen: _Seen) -> list[Gate]:
@@ -269,7 +183,7 @@ def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     fit = seen.evidence.fit
     biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
     biased = [reading(a.effect.target) for a in biases]
-    return seen.gone([s for s in biased if s in seen.was], seen.most)
+    return seen.gone([s for s in biased if s in seen.was], "doubt.left_by_terms")
 
 
 def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
@@ -277,9 +191,7 @@ def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
     if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
         return []
     drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
-    part = drift / max(seen.last.gain.raw, 1e-300)
-    most = seen.criteria.turbulence.one_reading
-    return [at_most("gain of one drifting reading, of it", part, most, "turbulence.one_reading")]
+    return [gates.no_single_drift(drift, seen.last.gain.raw, seen.criteria)]
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
@@ -296,24 +208,19 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
         return []
     if effect.last_resort:
         left = max((m for m in seen.after if m.station in seen.own), key=lambda m: m.gain)
-        noise = at_most("gain still missing", left.gain, seen.criteria.verdict.missing, "verdict.missing")
-        size = missing_size(seen.evidence.fit, left)
-        return [at_most("size still missing at its port, of what matters", size, 1.0, "size.share", [noise])]
-    return seen.gone(seen.own, seen.most, seen.last.gain.total)
+        return [gates.nothing_left(left.gain, missing_size(seen.evidence.fit, left), seen.criteria)]
+    return seen.gone(seen.own, "doubt.left_by_terms", seen.last.gain.total)
 
 
 def _explains_what_was_missing(seen: _Seen) -> Gate:
     """The gate on the latent inputs at the judged ports, with its alternatives (see `explains`)."""
     most = max(seen.was[s] for s in seen.own or seen.was)
-    alternatives = [at_least("gain, of what any input gains there", seen.last.gain.raw / max(most, 1e-300), 1.0)]
+    alternatives = [gates.as_much_as_any_input(seen.last.gain.raw, most)]
     own = reading(seen.effect.target)
     if seen.last.confirmed:
         drifts = seen.gone([own] if own in seen.was else [])
-        alternatives += drifts or [at_least("confirmed by kinematics", 1.0, 1.0)]
-    judged = seen.judged
-    (found,) = seen.gone(judged) or [
-        at_most("largest gain still missing, of it", max(seen.left.values()) / max(seen.last.gain.total, 1e-300), 1.0)
-    ]
+        alternatives += drifts or [gates.confirmed_by_kinematics()]
+    (found,) = seen.gone(seen.judged) or [gates.largest_missing(max(seen.left.values()), seen.last.gain.total)]
     return replace(found, or_else=(*found.or_else, *alternatives))
 
 
@@ -327,9 +234,6 @@ _OBJECTIONS: tuple[Callable[[_Seen], list[Gate]], ...] = (
 )
 
 
-_EQUIVALENT = "screening.equivalent"
-
-
 def ranked(
     trials: Sequence[Trial], nameable: Collection[Trial], criteria: Criteria
 ) -> tuple[list[Trial], tuple[Trial, ...]]:
@@ -340,21 +244,8 @@ def ranked(
     first if it explains as much. A hardware fault that is too small to matter comes first if it explains clearly more;
     without it, another cause would be named for its effect.
 
-    Parameters
-    ----------
-    trials
-        The trials of a round.
-    nameable
-        Those that can be named, or are too small for that.
-    criteria
-        The thresholds.
-
-    Returns
-    -------
-    ordered
-        The trials, best first.
-    equivalents
-        The trials equivalent to the first; empty if no trial that matters is `nameable`.
+    nameable     those that can be named, or are too small for that
+    equivalents  the trials equivalent to the first; empty if no trial that matters is `nameable`
     """
     matter = [t for t in nameable if t.meaningful]
     ordered = _in_order(trials, matter)
@@ -427,7 +318,7 @@ def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> d
 
 def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:
     """The gate that an alternative must pass to be in one ambiguity set with the best trial."""
-    return at_most("gain behind the first, of what is equivalent", distance(best, trial, criteria), 1.0, _EQUIVALENT)
+    return gates.stands_beside(distance(best, trial, criteria))
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:

@@ -7,14 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed, at_least
+from casid.diagnosis import gates
+from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import clear_gain, look_alike, size_gates
-from casid.diagnosis.engine.onsets import Intervals, at_peak, in_its_records, sudden, weak_members
-from casid.diagnosis.engine.size import meaningful_share
+from casid.diagnosis.engine.acceptance import look_alike, size_gates
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.onsets import Intervals, at_peak, in_its_records, sudden, weak_members
 from casid.diagnosis.evidence.screening import Candidate, equivalence
+from casid.diagnosis.evidence.size import meaningful_share
 from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -35,23 +36,10 @@ def worth_trying(
     A cause needs the `required` score statistic, unless the kinematics may confirm it, and a predicted size that
     matters. A configuration change is scored in one record only, so it cannot be ranked with the others.
 
-    Parameters
-    ----------
-    base
-        The present fit.
-    rankings
-        Rankings of the causes, best first. Most trials are taken from the first ranking.
-    switches
-        Configuration changes, best first.
-    required
-        The part of the statistic of turbulence that counts as misfit of its approximate shape.
-
-    Returns
-    -------
-    chosen
-        The causes to be fitted.
-    screened
-        Name of a cause that is not fitted -> its gates, of which one failed.
+    rankings  rankings of the causes, best first. Most trials are taken from the first ranking.
+    switches  configuration changes, best first
+    required  the part of the statistic of turbulence that counts as misfit of its approximate shape
+    screened  name of a cause that is not fitted -> its gates, of which one failed
     """
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
@@ -65,18 +53,11 @@ def worth_trying(
         further, others = _best_few(base, ranking, few)
         chosen += [c for c in further if not any(is_same(c.attached, b.attached, apart) for b in before)]
         screened = {**others, **screened}
-    faint = {c.name: gates for c in chosen if not all_passed(gates := _beside_turbulence(c, required, criteria))}
+    beside = {c.name: gates.beside_turbulence(c.attached.effect, c.net, required, criteria) for c in chosen}
+    faint = {name: asked for name, asked in beside.items() if not all_passed(asked)}
     chosen = [c for c in chosen if c.name not in faint]
     tried = {c.name for c in chosen}
-    return chosen, {name: gates for name, gates in {**screened, **faint}.items() if name not in tried}
-
-
-def _beside_turbulence(candidate: Candidate, required: float, criteria: Criteria) -> tuple[Gate, ...]:
-    """The gate on the score statistic beside the misfit of an approximate model of turbulence."""
-    if candidate.attached.effect.kinematic:
-        return ()
-    part = criteria.naming.tried * required
-    return (at_least("predicted statistic beside turbulence", candidate.net, part, "naming.tried"),)
+    return chosen, {name: asked for name, asked in {**screened, **faint}.items() if name not in tried}
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
@@ -99,14 +80,14 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     for candidate in candidates:
-        effect, enough = candidate.attached.effect, _predicted_statistic(candidate, base.criteria)
+        effect, enough = candidate.attached.effect, gates.predicted_statistic(candidate.net, base.criteria)
         if not enough.passed or len(chosen) == count:
-            rank = at_least("places left among those tried", count - len(chosen), 1.0)
-            screened[candidate.name] = (enough, *((rank,) if enough.passed else ()))
+            rank = (gates.place_left(count - len(chosen)),) if enough.passed else ()
+            screened[candidate.name] = (enough, *rank)
             continue
-        gates = (enough, *_predicted_size(base, candidate))
-        if not all_passed(gates):
-            screened[candidate.name] = gates
+        asked = (enough, *_predicted_size(base, candidate))
+        if not all_passed(asked):
+            screened[candidate.name] = asked
             continue
         terms = [
             c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
@@ -116,30 +97,20 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
             if len(terms) < numerics.trials and near:
                 alike.append(candidate)
             else:
-                rank = at_least("places left among terms of its coefficient", numerics.terms - len(terms), 1.0)
-                screened[candidate.name] = (*gates, rank)
+                screened[candidate.name] = (*asked, gates.place_left(numerics.terms - len(terms), terms=True))
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}
-    others = [c for c in candidates if c.name not in names and _predicted_statistic(c, base.criteria).passed]
+    others = [c for c in candidates if c.name not in names and gates.predicted_statistic(c.net, base.criteria).passed]
     alike += [c for c in others if any(_predict_the_same(c, one, base.criteria) for one in chosen)]
     return [*chosen, *alike], screened
 
 
-def _predicted_statistic(candidate: Candidate, criteria: Criteria) -> Gate:
-    """The gate on the score statistic of a cause that is to be fitted."""
-    by = criteria.naming
-    return at_least("predicted statistic", candidate.net, by.tried * by.gain, "naming.tried")
-
-
 def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
-    """The gates on the predicted size of a cause that is to be fitted: its share of what matters, and its clearness."""
-    share, by = meaningful_share(base, candidate.attached), base.criteria.naming
-    gates = (at_least("predicted size", share, by.tried, "naming.tried"),)
-    if candidate.attached.effect.of_an_instrument:
-        return gates
-    clear = share**2 * candidate.statistic / clear_gain(base)
-    return (*gates, at_least("predicted clearness", clear, by.tried, "naming.tried"))
+    """The gates on the predicted size of a cause that is to be fitted."""
+    one = candidate.attached
+    clear = gates.clear_gain(base.criteria, base.flight.noise_by_fit)
+    return gates.predicted_size(one.effect, meaningful_share(base, one), candidate.statistic, clear, base.criteria)
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
@@ -184,25 +155,13 @@ def try_cause(
 ) -> tuple[Trial, Evidence, Intervals]:
     """Fit a candidate together with the effects of the present model.
 
-    Parameters
-    ----------
-    evidence
-        Evidence of the present model.
-    candidate
-        The cause to be fitted, with its predicted values.
-    seen
-        The gate of the kinematics on its predicted size (`worth_fitting`). If it failed, the cause is not fitted.
-    give_up
-        Deviance that the fit must come below. The fit stops as soon as that is impossible.
-
-    Returns
-    -------
-    trial
-        The result, before it is `checked`.
-    joint
-        Evidence of the model with the cause; of the present model if it was not fitted.
-    interval
-        95 % intervals of the onsets [s], by record.
+    evidence   evidence of the present model
+    candidate  the cause to be fitted, with its predicted values
+    seen       the gate of the kinematics on its predicted size (`worth_fitting`). If it failed, the cause is not
+               fitted.
+    give_up    deviance that the fit must come below. The fit stops as soon as that is impossible.
+    joint      evidence of the model with the cause; of the present model if it was not fitted
+    interval   95 % intervals of the onsets [s], by record
     """
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
     if seen is not None and not seen.passed:
@@ -211,16 +170,15 @@ def try_cause(
     # At size zero the other values of an effect have no influence and could not be estimated.
     alone = attached.effect.linear and set(attached.values) == {"value"}
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
-    iterations = base.criteria.numerics.naming.trial_iterations
     try:
-        fitted = fit(base.flight, begin, noise, base, iterations=iterations, tolerance=3.0, give_up=give_up)
+        fitted = fit(base.flight, begin, noise, base, extent="trial", give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
-        return given_up(base, candidate, at_least("records that can be flown with it", 0.0, 1.0)), evidence, {}
+        return given_up(base, candidate, gates.cannot_be_flown()), evidence, {}
     if attached.effect.timed:
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
-            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, iterations=6, tolerance=3.0))
+            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="trial"))
         if joint.fit.deviance < give_up:
             joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
     if attached.effect.members:
@@ -257,7 +215,7 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = gain.raw + gain.spared if one.effect.regressor else gain.raw
     check = kinematic_check(kinematic, one)
-    size = size_gates(fitted, one, trial.share, clear, clear_gain(evidence.fit), check.confirmed)
+    size = size_gates(fitted, one, trial.share, clear, check.confirmed)
     trial = replace(trial, size=size, check=check)
     if trial.meaningful and one.effect.recurring:
         trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
@@ -316,27 +274,13 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
     A cause that is not fully converged leaves residuals that look like another cause. The onsets of events named
     earlier are estimated again beside it.
 
-    Parameters
-    ----------
-    trial
-        The winner.
-    fitted
-        The fit with it.
-    without
-        Evidence of the model without it.
-
-    Returns
-    -------
-    trial
-        The winner with its final values and statistics.
-    fitted
-        The fit with it.
-    intervals
-        95 % intervals of the onsets, by name of the cause.
+    without    evidence of the model without it
+    trial      the winner with its final values and statistics
+    intervals  95 % intervals of the onsets, by name of the cause
     """
     intervals, name = dict[str, Intervals](), fitted.attached[-1].name
     fitted = _ended(fitted)
-    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, extent="settled")
     events = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
         evidence, intervals[name] = at_peak(weigh(fitted))
@@ -344,7 +288,7 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
         wider = in_its_records(evidence, fitted.attached[-1])
         if wider.onsets.keys() != fitted.attached[-1].onsets.keys():
             attached = [*fitted.attached[:-1], wider]
-            fitted = fit(fitted.flight, attached, fitted.noise, fitted, iterations=15, tolerance=0.3)
+            fitted = fit(fitted.flight, attached, fitted.noise, fitted, extent="settled")
             events.append(len(attached) - 1)
         if events:
             events.append(len(fitted.attached) - 1)
@@ -370,7 +314,13 @@ def _ended(fitted: FlightFit) -> FlightFit:
     shorter = [replace(one, values={**one.values, **shape}) for shape in shapes]
 
     def ending(other: Attached) -> FlightFit:
-        return fit(fitted.flight, [*fitted.attached[:-1], other], fitted.noise, fitted, iterations=8, tolerance=3.0)
+        return fit(
+            fitted.flight,
+            [*fitted.attached[:-1], other],
+            fitted.noise,
+            fitted,
+            extent="trial",
+        )
 
     return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
 
@@ -387,4 +337,4 @@ def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, iterations=6, tolerance=3.0))
+    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="trial"))

@@ -14,23 +14,23 @@ from functools import partial
 import numpy as np
 from scipy.linalg import block_diag
 
-from casid.diagnosis.cause import Gate, at_least
+from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import HeldOutCriteria
-from casid.diagnosis.engine.acceptance import required_gain
 from casid.diagnosis.engine.baseline import Baseline
-from casid.diagnosis.engine.onsets import at_peak
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence, is_sure, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, onset_grid
+from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import all_free, fit, without
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour
-from casid.diagnosis.kinematics import kinematics
+from casid.diagnosis.gates import borne_out, required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
+from casid.diagnosis.kinematics.turbulence import gusts
 from casid.errors import InputError
 from casid.native.processors import side_by_side
 from casid.records.record import Record
@@ -44,15 +44,7 @@ def split(
     Without `hold_out` the last of several records is held out. Of a single record its last third is held out, or the
     part that the `criteria` set.
 
-    Returns
-    -------
-    fitted, held_out
-        The two lists of records.
-
-    Raises
-    ------
-    InputError
-        If there is no record, or if two records have the same name.
+    raises  InputError if there is no record, or if two records have the same name
     """
     if not records:
         raise InputError("no record to diagnose")
@@ -116,7 +108,7 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
     """
     held = fitted.flight.elsewhere(fitted.derivatives, records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = in_colour(fit(held, steady, fitted.held, free="states", iterations=6, tolerance=1.0), free="states")
+    base = in_colour(fit(held, steady, fitted.held, free="states", extent="motion"), free="states")
     for one in fitted.attached:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
@@ -149,7 +141,7 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
 
 def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """Fit only the initial states with these effects."""
-    return fit(base.flight, attached, base.noise, base, free="states", iterations=4, tolerance=1.0)
+    return fit(base.flight, attached, base.noise, base, free="states", extent="motion")
 
 
 def _everywhere(one: Attached) -> Attached:
@@ -184,48 +176,31 @@ def kinematic_gain(
     This test does not depend on the aerodynamics, so errors of the aerodynamics in the held-out records cannot reject
     the fault.
 
-    Parameters
-    ----------
-    flight
-        The fitted flight.
-    held
-        The held-out records.
-    before, after
-        The fits without and with the fault.
-    moving
-        Port -> r.m.s. and time constant [s] of each process of turbulence.
+    before, after  the fits without and with the fault
+    moving         port -> r.m.s. and time constant [s] of each process of turbulence.
     """
     there = without_aerodynamics(flight.with_records(flight.aircraft, held))
     noise = forceless_noise(there, moving)
     found = []
     for step in (before, after):
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
-        found.append(fit(there, faults, noise, free="states", iterations=6, tolerance=1.0))
+        found.append(fit(there, faults, noise, free="states", extent="motion"))
     return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Kept:
-    """The model with those causes that the held-out records support.
+    """The model with those causes that the held-out records support."""
 
-    evidence         evidence of this model on the fitted records
-    held_fit         fit of this model on the held-out records
-    held_calm        fit of the re-estimated model on the held-out records
-    structure        terms added before the search that are significant
-    structure_gain   log likelihood per held-out sample that all structure terms add; None without any
-    air_gain         the same for turbulence; None in calm air
-    gains            the same for each cause by name; None for an event that the held-out records do not repeat
-    gates            gate of each cause on the held-out records, by name
-    """
-
-    evidence: Evidence
-    held_fit: FlightFit
-    held_calm: FlightFit
-    structure: list[Attached]
-    structure_gain: float | None
-    air_gain: float | None
+    evidence: Evidence  # evidence of this model on the fitted records
+    held_fit: FlightFit  # fit of this model on the held-out records
+    held_calm: FlightFit  # fit of the re-estimated model on the held-out records
+    structure: list[Attached]  # terms added before the search that are significant
+    structure_gain: float | None  # log likelihood per held-out sample that all structure terms add; None without any
+    air_gain: float | None  # the same for turbulence; None in calm air
+    # the same for each cause by name; None for an event that the held-out records do not repeat
     gains: Mapping[str, float | None]
-    gates: Mapping[str, Gate]
+    gates: Mapping[str, Gate]  # gate of each cause on the held-out records, by name
 
     @property
     def fit(self) -> FlightFit:
@@ -331,8 +306,9 @@ def _gain_of(
     gain = _per_sample(without_it, with_it)
     if gain < 0.0 and cause.confirmed and cause.effect.of_an_instrument:
         air = begun.turbulence
-        moving = kinematics.gusts(begun.flight, air.sigma, length=air.length) if air.named else {}
-        return kinematic_gain(begun.flight, held, model.fit, extended.fit, moving)
+        flight = of_aircraft(begun.flight)
+        moving = gusts(flight, air.sigma, length=air.length) if air.named else {}
+        return kinematic_gain(flight, held, model.fit, extended.fit, moving)
     return gain
 
 
@@ -343,7 +319,7 @@ def _borne_out(cause: Trial, gain: float | None, there: Predicted, state: State)
     negative.
     """
     spare = cause.gain.net - required_gain(cause.effect, state.criteria)
-    return at_least("gain with held-out records", 2.0 * there.fit.readings * (gain or 0.0) + spare, 0.0)
+    return borne_out(2.0 * there.fit.readings * (gain or 0.0) + spare)
 
 
 def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
@@ -354,14 +330,10 @@ def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Predicted:
-    """A fitted model on held-out records.
+    """A fitted model on held-out records."""
 
-    fit       fit of the held-out records, in which only the motion is estimated
-    deviance  -2 ln p(held-out readings | fitted readings), up to a constant of the data
-    """
-
-    fit: FlightFit
-    deviance: float
+    fit: FlightFit  # fit of the held-out records, in which only the motion is estimated
+    deviance: float  # -2 ln p(held-out readings | fitted readings), up to a constant of the data
 
 
 def predicted(held: FlightFit, known: Evidence) -> Predicted:
@@ -393,12 +365,8 @@ def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
 def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]:
     """Distribution of the held-out parameters and model discrepancy according to the fitted records.
 
-    Returns
-    -------
-    mean
-        Expected values.
-    information
-        Inverse of the covariance. Parameters that the fitted records do not contain have their prior.
+    mean         expected values
+    information  inverse of the covariance. Parameters that the fitted records do not contain have their prior.
     """
     names, before = _names(there), _names(known)
     both = [name for name in names if name in before]

@@ -18,35 +18,30 @@ import numpy as np
 from scipy.special import expit, logit
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import Criteria, ProbabilityNumerics
-from casid.diagnosis.engine.acceptance import distance, possible_rivals, required_gain
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.acceptance import distance, possible_rivals
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
-from casid.model.causes import turbulence as turbulence_effect
+from casid.diagnosis.gates import required_gain
+from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.effect import Effect
 from casid.model.effects import effect_named
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Probabilities:
-    """The reported causes with probabilities.
+    """The reported causes with probabilities."""
 
-    causes        causes with their probabilities and those of their alternatives
-    explanations  the most probable combinations: names of causes, probability
-    there         name of a cause -> probability that it is present and matters
-    faint         the cause nearest to a name, with its probability; None if it is not worth mentioning
-    entered       port -> probability that something unexplained enters there
-    nothing       probability that nothing that matters is wrong
-    """
-
-    causes: tuple[Cause, ...]
+    causes: tuple[Cause, ...]  # causes with their probabilities and those of their alternatives
+    # the most probable combinations: names of causes, probability
     explanations: tuple[tuple[tuple[str, ...], float], ...]
-    there: Mapping[str, float]
+    there: Mapping[str, float]  # name of a cause -> probability that it is present and matters
+    # the cause nearest to a name, with its probability; None if it is not worth mentioning
     faint: tuple[Trial, float] | None
-    entered: Mapping[str, float]
-    nothing: float
+    entered: Mapping[str, float]  # port -> probability that something unexplained enters there
+    nothing: float  # probability that nothing that matters is wrong
 
 
 def probabilities(
@@ -54,16 +49,8 @@ def probabilities(
 ) -> Probabilities:
     """Probabilities of the named causes, of what is unexplained, and of the best cause that was not named.
 
-    Parameters
-    ----------
-    causes
-        The named causes.
-    unexplained
-        Latent inputs that no cause explains.
-    state
-        The final state of the search.
-    left
-        All latent inputs of the reported model.
+    unexplained  latent inputs that no cause explains
+    left         all latent inputs of the reported model
     """
     scale = Scale(criteria=state.criteria)
     rounds = {round_.leader.effect.key: round_ for round_ in state.named}
@@ -119,7 +106,7 @@ class Scale:
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""
         air, structure = self.criteria.verdict.missing, self.criteria.naming.gain
-        return self.against_nothing(cause.statistic, air if cause.kind == turbulence_effect("").kind else structure)
+        return self.against_nothing(cause.statistic, air if cause.effect.stochastic else structure)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,7 +21,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed, at_least
+from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import (
     can_be_named,
@@ -30,7 +30,6 @@ from casid.diagnosis.engine.acceptance import (
     look_alike,
     ranked,
     ranked_behind,
-    required_gain,
     sine,
 )
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
@@ -43,19 +42,23 @@ from casid.diagnosis.engine.candidates import (
     with_look_alikes,
     worth_trying,
 )
-from casid.diagnosis.engine.onsets import Intervals, configuration_changes
-from casid.diagnosis.engine.structure import demanded_offsets
 from casid.diagnosis.engine.trial import Round, Trial
+from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
-from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen, smallest_sizes
+from casid.diagnosis.evidence.onsets import Intervals, configuration_changes
+from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
+from casid.diagnosis.evidence.structure import demanded_offsets
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
+from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
+from casid.diagnosis.gates import no_time_left, required_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
+from casid.diagnosis.kinematics.turbulence import still_air
 from casid.diagnosis.time_limit import TimeIsUpError, TimeLimit
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
@@ -343,14 +346,8 @@ def _tried(
     A fixed number of candidates is fitted side by side, whatever the number of processors, so that the result does not
     depend on it. Later candidates are abandoned when they are unlikely to come near the best earlier one.
 
-    Returns
-    -------
-    trials
-        The trial of each candidate.
-    fits
-        The fits of the trials that can be named, or that are too small to be named.
-    intervals
-        95 % intervals of the onsets, by name of the cause.
+    fits       the fits of the trials that can be named, or that are too small to be named
+    intervals  95 % intervals of the onsets, by name of the cause
     """
     trials: list[Trial] = []
     fits: dict[Trial, FlightFit] = {}
@@ -365,7 +362,7 @@ def _tried(
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
         except TimeIsUpError:
             limit.leaves_out(f"a fit of {one[0].name}")
-            return given_up(state.fit, one[0], at_least("time left", 0.0, 1.0)), state.fit, {}
+            return given_up(state.fit, one[0], no_time_left()), state.fit, {}
         return trial, joint.fit, interval
 
     at_once, limit = state.criteria.numerics.naming.side_by_side, state.fit.flight.limit
@@ -528,7 +525,7 @@ def carried(baseline: Baseline, state: State) -> State:
     if not causes:
         return start
     model = baseline.start
-    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, iterations=20)
+    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, extent="first")
     moved = replace(start, rounds=rounds, intervals=state.intervals)
     return _settled_in(moved, fitted, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
 
@@ -537,7 +534,7 @@ def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:
     """The baseline whose noise is estimated with the model; None unless residuals with the causes far exceed the
     measured noise.
     """
-    flight = unread(state.baseline.flight)
+    flight = unread(of_aircraft(state.baseline.flight))
     if not (flight.noise_by_fit and is_far(state.fit, state.criteria.significance.chance)):
         return None  # where the file states the noise of too many outputs, the search would be repeated as it was
     return baseline_of(flight, state.baseline.calm.attached, say)
@@ -550,8 +547,8 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     begun, share = state.baseline, as_inputs_run(state.fit, named=True).flight.held
     if share == begun.flight.held:
         return None
-    flight = begun.flight.with_inputs_held(share)
-    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, iterations=20)
+    flight = of_aircraft(begun.flight).with_inputs_held(share)
+    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="first")
     return _recalculated(begun, again)
 
 
@@ -560,11 +557,11 @@ def _calm_air(state: State, say: Say) -> Baseline | None:
     begun, found = state.baseline, state.baseline.kinematics
     if not begun.turbulence.named:
         return None
-    calm = without_turbulence(begun.flight, begun.calm.attached, state.fit.attached, begun.turbulence)
+    calm = without_turbulence(of_aircraft(begun.flight), begun.calm.attached, state.fit.attached, begun.turbulence)
     if calm is None:
         return None
     evidence, ranked_ = calm
-    still = kinematics.still_air(begun.flight)
+    still = still_air(begun.flight)
     found = replace(found, evidence=evidence, ranked=ranked_, turbulence=still)
     return replace(begun, start=begun.structured, kinematics=found)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from casid.diagnosis import gates
 from casid.diagnosis.cause import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision, Gate, all_passed
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.kinematics.check import KinematicCheck
@@ -15,25 +16,14 @@ from casid.model.effect import Effect
 
 @dataclass(frozen=True, kw_only=True)
 class Gain:
-    """Likelihood-ratio statistic of a cause, with its corrections in the order in which they are applied.
+    """Likelihood-ratio statistic of a cause, with its corrections in the order in which they are applied."""
 
-    Attributes
-    ----------
-    raw
-        Decrease of the deviance with the cause and all values fitted. The model discrepancy has the scale that is left
-        beside the cause.
-    price
-        Selection penalty for the places, shapes and records that were tried; subtracted in `net`.
-    spared
-        Statistic of the model discrepancy that the cause makes unnecessary; added in `total`.
-    exact
-        The statistic without model discrepancy. It is an independent second value and part of no sum.
-    """
-
+    # decrease of the deviance with the cause and all values fitted. The model discrepancy has the scale that is left
+    # beside the cause.
     raw: float
-    price: float
-    spared: float
-    exact: float
+    price: float  # selection penalty for the places, shapes and records that were tried; subtracted in `net`
+    spared: float  # statistic of the model discrepancy that the cause makes unnecessary; added in `total`
+    exact: float  # the statistic without model discrepancy. It is an independent second value and part of no sum.
 
     @property
     def net(self) -> float:
@@ -48,44 +38,22 @@ class Gain:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trial:
-    """A cause that was fitted, or rejected before the fit; its values and statistics are then the predicted ones.
+    """A cause that was fitted, or rejected before the fit; its values and statistics are then the predicted ones."""
 
-    Attributes
-    ----------
-    candidate
-        The cause with its fitted values.
-    std
-        Standard deviation of its value.
-    fingerprint
-        (N R ny,) Its whitened sensitivity less the projection on the parameters fitted beside it; empty if it was not
-        fitted.
-    gain
-        Its likelihood-ratio statistic, see `Gain`.
-    share
-        Its size, in units of the smallest size that matters.
-    size
-        The gates on its size; it is `meaningful` if all passed.
-    enough
-        The gate on its likelihood-ratio statistic; None if it was not fitted.
-    inflation
-        Factor by which correlated residuals of the final model reduce its statistic, or reduce its distance from the
-        leader (`acceptance.tempered`).
-    check
-        The kinematic check.
-    given_up
-        The gate that it failed before the fit; None if it was fitted.
-    """
-
-    candidate: Candidate
-    std: float
+    candidate: Candidate  # the cause with its fitted values
+    std: float  # standard deviation of its value
+    # (N R ny,) Its whitened sensitivity less the projection on the parameters fitted beside it; empty if it was not
+    # fitted
     fingerprint: np.ndarray
-    gain: Gain
-    share: float
-    size: tuple[Gate, ...] = ()
-    enough: Gate | None = None
+    gain: Gain  # its likelihood-ratio statistic, see `Gain`
+    share: float  # its size, in units of the smallest size that matters
+    size: tuple[Gate, ...] = ()  # the gates on its size; it is `meaningful` if all passed
+    enough: Gate | None = None  # the gate on its likelihood-ratio statistic; None if it was not fitted
+    # factor by which correlated residuals of the final model reduce its statistic, or reduce its distance from the
+    # leader (`acceptance.tempered`)
     inflation: float = 1.0
-    check: KinematicCheck = KinematicCheck()
-    given_up: Gate | None = None
+    check: KinematicCheck = KinematicCheck()  # the kinematic check
+    given_up: Gate | None = None  # the gate that it failed before the fit; None if it was fitted
 
     @property
     def effect(self) -> Effect:
@@ -109,7 +77,9 @@ class Trial:
         """
         before = () if self.given_up is None else (self.given_up,)
         must_be_seen = self.effect.grounded or (self.effect.of_an_instrument and self.check.predicted > 0.0)
-        return (*before, *self.check.gates, *(self.check.must_be_seen if must_be_seen else ()))
+        check = self.check
+        seen = gates.must_be_seen(check.predicted, check.achieved, check.criteria) if must_be_seen else ()
+        return (*before, *check.gates, *seen)
 
     @property
     def refuted(self) -> bool:
@@ -131,35 +101,19 @@ class Trial:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Round:
-    """One round of the search.
+    """One round of the search."""
 
-    Attributes
-    ----------
-    candidates
-        All candidates, by predicted net score statistic.
-    trials
-        The fitted ones, best first.
-    equivalents
-        The trials that are equivalent to the first.
-    named
-        Whether the first trial was named.
-    screened
-        Name of a candidate that was not fitted -> its gates.
-    accepted_by
-        The gates on accepting the first trial, by what was missing before and after it.
-    ranked
-        Name of an alternative -> its gate for being in one ambiguity set with the first trial.
-    detectable
-        Name -> smallest detectable size; only in the first round.
-    """
-
-    candidates: tuple[Candidate, ...]
-    trials: tuple[Trial, ...]
-    equivalents: tuple[Trial, ...]
-    named: bool
+    candidates: tuple[Candidate, ...]  # all candidates, by predicted net score statistic
+    trials: tuple[Trial, ...]  # the fitted ones, best first
+    equivalents: tuple[Trial, ...]  # the trials that are equivalent to the first
+    named: bool  # whether the first trial was named
+    # name of a candidate that was not fitted -> its gates
     screened: Mapping[str, tuple[Gate, ...]] = field(default_factory=dict)
+    # the gates on accepting the first trial, by what was missing before and after it
     accepted_by: tuple[Gate, ...] = ()
+    # name of an alternative -> its gate for being in one ambiguity set with the first trial
     ranked: Mapping[str, Gate] = field(default_factory=dict)
+    # name -> smallest detectable size; only in the first round
     detectable: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -172,8 +126,8 @@ class Round:
         tried = [self._decision(trial, number) for trial in self.trials]
         seen = {one.cause for one in tried}
         others = [
-            Decision(cause=name, round=number, outcome=NOT_TRIED, gates=gates)
-            for name, gates in self.screened.items()
+            Decision(cause=name, round=number, outcome=NOT_TRIED, gates=failed)
+            for name, failed in self.screened.items()
             if name not in seen
         ]
         return (*tried, *others)
@@ -181,14 +135,14 @@ class Round:
     def _decision(self, trial: Trial, number: int) -> Decision:
         name, leads = trial.candidate.name, trial is self.trials[0]
         first = () if leads or name not in self.ranked else (self.ranked[name],)
-        gates = (*trial.gates, *first, *(self.accepted_by if leads else ()))
+        asked = (*trial.gates, *first, *(self.accepted_by if leads else ()))
         outcome = IN_A_SET if any(one is trial for one in self.equivalents) else REFUSED
         against = [one.candidate.name for one in self.equivalents] if leads else [self.trials[0].candidate.name]
         return Decision(
             cause=name,
             round=number,
             outcome=NAMED if leads and self.named else outcome,
-            gates=gates,
+            gates=asked,
             against=tuple(dict.fromkeys(against)),
         )
 

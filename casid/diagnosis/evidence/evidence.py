@@ -18,7 +18,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy.linalg import block_diag, get_blas_funcs, solve_triangular
 
-from casid.diagnosis.cause import Gate, all_passed, at_least
+from casid.diagnosis import gates
+from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
@@ -69,18 +70,13 @@ _LATERAL = ("beta", "p", "r", "delta_a", "delta_r")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SmallTerms:
-    """The small terms for a fit.
+    """The small terms for a fit."""
 
-    names    (coefficient, term) of each
-    factors  (n,) value of each that alone makes the small part of the variation of its coefficient
-    series   (N, R, n) time histories of the terms at these values
-    alike    (n, n) correlations, within a coefficient, of the parts that fitted terms do not contain: the inverse of
-             the prior covariance of the values, in units of `factors`, at a scale of one
-    """
-
-    names: tuple[tuple[str, str], ...]
-    factors: np.ndarray
-    series: np.ndarray
+    names: tuple[tuple[str, str], ...]  # (coefficient, term) of each
+    factors: np.ndarray  # (n,) value of each that alone makes the small part of the variation of its coefficient
+    series: np.ndarray  # (N, R, n) time histories of the terms at these values
+    # (n, n) correlations, within a coefficient, of the parts that fitted terms do not contain: the inverse of the prior
+    # covariance of the values, in units of `factors`, at a scale of one
     alike: np.ndarray
 
 
@@ -137,16 +133,8 @@ def most_likely_scales(
 ) -> dict[str, float]:
     """Owner -> the scale with the largest marginal likelihood (empirical Bayes), by coordinate descent.
 
-    Parameters
-    ----------
-    square, match
-        (n, n), (n,) Normal equations of the small terms, all other parameters eliminated.
-    alike
-        (n, n) Their prior information at a scale of one.
-    owners
-        The coefficient of each term.
-    scales
-        The scales that are tried.
+    square, match  (n, n), (n,) Normal equations of the small terms, all other parameters eliminated
+    alike          (n, n) Their prior information at a scale of one
     """
     n, root = len(match), np.linalg.cholesky(alike)
     match = solve_triangular(root, match, lower=True)
@@ -198,25 +186,17 @@ def _symmetric_terms(coefficient: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence:
-    """A fit with model discrepancy as nuisance parameters.
-
-    covariance  (k, k) of their joint posterior
-    newton      (k,) posterior mean of the small terms, and of the changes of the parameters beside them
-    deviance    -2 log marginal likelihood up to a constant of the data, small terms integrated out
-    terms       (coefficient, term) of the small terms, in units of `factors`
-    factors     (terms,) units of the small terms
-    scales      coefficient -> prior 1-sigma of its small terms, in units of the smallest: how nonlinear it is
-    sums        normal equations behind these results
-    """
+    """A fit with model discrepancy as nuisance parameters."""
 
     fit: FlightFit
-    covariance: np.ndarray
-    newton: np.ndarray
-    deviance: float
-    terms: tuple[tuple[str, str], ...]
-    factors: np.ndarray
+    covariance: np.ndarray  # (k, k) of their joint posterior
+    newton: np.ndarray  # (k,) posterior mean of the small terms, and of the changes of the parameters beside them
+    deviance: float  # -2 log marginal likelihood up to a constant of the data, small terms integrated out
+    terms: tuple[tuple[str, str], ...]  # (coefficient, term) of the small terms, in units of `factors`
+    factors: np.ndarray  # (terms,) units of the small terms
+    # coefficient -> prior 1-sigma of its small terms, in units of the smallest: how nonlinear it is
     scales: Mapping[str, float]
-    sums: EvidenceSums
+    sums: EvidenceSums  # normal equations behind these results
 
     @property
     def criteria(self) -> Criteria:
@@ -351,24 +331,15 @@ def _stations(fit: FlightFit, terms: Sequence[tuple[str, str]]) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class EvidenceSums:
-    """Normal equations of the fitted parameters, prior included, and the small terms.
+    """Normal equations of the fitted parameters, prior included, and the small terms."""
 
-    grams   (R, k, k) matrix of the readings of each record
-    slopes  (R, k) right-hand side of the readings of each record
-    gram    (k, k) matrix, prior of the parameters included
-    slope   (k,) right-hand side, prior of the parameters included
-    alike   prior information of the small terms at a scale of one
-    owners  coefficient of each small term
-    scales  scales that are tried
-    """
-
-    grams: np.ndarray
-    slopes: np.ndarray
-    gram: np.ndarray
-    slope: np.ndarray
-    alike: np.ndarray
-    owners: tuple[str, ...]
-    scales: tuple[float, ...]
+    grams: np.ndarray  # (R, k, k) matrix of the readings of each record
+    slopes: np.ndarray  # (R, k) right-hand side of the readings of each record
+    gram: np.ndarray  # (k, k) matrix, prior of the parameters included
+    slope: np.ndarray  # (k,) right-hand side, prior of the parameters included
+    alike: np.ndarray  # prior information of the small terms at a scale of one
+    owners: tuple[str, ...]  # coefficient of each small term
+    scales: tuple[float, ...]  # scales that are tried
 
     def most_likely(self) -> dict[str, float]:
         """Coefficient -> scale with the largest marginal likelihood."""
@@ -518,27 +489,17 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, at[::2], y[::2]) for at, y in zip(t.T, series.T, strict=True)], axis=1)
 
 
-def is_sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> bool:
-    """Whether a value passes `sure`."""
-    return all_passed(sure(evidence, name, records))
+def is_sure(evidence: Evidence, name: str) -> bool:
+    """Whether zero is more than three corrected deviations away from a value; True if it is not estimated."""
+    return all(gate.passed for gate in sure(evidence, name))
 
 
 def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Gate, ...]:
-    """The gate on a value that must differ from zero: zero is more than three corrected deviations away.
-
-    A value that is not estimated has no gate.
-    """
+    """The gate on a value that must differ from zero; none for a value that is not estimated."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return ()
     ratio = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
-    return (
-        at_least(
-            "size, in corrected standard deviations",
-            ratio,
-            evidence.criteria.significance.sigmas,
-            "significance.chance",
-        ),
-    )
+    return (gates.sure(ratio, evidence.criteria),)
 
 
 def scatter(evidence: Evidence, along: np.ndarray) -> float:

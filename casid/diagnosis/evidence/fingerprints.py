@@ -25,14 +25,10 @@ from casid.native.processors import side_by_side
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Projection:
-    """Normal equations of n whitened responses, with fitted parameters and small terms eliminated.
+    """Normal equations of n whitened responses, with fitted parameters and small terms eliminated."""
 
-    gram   (n, n) products of the projected responses: the information on their sizes
-    match  (n,) their products with the innovations
-    """
-
-    gram: np.ndarray
-    match: np.ndarray
+    gram: np.ndarray  # (n, n) products of the projected responses: the information on their sizes
+    match: np.ndarray  # (n,) their products with the innovations
 
     @classmethod
     def shared(cls, evidence: Evidence, white: np.ndarray) -> Projection:
@@ -68,12 +64,8 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
 
     It runs once over the columns of the evidence, a few at a time to save memory, whatever the number of histories.
 
-    Returns
-    -------
-    cross
-        Port -> (R, k, n) with fitted parameters and small terms.
-    match
-        Port -> (R, n) with the innovations.
+    cross  port -> (R, k, n) with fitted parameters and small terms
+    match  port -> (R, n) with the innovations
     """
     R, k = evidence.fit.white.shape[1], len(evidence.newton)
     both = {port: np.empty((R, k + 1, of.shape[2])) for port, of in series.items()}
@@ -101,19 +93,14 @@ def _entrances(evidence: Evidence, ports: Sequence[str]) -> Iterator[tuple[str, 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fingerprint:
-    """Sums over each record of the whitened response m to one cause.
-
-    square  (R,) m'm
-    cross   (R, k) products with the sensitivities to the fitted parameters
-    match   (R,) products with the innovations
-    """
+    """Sums over each record of the whitened response m to one cause."""
 
     effect: Effect
     values: Mapping[str, float]
     onset: float | None
-    square: np.ndarray
-    cross: np.ndarray
-    match: np.ndarray
+    square: np.ndarray  # (R,) m'm
+    cross: np.ndarray  # (R, k) products with the sensitivities to the fitted parameters
+    match: np.ndarray  # (R,) products with the innovations
 
 
 _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its further values, and its onset

@@ -16,10 +16,10 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import special
 
-from casid.diagnosis.criteria import MissingInputNumerics
 from casid.diagnosis.evidence.evidence import Evidence, gram_of
 from casid.diagnosis.evidence.fingerprints import Projection, products_at, white_at
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
 from casid.native.processors import side_by_side
 
@@ -30,22 +30,15 @@ _GRAMS: WeakKeyDictionary[FlightFit, dict[str, np.ndarray]] = WeakKeyDictionary(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MissingInput:
-    """A latent input at a port (`station`).
+    """A latent input at a port (`station`)."""
 
-    station    the port
-    gain       likelihood-ratio statistic
-    size       prior 1-sigma, or amplitude of an oscillation
-    history    record -> (times of the nodes, estimate, 1-sigma)
-    frequency  frequency [Hz] of an oscillation; else None
-    called     the port in words, if these are not `place.words`
-    """
-
-    station: str
-    gain: float
-    size: float
-    history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]
+    station: str  # the port
+    gain: float  # likelihood-ratio statistic
+    size: float  # prior 1-sigma, or amplitude of an oscillation
+    history: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]  # record -> (times of the nodes, estimate, 1-sigma)
+    # frequency [Hz] of an oscillation; else None
     frequency: float | None = None  # Hz, of an oscillation
-    called: str = ""
+    called: str = ""  # the port in words, if these are not `place.words`
 
     @property
     def place(self) -> Station:
@@ -172,16 +165,11 @@ def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingI
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Grid:
-    """Grid of a latent input.
+    """Grid of a latent input."""
 
-    nodes  times of the nodes [s]
-    hats   (N, R, n) contribution of a unit at each node, with straight lines between the nodes
-    times  correlation times that are tried [s]
-    """
-
-    nodes: np.ndarray
-    hats: np.ndarray
-    times: Sequence[float]
+    nodes: np.ndarray  # times of the nodes [s]
+    hats: np.ndarray  # (N, R, n) contribution of a unit at each node, with straight lines between the nodes
+    times: Sequence[float]  # correlation times that are tried [s]
 
 
 def _grid(evidence: Evidence, slow: bool) -> _Grid:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
@@ -23,22 +22,14 @@ from casid.model.effect import Effect
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Candidate:
-    """A cause with its predicted size.
+    """A cause with its predicted size."""
 
-    attached   the cause with predicted values
-    statistic  score statistic: predicted decrease of the deviance
-    net        the same less the selection penalty
-    value      predicted size
-    std        its standard deviation
-    surviving  share of the fingerprint that fitted derivatives cannot reproduce
-    """
-
-    attached: Attached
-    statistic: float
-    net: float
-    value: float
-    std: float
-    surviving: float
+    attached: Attached  # the cause with predicted values
+    statistic: float  # score statistic: predicted decrease of the deviance
+    net: float  # the same less the selection penalty
+    value: float  # predicted size
+    std: float  # its standard deviation
+    surviving: float  # share of the fingerprint that fitted derivatives cannot reproduce
 
     @property
     def name(self) -> str:
@@ -247,19 +238,10 @@ def grown_sets(
     largest increase are added, and all onsets are then moved once more. This is necessary because fitted derivatives
     hide an effect that is in most records, so that a single record shows little.
 
-    Parameters
-    ----------
-    records
-        Number of records.
-    statistics
-        (chosen, records) -> (onsets, records) statistic of each onset in a record together with the chosen ones.
-    starts
-        Number of records from which sets are grown.
-
-    Yields
-    ------
-    dict
-        One set.
+    records     number of records
+    statistics  (chosen, records) -> (onsets, records) statistic of each onset in a record together with the chosen ones
+    starts      number of records from which sets are grown
+    dict        one set
     """
     alone = statistics({}, range(records))
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]
@@ -299,44 +281,3 @@ class _ScreeningSums:
         match = self._match[:, records] + self._match[prints, rows].sum()
         enough = left > np.maximum(self._surviving**2, 1e-9) * np.maximum(square, 1e-300)
         return np.where(enough, match**2 / np.where(enough, left, 1.0), 0.0)
-
-
-def smallest_sizes(
-    judge: Screen, prints: Iterable[Fingerprint], candidates: Iterable[Candidate], sigmas: float
-) -> dict[str, float]:
-    """Name -> smallest detectable size, at so many `sigmas`, of an effect that acts in all records.
-
-    It is infinite if derivatives reproduce the effect at any size. For an event it is that at the best onset of its
-    candidate. Terms of the aerodynamics are left out, and so are effects that are weaker for larger values, like a
-    limit.
-    """
-    by_name = groupby(sorted(prints, key=lambda p: p.effect.name), key=lambda p: p.effect.name)
-    sizes = {name: _smallest(judge, list(of), sigmas) for name, of in by_name}
-    sizes |= {c.name: sigmas * c.std for c in candidates if c.attached.effect.timed and c.attached.effect.linear}
-    return {name: float(size) for name, size in sizes.items() if size is not None}
-
-
-def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> float | None:
-    """Smallest detectable size of one effect, from the tried size and shape nearest to it; None if it has none."""
-    effect = prints[0].effect
-    if effect.timed or effect.quasi_steady or effect.members or (not effect.linear and "value" not in effect.grid[0]):
-        return None
-    everywhere = np.ones((1, len(prints[0].square)))
-    tried = np.array([1.0 if effect.linear else abs(one.values["value"]) for one in prints])
-    shown = np.array([_sigmas(judge, one, everywhere) for one in prints])
-    if not shown.any():
-        return np.inf
-    if not effect.linear and shown[np.argmax(tried)] < shown[np.argmin(tried)]:
-        return None
-    # Between the tried sizes the response is taken as proportional to the size.
-    reached = np.array([size * sigmas / s if s > 0.0 else np.inf for size, s in zip(tried, shown, strict=True)])
-    if effect.linear:
-        return reached.min()
-    nearest = reached[np.argmin(np.abs(np.log(reached / tried)))]
-    return max(nearest, tried.min() / judge.criteria.screening.nonlinear)  # below, a screening takes it for another
-
-
-def _sigmas(judge: Screen, one: Fingerprint, everywhere: np.ndarray) -> float:
-    """Standard deviations by which the response to the tried size differs from what derivatives can reproduce."""
-    left, _, share = judge.projected([one], everywhere)
-    return float(np.sqrt(left)) if share >= judge.criteria.screening.surviving else 0.0

@@ -8,22 +8,21 @@ from casid.diagnosis.criteria import SizeCriteria
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect
 
-_ARMS = ("vane_position", "accelerometer_position", "thrust_asymmetry", "thrust_line")
 _MOMENTS = ("Ixx", "Iyy", "Izz")
 
 
 def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
     """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
-    if effect.kind in _ARMS:
-        span = max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral)
-        return replace(effect, limit=min(effect.limit, criteria.arm * span))
-    if effect.kind == "cg_offset":
-        return replace(effect, limit=min(effect.limit, criteria.cg * aircraft.moment_length_pitch))
-    if effect.kind == "mass":
-        return replace(effect, limit=criteria.mass * aircraft.mass)
-    if effect.kind == "inertia":
+    if effect.within == "inertia":
         low, high = inertia_bounds(effect.target, aircraft, criteria)
         return replace(effect, limit=high, lowest=low)
+    if effect.within is not None:
+        largest = {
+            "span": criteria.arm * max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral),
+            "chord": criteria.cg * aircraft.moment_length_pitch,
+            "mass": criteria.mass * aircraft.mass,
+        }
+        return replace(effect, limit=min(effect.limit, largest[effect.within]))
     return effect
 
 

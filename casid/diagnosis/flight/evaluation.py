@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import (
     OFFSET,
     Attached,
@@ -22,6 +21,7 @@ from casid.diagnosis.flight.hypothesis import (
     prior,
     readings,
 )
+from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import (
     Batch,
     Linear,
@@ -59,16 +59,11 @@ class Slot:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Motion:
-    """The point about which a model is linearised.
+    """The point about which a model is linearised."""
 
-    X         (N, R, nx) trajectory
-    coloured  (N, R, nc) most likely histories of the coloured disturbances
-    inputs    (N, R, ni) most likely noise of the recorded inputs, in the order of the acting noise
-    """
-
-    X: np.ndarray
-    coloured: np.ndarray
-    inputs: np.ndarray
+    X: np.ndarray  # (N, R, nx) trajectory
+    coloured: np.ndarray  # (N, R, nc) most likely histories of the coloured disturbances
+    inputs: np.ndarray  # (N, R, ni) most likely noise of the recorded inputs, in the order of the acting noise
 
     def of_records(self, some: slice) -> Motion:
         """The same of some records, as views."""
@@ -84,64 +79,40 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
-    """A fitted hypothesis. A saved fit contains its values and its motion; the rest is computed again on demand.
+    """A fitted hypothesis. A saved fit contains its values and its motion; the rest is computed again on demand."""
 
-    free           what was estimated
-    parameters     (R, np) parameters of the model in every record
-    values         (slots,) estimates
-    covariance     (slots, slots) their covariance under the assumed noise
-    noise          noise of instruments and recorded inputs
-    held           the same, with noise of inputs that has the effect on the motion that it has in `reference`
-    acting         the same as changed by the attached effects
-    output         (N, R, ny) outputs of the model, before effects of the instruments
-    read           (N, R, ny) readings
-    seen           (N, R, ny) True for readings that are compared, at the time that they refer to
-    disturbances   (N, R, nw) disturbances by attached effects
-    motion         the point about which the model is linearised
-    slopes         slopes of the model by the slots
-    errors         (N, R, ni) correction of the recorded inputs in `known`
-    white          (N, R, ny) innovations
-    columns        (N, R, ny, slots) whitened sensitivities
-    prior_pull     (slots,) gradient of the prior
-    prior_weight   (slots,) inverse variance of the prior
-    readings       number of readings that are compared
-    deviance       -2 log likelihood up to a constant of the data, prior included
-    data_deviance  the same without the prior
-    left           change of the sum of squares in the last step, or predicted for the next, over the mean square
-                   residual
-    """
-
-    flight: Flight
+    flight: Subject
     attached: tuple[Attached, ...]
-    free: Free
+    free: Free  # what was estimated
     model: Model
     batch: Batch
-    noise: NoiseModel
-    acting: NoiseModel
-    held: NoiseModel
+    noise: NoiseModel  # noise of instruments and recorded inputs
+    acting: NoiseModel  # the same as changed by the attached effects
+    held: NoiseModel  # the same, with noise of inputs that has the effect on the motion that it has in `reference`
     reference: dict[str, np.ndarray]
     functions: PointFunctions
-    parameters: np.ndarray
+    parameters: np.ndarray  # (R, np) parameters of the model in every record
     slots: tuple[Slot, ...]
-    values: np.ndarray
-    covariance: np.ndarray
+    values: np.ndarray  # (slots,) estimates
+    covariance: np.ndarray  # (slots, slots) their covariance under the assumed noise
     linear: Linear
-    output: np.ndarray
-    read: np.ndarray
-    seen: np.ndarray
+    output: np.ndarray  # (N, R, ny) outputs of the model, before effects of the instruments
+    read: np.ndarray  # (N, R, ny) readings
+    seen: np.ndarray  # (N, R, ny) True for readings that are compared, at the time that they refer to
     filter: Filter
-    disturbances: np.ndarray
-    motion: Motion
-    errors: np.ndarray
-    white: np.ndarray
-    slopes: Slopes
-    columns: np.ndarray
-    prior_pull: np.ndarray
-    prior_weight: np.ndarray
-    readings: int
-    deviance: float
-    data_deviance: float
+    disturbances: np.ndarray  # (N, R, nw) disturbances by attached effects
+    motion: Motion  # the point about which the model is linearised
+    errors: np.ndarray  # (N, R, ni) correction of the recorded inputs in `known`
+    white: np.ndarray  # (N, R, ny) innovations
+    slopes: Slopes  # slopes of the model by the slots
+    columns: np.ndarray  # (N, R, ny, slots) whitened sensitivities
+    prior_pull: np.ndarray  # (slots,) gradient of the prior
+    prior_weight: np.ndarray  # (slots,) inverse variance of the prior
+    readings: int  # number of readings that are compared
+    deviance: float  # -2 log likelihood up to a constant of the data, prior included
+    data_deviance: float  # the same without the prior
     converged: bool = False
+    # change of the sum of squares in the last step, or predicted for the next, over the mean square residual
     left: float = np.inf
 
     def __getstate__(self) -> dict[str, Any]:
@@ -268,7 +239,7 @@ class FlightFit:
 class Work:
     """What stays the same over the iterations of one fit."""
 
-    def __init__(self, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
+    def __init__(self, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
         self.flight, self.noise = flight, noise
         self.free: Free = free
         self.model = flight.model([a.effect for a in attached])
@@ -370,16 +341,11 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class AlongMotion:
-    """Time histories along the motion of a fit.
+    """Time histories along the motion of a fit."""
 
-    moving  (N, R, nw) coloured disturbances
-    inputs  (N, R, nu) denoised inputs
-    known   name -> (N, R) denoised motion and inputs
-    """
-
-    moving: np.ndarray
-    inputs: np.ndarray
-    known: dict[str, np.ndarray]
+    moving: np.ndarray  # (N, R, nw) coloured disturbances
+    inputs: np.ndarray  # (N, R, nu) denoised inputs
+    known: dict[str, np.ndarray]  # name -> (N, R) denoised motion and inputs
 
 
 def along_motion(
@@ -560,7 +526,7 @@ def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
     return float(np.clip(1.0 / max(ratio, 1e-300), 1.0 / most, 1.0))
 
 
-def lateness(attached: Sequence[Attached], flight: Flight, model: Model) -> np.ndarray:
+def lateness(attached: Sequence[Attached], flight: Subject, model: Model) -> np.ndarray:
     """(R, ny) Delay of a reading in samples; the reading is compared with the state at the time that it refers to."""
     outputs, records = model.outputs, flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)

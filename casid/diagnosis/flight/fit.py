@@ -19,22 +19,22 @@ from casid.diagnosis.flight.evaluation import (
     gauss_newton_step,
     smoothed,
 )
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
+from casid.diagnosis.flight.subject import Subject
+from casid.diagnosis.numerics import Extent
 from casid.errors import InputError
 from casid.filtering.innovations import NoiseModel
 from casid.filtering.kalman import residual_about
 
 
 def fit(
-    flight: Flight,
+    flight: Subject,
     attached: Sequence[Attached],
     noise: NoiseModel,
     start: FlightFit | None = None,
     *,
     free: Free = "all",
-    iterations: int = 10,
-    tolerance: float = 0.5,
+    extent: Extent | tuple[float, ...] = "plain",
     give_up: float = np.inf,
     anew: bool = False,
 ) -> FlightFit:
@@ -51,44 +51,24 @@ def fit(
     exceeds the noise. A step of a small part of a standard deviation is the last one if this holds with the
     sensitivities of the point before it. A fit that starts where it has converged already ends there.
 
-    Parameters
-    ----------
-    flight
-        The flight.
-    attached
-        The effects of the hypothesis.
-    noise
-        The noise model.
-    start
-        Fit from which values (by name) and trajectory are taken; by default the aircraft file and the measured motion.
-    free
-        What is estimated: "effects" and "offsets" leave out the derivatives, "states" all but the trajectory.
-    iterations
-        Largest number of iterations.
-    tolerance
-        Change of the sum of squares at which the fit ends.
-    give_up
-        A fit that is unlikely to come below this deviance is abandoned after two iterations: twice the predicted
-        decrease would not suffice.
-    anew
-        Whether filter and reference of `start` are ignored.
-
-    Returns
-    -------
-    FlightFit
-        The best point found, converged or not.
-
-    Raises
-    ------
-    InputError
-        If the model diverges along the records at the first point.
-    TimeIsUpError
-        If the time for the search is over, in a fit that the search can do without.
+    start       fit from which values (by name) and trajectory are taken; by default the aircraft file and the measured
+                motion
+    free        what is estimated: "effects" and "offsets" leave out the derivatives, "states" all but the trajectory
+    extent      largest number of iterations, and change of the sum of squares at which the fit ends: a field of
+                `FitNumerics`, or both numbers
+    give_up     a fit that is unlikely to come below this deviance is abandoned after two iterations: twice the
+                predicted decrease would not suffice
+    anew        whether filter and reference of `start` are ignored
+    FlightFit   the best point found, converged or not
+    raises      InputError if the model diverges along the records at the first point
+    raises      TimeIsUpError if the time for the search is over, in a fit that the search can do without
     """
     attached = tuple(attached)
+    numerics = flight.criteria.numerics.fit
+    iterations, tolerance = getattr(numerics, extent) if isinstance(extent, str) else extent
     if start is not None and not anew and start.left < tolerance and _is_of(start, flight, attached, noise, free):
         return start
-    work, numerics = Work(flight, attached, noise, free), flight.criteria.numerics.fit
+    work = Work(flight, attached, noise, free)
     if start is not None and start.flight.records is flight.records and not anew:
         work.reference = start.reference
         if start.filter_held and start.noise == noise:
@@ -97,7 +77,7 @@ def fit(
     motion = _start_motion(work, attached, start, values)
     best: _Point | None = None
     step, shrink = None, 1.0
-    for iteration in range(1, iterations + 1):
+    for iteration in range(1, int(iterations) + 1):
         flight.limit.check()
         best, now = None if best is None else best.lighter(), None
         with nullcontext() if best is None else suppress(InputError):  # a step may be too long
@@ -123,7 +103,7 @@ def fit(
     return best.fit
 
 
-def _is_of(found: FlightFit, flight: Flight, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> bool:
+def _is_of(found: FlightFit, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> bool:
     """Whether a fit is one of this hypothesis, with these values of its effects."""
     same = len(found.attached) == len(attached) and all(map(operator.is_, found.attached, attached))
     return same and found.flight is flight and found.noise == noise and found.free == free
@@ -141,17 +121,17 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
     return by_wider_noise(fitted, far)[1]
 
 
-def by_wider_noise(fitted: FlightFit, factor: float, iterations: int = 20) -> tuple[FlightFit, FlightFit]:
+def by_wider_noise(fitted: FlightFit, factor: float) -> tuple[FlightFit, FlightFit]:
     """The fit anew with measurement noise wider by a factor, and from there with its own noise."""
     wide = replace(fitted.noise, measurement={name: factor * s for name, s in fitted.noise.measurement.items()})
-    first = fit(fitted.flight, fitted.attached, wide, iterations=iterations)
-    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, iterations=20)
+    first = fit(fitted.flight, fitted.attached, wide, extent="first")
+    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="first")
 
 
 def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:
     """The fit without some of its effects, converged."""
     others = [a for a in fitted.attached if a.name not in names]
-    return fit(fitted.flight, others, fitted.noise, fitted, iterations=15, tolerance=0.3)
+    return fit(fitted.flight, others, fitted.noise, fitted, extent="settled")
 
 
 def all_free(fitted: FlightFit) -> FlightFit:
@@ -168,7 +148,7 @@ def relaxed(fitted: FlightFit) -> FlightFit:
         before = fitted
         attached = [replace(one, passes=True) for one in before.attached]
         before.forget()
-        fitted = fit(before.flight, attached, before.noise, before, iterations=15, tolerance=0.3, anew=True)
+        fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)
         if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break
     return fitted

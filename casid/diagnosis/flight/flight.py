@@ -12,8 +12,10 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria, NoiseCriteria
+from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.bounds import possible
-from casid.diagnosis.flight.hypothesis import Regressors, Sizes, derivative_std
+from casid.diagnosis.flight.hypothesis import Regressors, derivative_std
+from casid.diagnosis.flight.subject import Sizes, Subject
 from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
@@ -41,46 +43,34 @@ _NOT_JUDGED = ("altitude", "north", "east")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flight:
-    """An aircraft and its prepared records.
-
-    axes         scope of the model that the records can support
-    outputs      channels that the model must explain
-    sigma        measurement noise of each output, 1-sigma
-    input_sigma  noise of each recorded input, by disturbance
-    doubted      outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound,
-                 raised by `with_noise_above`
-    spacing      time between the readings of doubted outputs that count [s], 0 for all readings: readings in between
-                 contain no more if a filter removed everything above the band of the motion
-    colour       output -> (1-sigma, correlation time) of its innovations, for noise that is estimated with the model
-                 (`NoiseModel.colour`)
-    turning      sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
-    held         behaviour of inputs between recorded samples (`Batch.held`), for records that do not state it
-    closed_loop  whether a controller answers to every disturbance, so that predictions are compared with a record
-                 instead of a simulation of the whole of it
-    every        number of recorded samples of which each sample is the mean
-    unknown      inputs that were never recorded: nothing that depends on them is judged
-    limit        the time that the search may take
-    criteria     the thresholds for all decisions made with this flight
-    sizes        measure of the sizes of causes; None: by coefficients and channels of an aircraft
-    """
+    """An aircraft and its prepared records."""
 
     aircraft: Aircraft
-    axes: str
-    outputs: tuple[str, ...]
+    axes: str  # scope of the model that the records can support
+    outputs: tuple[str, ...]  # channels that the model must explain
     records: tuple[Record, ...]
-    sigma: dict[str, float]
-    input_sigma: dict[str, float]
+    sigma: dict[str, float]  # measurement noise of each output, 1-sigma
+    input_sigma: dict[str, float]  # noise of each recorded input, by disturbance
+    # outputs whose high band does not show their noise (filtered, held, coarse): `sigma` is a lower bound, raised by
+    # `with_noise_above`
     doubted: tuple[str, ...] = ()
+    # time between the readings of doubted outputs that count [s], 0 for all readings: readings in between contain no
+    # more if a filter removed everything above the band of the motion
     spacing: float = 0.0
+    # output -> (1-sigma, correlation time) of its innovations, for noise that is estimated with the model
+    # (`NoiseModel.colour`)
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # sign of the air's rotation due to the gradient of its velocity, by axis (`aircraft_model`)
     turning: Mapping[str, float] = field(default_factory=dict)
-    held: float = 0.0
+    held: float = 0.0  # behaviour of inputs between recorded samples (`Batch.held`), for records that do not state it
+    # whether a controller answers to every disturbance, so that predictions are compared with a record instead of a
+    # simulation of the whole of it
     closed_loop: bool = False
-    every: int = 1
-    unknown: tuple[str, ...] = ()
-    limit: TimeLimit = field(default_factory=TimeLimit)
-    criteria: Criteria = Criteria()
-    sizes: Sizes | None = None
+    every: int = 1  # number of recorded samples of which each sample is the mean
+    unknown: tuple[str, ...] = ()  # inputs that were never recorded: nothing that depends on them is judged
+    limit: TimeLimit = field(default_factory=TimeLimit)  # the time that the search may take
+    criteria: Criteria = Criteria()  # the thresholds for all decisions made with this flight
+    sizes: Sizes = field(default_factory=AircraftSizes)  # measure of the sizes of causes
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
     _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
@@ -102,14 +92,22 @@ class Flight:
         """Names of the six coefficients."""
         return coefficient_names(self.aircraft.force_axes)
 
-    @cached_property
+    @property
     def moved(self) -> tuple[str, ...]:
         """Coefficients that act on the states of the model."""
-        return tuple(moved_coefficients(self.aircraft, self.axes))
+        return self._moved
 
     @cached_property
+    def _moved(self) -> tuple[str, ...]:
+        return tuple(moved_coefficients(self.aircraft, self.axes))
+
+    @property
     def terms(self) -> tuple[tuple[str, str, str], ...]:
         """(coefficient, parameter, term) of the aerodynamics."""
+        return self._terms
+
+    @cached_property
+    def _terms(self) -> tuple[tuple[str, str, str], ...]:
         return tuple(aerodynamic_parameters(self.aircraft))
 
     @property
@@ -164,9 +162,13 @@ class Flight:
         """Surfaces that do not move: their derivatives are part of the offsets."""
         return tuple(s for s in SURFACES if not np.ptp(np.concatenate([record[s] for record in self.records])) > 0.0)
 
-    @cached_property
+    @property
     def freed(self) -> tuple[str, ...]:
         """Derivatives, terms and knots of tables that act on the states; not those of a surface that does not move."""
+        return self._freed
+
+    @cached_property
+    def _freed(self) -> tuple[str, ...]:
         moved = moved_coefficients(self.aircraft, self.axes)
         acting = [(name, term) for c, name, term in aerodynamic_parameters(self.aircraft) if c in moved]
         still = {name for name, term in acting if any(v in self.resting for v, _ in parse_term(term).factors)}
@@ -350,6 +352,13 @@ class Flight:
         return replace(self, aircraft=aircraft, records=ready, _regressors={}, **built)
 
 
+def of_aircraft(subject: Subject) -> Flight:
+    """The flight of an aircraft that a part of a diagnosis is about. Raises TypeError for another subject."""
+    if not isinstance(subject, Flight):
+        raise TypeError(f"'{subject.title}' has no aerodynamics")
+    return subject
+
+
 def prepare(
     aircraft: Aircraft,
     records: Sequence[Record],
@@ -362,28 +371,8 @@ def prepare(
 
     Offsets of all six coefficients are always estimated.
 
-    Parameters
-    ----------
-    aircraft
-        The aircraft file.
-    records
-        The records.
-    criteria
-        The thresholds; by default `Criteria()`.
-    axes
-        The scope: "longitudinal", "lateral" or "full".
-    average
-        Whether samples are averaged to the rate that the motion needs (`_every`).
-
-    Returns
-    -------
-    Flight
-        The aircraft with its prepared records.
-
-    Raises
-    ------
-    InputError
-        If the records lack inputs of every model, or contain no outputs.
+    average  whether samples are averaged to the rate that the motion needs (`_every`)
+    raises   InputError if the records lack inputs of every model, or contain no outputs
     """
     criteria = criteria or Criteria()
     noise, axes = criteria.noise, axes or axes_of(records)

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria, PriorCriteria
+from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, ParameterFunctions, at_points, inject, make_batch
 from casid.filtering.kalman import Filter
 from casid.model import operators
@@ -124,14 +125,9 @@ class Regressors:
 
         Rates of the flow angles, from finite differences, are included.
 
-        Parameters
-        ----------
-        X
-            (N, R, nx) Trajectory.
-        W
-            (N, R, nw) Disturbances, including moving air.
-        inputs
-            (N, R, nu) Inputs.
+        X       (N, R, nx) Trajectory
+        W       (N, R, nw) Disturbances, including moving air
+        inputs  (N, R, nu) Inputs
         """
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
@@ -151,13 +147,6 @@ class Regressors:
 OFFSET = "bias_"  # prefix of the parameter of a channel's offset
 
 
-class HasPrior(Protocol):
-    """Interface of an object whose parameters have a prior."""
-
-    def model(self) -> Model: ...
-    def prior_std(self, model: Model, name: str) -> float: ...
-
-
 class Stated(Protocol):
     """Interface of a flight whose aircraft file states uncertainties."""
 
@@ -168,7 +157,7 @@ class Stated(Protocol):
     def regressors(self, model: Model) -> Regressors: ...
 
 
-def prior(flight: HasPrior, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
+def prior(flight: Subject, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and inverse variance of the fitted parameters; effects and unnamed parameters have no prior."""
     mean, weight = np.zeros(len(names)), np.zeros(len(names))
     of_the_file = flight.model().parameters
@@ -224,33 +213,18 @@ def _as_in_the_file(aircraft: Aircraft, term: Term) -> float:
     return 0.5 * length / made_with
 
 
-class Sizes(Protocol):
-    """Interface that measures causes and latent inputs beside a fit, in units of the smallest size that matters."""
-
-    def share_of(self, fit: Any, one: Attached) -> float: ...
-    def missing_share(self, fit: Any, missing: Any) -> float: ...
-    def told_at(self, fit: Any, missing: Any) -> Any: ...
-    def told(self, fit: Any, one: Attached, std: float) -> tuple[float, float]: ...
-
-
 @dataclass(frozen=True, kw_only=True)
 class Attached:
-    """An effect with its values.
-
-    values    "value" and the further parameters of the effect
-    onsets    record -> onset [s], for a timed effect
-    records   names of the records in which it acts; empty for all
-    passes    whether noise of the recorded input passes through it. It does not during a trial: an effect that smooths
-              the record leads to smaller predicted noise whether it is the cause or not
-    nuisance  whether it was added before the search as too small to matter; its prior has that size
-    """
+    """An effect with its values."""
 
     effect: Effect
-    values: Mapping[str, float]
-    onsets: Mapping[str, float] = field(default_factory=dict)
-    records: tuple[str, ...] = ()
+    values: Mapping[str, float]  # "value" and the further parameters of the effect
+    onsets: Mapping[str, float] = field(default_factory=dict)  # record -> onset [s], for a timed effect
+    records: tuple[str, ...] = ()  # names of the records in which it acts; empty for all
+    # whether noise of the recorded input passes through it. It does not during a trial: an effect that smooths the
+    # record leads to smaller predicted noise whether it is the cause or not
     passes: bool = True
-    nuisance: bool = False
+    nuisance: bool = False  # whether it was added before the search as too small to matter; its prior has that size
 
     @property
     def name(self) -> str:
@@ -354,31 +328,22 @@ def readings(
 class HistorySlope:
     """Change of time histories per unit of a value: those at `stations`, or those of the readings where there are none.
     A value without any effect has neither.
-
-    stations  (n,) indices of disturbances
-    series    (N, R, n), or (N, R, ny) of the readings
     """
 
-    stations: np.ndarray
-    series: np.ndarray
+    stations: np.ndarray  # (n,) indices of disturbances
+    series: np.ndarray  # (N, R, n), or (N, R, ny) of the readings
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Slopes:
-    """Slopes of the model by all slots: by its own parameters, which come first, and by values of histories.
-
-    parameters  (R, np) parameters of the model
-    moving      (N, R, nw) disturbances
-    present     (R, slots) 1 for a parameter that acts in a record, else 0
-    histories   those of the slots behind the parameters
-    """
+    """Slopes of the model by all slots: by its own parameters, which come first, and by values of histories."""
 
     functions: ParameterFunctions
     batch: Batch
-    parameters: np.ndarray
-    moving: np.ndarray
-    present: np.ndarray
-    histories: tuple[HistorySlope, ...]
+    parameters: np.ndarray  # (R, np) parameters of the model
+    moving: np.ndarray  # (N, R, nw) disturbances
+    present: np.ndarray  # (R, slots) 1 for a parameter that acts in a record, else 0
+    histories: tuple[HistorySlope, ...]  # those of the slots behind the parameters
 
     def whitened(self, kalman: Filter) -> np.ndarray:
         """(N, R, ny, slots) Whitened sensitivities to all slots."""

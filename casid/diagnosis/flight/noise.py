@@ -17,7 +17,7 @@ from scipy import signal, stats
 
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
@@ -33,32 +33,21 @@ from casid.signals import SURFACES
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelStatistics:
-    """Statistics of one channel over all records.
+    """Statistics of one channel over all records."""
 
-    rms          r.m.s. of measured minus simulated; the simulation runs freely from each record's fitted initial state
-    noise        1-sigma of the instrument, from the band above the motion
-    whiteness_p  Ljung-Box p-value of the innovations; a small value indicates a systematic error
-    theil        Theil's coefficient of measured and simulated: 0 is perfect, 1 is no relation
-    R2           share of the variance of the channel that the simulation explains; NaN for a constant channel
-    """
-
-    rms: float
-    noise: float
-    whiteness_p: float
-    theil: float
-    R2: float
+    rms: float  # r.m.s. of measured minus simulated; the simulation runs freely from each record's fitted initial state
+    noise: float  # 1-sigma of the instrument, from the band above the motion
+    whiteness_p: float  # Ljung-Box p-value of the innovations; a small value indicates a systematic error
+    theil: float  # theil's coefficient of measured and simulated: 0 is perfect, 1 is no relation
+    R2: float  # share of the variance of the channel that the simulation explains; NaN for a constant channel
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SimulatedRecords:
-    """Free simulation of a fit.
+    """Free simulation of a fit."""
 
-    output    (N, R, ny) readings
-    residual  (N, R, ny) measured minus simulated, NaN where not measured
-    """
-
-    output: np.ndarray
-    residual: np.ndarray
+    output: np.ndarray  # (N, R, ny) readings
+    residual: np.ndarray  # (N, R, ny) measured minus simulated, NaN where not measured
 
 
 def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> SimulatedRecords:
@@ -185,6 +174,10 @@ class View:
         """Names of the records."""
         return self.fit.flight.names
 
+    def band_energy(self, edges_hz: np.ndarray) -> np.ndarray:
+        """(ny, bands) Energy of the free-simulation residual over that of the instrument noise, per frequency band."""
+        return band_energy(self.fit, self.simulated, edges_hz)
+
     def to_dict(self) -> dict[str, Any]:
         """`as_given`, `refitted` or `extended` of diagnosis.json."""
         channels = {
@@ -239,9 +232,9 @@ def unread(flight: Flight) -> Flight:
 
 def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> FlightFit:
     """The fit under another noise of its outputs."""
-    flight = replace(fitted.flight, sigma=sigma, colour=colour)
+    flight = replace(of_aircraft(fitted.flight), sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
-    return fit(flight, fitted.attached, noise, fitted, free=free, iterations=15)
+    return fit(flight, fitted.attached, noise, fitted, free=free, extent="first")
 
 
 def level_of(fitted: FlightFit) -> dict[str, float]:
@@ -261,7 +254,7 @@ def as_slow_as_left(fitted: FlightFit, drifting: Collection[str] = ()) -> Flight
     if fitted.noise.colour:
         return fitted
     noise = replace(fitted.noise, slow=slow_of(fitted, drifting))
-    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, iterations=15)
+    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, extent="first")
 
 
 def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
@@ -293,7 +286,7 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     )
     usual = usual_offset(offsets, np.array([one.stds for one in found]).T)
     for name, one in zip(fitted.model.outputs, found, strict=True):
-        largest = sensor_bias(name).smallest_that_matters(fitted.flight.aircraft) or np.inf
+        largest = fitted.flight.smallest_that_matters(sensor_bias(name)) or np.inf
         # The number of independent values of a variance is the flown time over the correlation time.
         most = (criteria.slow - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
@@ -381,8 +374,8 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
             kept = {o: np.where(alone, np.nan, record[o]) for o, alone in off.items()}
             notes = [f"{o}: {alone.sum()} single readings far from all others left out" for o, alone in off.items()]
             records.append(replace(record.with_channels(**kept), notes=(*record.notes, *notes)))
-        flight = replace(fitted.flight, records=tuple(records), _regressors={})
-        fitted = fit(flight, fitted.attached, fitted.noise, iterations=20)
+        flight = replace(of_aircraft(fitted.flight), records=tuple(records), _regressors={})
+        fitted = fit(flight, fitted.attached, fitted.noise, extent="first")
     return fitted
 
 
@@ -410,7 +403,7 @@ def _at_once(fitted: FlightFit) -> np.ndarray:
 
 def _moving(fitted: FlightFit) -> np.ndarray:
     """(N, R) True at samples at which a surface moves, and at their neighbours."""
-    flight, batch, moving = fitted.flight, fitted.batch, np.zeros(fitted.batch.live.shape, dtype=bool)
+    flight, batch, moving = of_aircraft(fitted.flight), fitted.batch, np.zeros(fitted.batch.live.shape, dtype=bool)
     for name in (one for one in SURFACES if one in fitted.model.inputs):
         U = batch.U[..., fitted.model.inputs.index(name)]
         least = flight.criteria.significance.sigmas * np.sqrt(2.0) * flight.input_sigma.get(control(name), 0.0)
@@ -428,8 +421,8 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     share = held_share(fitted, named=named)
     if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
         return fitted
-    flight = fitted.flight.with_inputs_held(share)
-    other = fit(flight, fitted.attached, fitted.noise, fitted, iterations=20)
+    flight = of_aircraft(fitted.flight).with_inputs_held(share)
+    other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted
 
 

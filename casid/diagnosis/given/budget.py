@@ -56,28 +56,14 @@ class BudgetSteps:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordError:
-    """The error of one record, root mean square over its channels in units of their noise.
+    """The error of one record, root mean square over its channels in units of their noise."""
 
-    Attributes
-    ----------
-    record
-        Its name.
-    held_out
-        Whether no fit has seen it.
-    as_given, left
-        Error of the simulation as given, and of the best model.
-    expected
-        Error that the right model would have.
-    worst
-        The channel with the largest error as given.
-    """
-
-    record: str
-    held_out: bool
-    as_given: float
+    record: str  # its name
+    held_out: bool  # whether no fit has seen it
+    as_given: float  # as_given, left: error of the simulation as given, and of the best model
     left: float
-    expected: float
-    worst: str
+    expected: float  # error that the right model would have
+    worst: str  # the channel with the largest error as given
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `records` in diagnosis.json, without its causes."""
@@ -133,7 +119,7 @@ def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Bu
     together = BudgetSteps(
         **{one.name: _mean([getattr(c, one.name) for c in channels.values()]) for one in fields(BudgetSteps)}
     )
-    labels = {} if given.held.fit.flight.sizes else {name: label_of(name) for name in shared}
+    labels = {name: label_of(name) for name in shared} if isinstance(given.held.fit.flight, Flight) else {}
     by_record = [
         *_by_record(given.fitted, fitted, sigma[fitted], held_out=False),
         *_by_record(given.held, structure, sigma[structure], held_out=True),
@@ -197,30 +183,18 @@ def _in_record(view: View, r: int, best: View) -> dict[str, float]:
 
 @dataclass(frozen=True, kw_only=True)
 class AccountStep:
-    """One step from the simulation as given to the noise.
+    """One step from the simulation as given to the noise."""
 
-    Attributes
-    ----------
-    step
-        "data", "values", "structure", "unexplained" or "noise".
-    before, after
-        Error on the held-out records before and after it, r.m.s. over all channels in units of their noise. A step that
-        makes it worse leaves it where it was.
-    share
-        Part of the error as given that it takes away, from 0 to 1; the shares of all steps add up to 1. NaN if the
-        simulation as given diverges.
-    what
-        Its contributions in words, the largest first.
-    grown_to
-        Error after a step that makes it worse; None for any other.
-    """
-
-    step: str
+    step: str  # "data", "values", "structure", "unexplained" or "noise"
+    # before, after: error on the held-out records before and after it, r.m.s. over all channels in units of their
+    # noise. A step that makes it worse leaves it where it was.
     before: float
     after: float
+    # part of the error as given that it takes away, from 0 to 1; the shares of all steps add up to 1. NaN if the
+    # simulation as given diverges.
     share: float
-    what: tuple[str, ...] = ()
-    grown_to: float | None = None
+    what: tuple[str, ...] = ()  # its contributions in words, the largest first
+    grown_to: float | None = None  # error after a step that makes it worse; None for any other
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `account` in diagnosis.json."""

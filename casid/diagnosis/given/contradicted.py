@@ -17,6 +17,7 @@ import numpy as np
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows
+from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
 from casid.estimation.residual_colour import (
     WhitePiece,
@@ -68,7 +69,7 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
     the 1-sigma.
     """
     fit, found = evidence.fit, {}
-    coloured, bends = coloured_deviation(fit), {} if fit.flight.sizes else _bends(fit)
+    coloured, bends = coloured_deviation(fit), _bends(fit) if isinstance(fit.flight, Flight) else {}
     lines = straight_lines(evidence)
     wake = by_the_wake(evidence, lines)
     for i, slot in enumerate(fit.slots):
@@ -100,7 +101,7 @@ def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
     fit, found = evidence.fit, np.zeros(len(evidence.fit.slots))
     if not any(term == "alphadot" for _, term in evidence.terms):
         return found  # as of any system that is no aircraft
-    number, aircraft = {slot.name: i for i, slot in enumerate(fit.slots)}, fit.flight.aircraft
+    number, aircraft = {slot.name: i for i, slot in enumerate(fit.slots)}, of_aircraft(fit.flight).aircraft
     lift = next((abs(fit.derivatives[name]) for name in ("CL_alpha", "CZ_alpha") if name in fit.derivatives), 0.0)
     slope = min(2.0 * lift * aircraft.moment_length_pitch**2 / (math.pi * aircraft.area), 1.0)
     for j, (coefficient, term) in enumerate(evidence.terms, len(fit.slots)):
@@ -194,20 +195,16 @@ def _pieces(fit: FlightFit, known: np.ndarray) -> Iterator[WhitePiece]:
 
 @dataclass(frozen=True, kw_only=True)
 class Contradiction:
-    """A number of the file that flight contradicts, or that cannot be.
+    """A number of the file that flight contradicts, or that cannot be."""
 
-    parameter  name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
-    given      what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where
-               nothing was fitted
-    reversed   flight has the other sign; `impossible` no aircraft has what the file says
-    """
-
-    parameter: str
+    parameter: str  # name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
     unit: str
+    # what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where nothing
+    # was fitted
     given: float
     flight: float
     std: float
-    reversed: bool
+    reversed: bool  # flight has the other sign; `impossible` no aircraft has what the file says
     impossible: bool
     sentence: str
 

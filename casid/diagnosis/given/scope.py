@@ -201,15 +201,11 @@ def _excursion(records: Sequence[Record], name: str) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Powered:
-    """Records that have a thrust.
+    """Records that have a thrust."""
 
-    records  with a replacement for a thrust that was not recorded;  lost  what that leaves open
-    unknown  the replaced thrust, and the coefficient that is as unknown as its history
-    """
-
-    records: tuple[Record, ...]
+    records: tuple[Record, ...]  # with a replacement for a thrust that was not recorded;  lost  what that leaves open
     lost: tuple[NotJudged, ...] = ()
-    unknown: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()  # the replaced thrust, and the coefficient that is as unknown as its history
 
 
 def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes: float) -> Powered:

@@ -54,28 +54,17 @@ class Points:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shape:
-    """What is missing at a coefficient as a curve.
+    """What is missing at a coefficient as a curve."""
 
-    Attributes
-    ----------
-    coefficient
-        Where it enters, as "Cm".
-    over
-        The variable of the curve, as "alpha"; rates are dimensionless.
-    times
-        A second variable that the curve is multiplied by; empty: it is an increment of the coefficient itself.
-    x, y, std
-        Points of the curve, (points,), and the 1-sigma of y; an increment of the coefficient is zero on average.
-    held_out
-        Root mean square of what is missing on records that no fit has seen, before over after the curve is taken off.
-    """
-
-    coefficient: str
-    over: str
-    times: str
+    coefficient: str  # where it enters, as "Cm"
+    over: str  # the variable of the curve, as "alpha"; rates are dimensionless
+    times: str  # a second variable that the curve is multiplied by; empty: it is an increment of the coefficient itself
+    # x, y, std: points of the curve, (points,), and the 1-sigma of y; an increment of the coefficient is zero on
+    # average
     x: np.ndarray
     y: np.ndarray
     std: np.ndarray
+    # root mean square of what is missing on records that no fit has seen, before over after the curve is taken off
     held_out: float
 
     @property
@@ -133,14 +122,9 @@ def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInpu
 def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], gains: float) -> Shape | None:
     """The curve by which the fitted records predict each other best, if held-out ones support it; else None.
 
-    Parameters
-    ----------
-    coefficient
-        Name of the coefficient.
-    fitted, held
-        Latent inputs of the records.
-    gains
-        Ratio of the errors before and after it, on records left out, from which a curve is kept.
+    coefficient   name of the coefficient
+    fitted, held  latent inputs of the records
+    gains         ratio of the errors before and after it, on records left out, from which a curve is kept
     """
     parts = _stretches(fitted)
     scored = [(*_left_out(parts, basis), basis) for basis in _bases(fitted)]

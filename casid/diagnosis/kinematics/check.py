@@ -7,22 +7,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
+from casid.diagnosis import gates
+from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.onsets import at_peak
-from casid.diagnosis.engine.size import plausible
-from casid.diagnosis.engine.structure import SKEWED, demanded_skews
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.evidence.missing_input import drifts
+from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Candidate, Screen, screen
+from casid.diagnosis.evidence.structure import SKEWED, demanded_skews
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_slow_as_left, is_far
+from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.kinematics import Turbulence, gusts
+from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
 from casid.model.effect import Effect
 
@@ -33,20 +34,11 @@ class KinematicCheck:
 
     Both are zero for a cause that does not affect the kinematics. According to the kinematics the size is (1 + achieved
     / predicted) / 2 of the fitted one, with a standard deviation of 1 / sqrt(predicted) of it.
-
-    Attributes
-    ----------
-    predicted
-        Decrease of the deviance if the fitted size is correct.
-    achieved
-        Decrease of the deviance with the measured readings.
-    criteria
-        The thresholds.
     """
 
-    predicted: float = 0.0
-    achieved: float = 0.0
-    criteria: Criteria = Criteria()
+    predicted: float = 0.0  # decrease of the deviance if the fitted size is correct
+    achieved: float = 0.0  # decrease of the deviance with the measured readings
+    criteria: Criteria = Criteria()  # the thresholds
 
     @property
     def judges(self) -> bool:
@@ -56,25 +48,7 @@ class KinematicCheck:
     @property
     def gates(self) -> tuple[Gate, ...]:
         """The gates on a cause that is visible: the kinematics find enough of it, or do not contradict its size."""
-        by, least = self.criteria.significance, self.criteria.kinematics.refuted
-        if self.judges:
-            fits = at_most("contradicted size", self._contradiction, by.search, "significance.search")
-            found = self.achieved / self.predicted
-            return (at_least("found by kinematics", found, least, "kinematics.refuted", [fits]),)
-        if self.predicted <= by.chance:
-            return ()
-        agree = at_least("kinematic gain", self.achieved, 0.0)
-        return (at_most("opposed by kinematics", self._contradiction, by.chance, "significance.chance", [agree]),)
-
-    @property
-    def must_be_seen(self) -> tuple[Gate, ...]:
-        """The gates on a cause that only the kinematics can separate from forces."""
-        return (
-            at_least(
-                "predicted kinematic gain", self.predicted, self.criteria.significance.chance, "significance.chance"
-            ),
-            at_least("kinematic gain", self.achieved, 0.0),
-        )
+        return gates.seen_by_kinematics(self.predicted, self.achieved, self.criteria)
 
     @property
     def refuted(self) -> bool:
@@ -108,12 +82,7 @@ class KinematicCheck:
     @property
     def _elsewhere(self) -> bool:
         """Whether the size according to the kinematics is clearly different."""
-        return self.judges and self._contradiction > self.criteria.significance.search
-
-    @property
-    def _contradiction(self) -> float:
-        """Chi-square between the sizes according to the kinematics and to the full model."""
-        return (self.predicted - self.achieved) ** 2 / (4.0 * self.predicted)
+        return self.judges and gates.contradiction(self.predicted, self.achieved) > self.criteria.significance.search
 
 
 def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck:
@@ -170,27 +139,23 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     if one.effect.timed or not one.effect.linear:
         return None
     whole = kinematic_check(kinematic, one)
-    by = whole.criteria.kinematics
-    predicted = by.smallest_part**2 * whole.predicted
-    achieved = by.smallest_part * (whole.achieved + whole.predicted) - predicted
+    part = whole.criteria.kinematics.smallest_part
+    predicted = part**2 * whole.predicted
+    achieved = part * (whole.achieved + whole.predicted) - predicted
     if predicted <= whole.criteria.significance.search:
         return None
-    return at_least("found by kinematics at half its size", achieved / predicted, by.refuted, "kinematics.refuted")
+    return gates.worth_fitting(predicted, achieved, whole.criteria)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class KinematicFindings:
-    """Result of the kinematic stage.
+    """Result of the kinematic stage."""
 
-    evidence    evidence with forces left free, in turbulence if there is any; None if the records do not allow that
-    ranked      instrument and air causes, ranked with this evidence
-    turbulence  whether the air is turbulent
-    nuisance    small errors of instruments to be added before the search; empty in turbulence, which they would imitate
-    """
-
+    # evidence with forces left free, in turbulence if there is any; None if the records do not allow that
     evidence: Evidence | None
-    ranked: list[Candidate]
-    turbulence: Turbulence
+    ranked: list[Candidate]  # instrument and air causes, ranked with this evidence
+    turbulence: Turbulence  # whether the air is turbulent
+    # small errors of instruments to be added before the search; empty in turbulence, which they would imitate
     nuisance: list[Attached]
 
 
@@ -199,35 +164,23 @@ def judge_kinematics(
 ) -> KinematicFindings:
     """Run the kinematic stage.
 
-    Parameters
-    ----------
-    flight
-        The flight.
-    known
-        Effects of the aircraft file.
-    offsets
-        Small instrument offsets of the baseline.
-    refitted
-        The re-estimated file in calm air. Turbulence must also move the aircraft according to this model.
-
-    Returns
-    -------
-    KinematicFindings
-        The result, with those skews between instruments that the kinematics require.
+    known              effects of the aircraft file
+    offsets            small instrument offsets of the baseline
+    refitted           the re-estimated file in calm air. Turbulence must also move the aircraft according to this
+                       model.
+    KinematicFindings  the result, with those skews between instruments that the kinematics require
     """
     if not kinematics.available(flight):
-        return KinematicFindings(
-            evidence=None, ranked=[], turbulence=kinematics.still_air(flight), nuisance=list(offsets)
-        )
+        return KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=list(offsets))
     of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
     calm = kinematics.reconstruct(flight, of_the_file)
-    turbulent = kinematics.turbulence(flight, calm)
+    turbulent = turbulence(flight, calm)
     if turbulent.named:
         turbulent = _with_faults(flight, turbulent, calm, _observable(flight, of_the_file))
     if turbulent.named and not moves_the_aircraft(turbulent, refitted):
-        turbulent = kinematics.still_air(flight)
+        turbulent = still_air(flight)
     if turbulent.named:
-        moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+        moving = gusts(flight, turbulent.sigma, length=turbulent.length)
         found = kinematics.reconstruct(flight, of_the_file, moving, calm)
     else:
         found = kinematics.again(calm, [*of_the_file, *offsets]) if offsets else calm
@@ -263,7 +216,7 @@ def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
     if not is_far(calm, far):
         return True
     ranked = screen(weigh(calm, discrepancy=False), _observable(flight, calm.attached))[:tried]
-    with_one = (kinematics.again(calm, [*calm.attached, one.attached]) for one in ranked if plausible(one.attached))
+    with_one = (kinematics.again(calm, [*calm.attached, one.attached]) for one in ranked if is_possible(one.attached))
     return any(not is_far(found, far) for found in with_one)
 
 
@@ -274,27 +227,15 @@ def without_turbulence(
 
     Turbulence can imitate faults until these are found.
 
-    Parameters
-    ----------
-    flight
-        The flight.
-    known
-        Effects of the aircraft file.
-    attached
-        All effects of the model with the named causes.
-    turbulent
-        The turbulence found before.
-
-    Returns
-    -------
-    tuple or None
-        Evidence and ranking as in `judge_kinematics`; None if too much of the turbulence remains.
+    known          effects of the aircraft file
+    attached       all effects of the model with the named causes
+    tuple or None  evidence and ranking as in `judge_kinematics`; None if too much of the turbulence remains
     """
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]
     if len(found) == len(before):
         return None
-    left = kinematics.turbulence(flight, kinematics.reconstruct(flight, found))
+    left = turbulence(flight, kinematics.reconstruct(flight, found))
     if left.named or left.gain > flight.criteria.kinematics.refuted * turbulent.gain:
         return None
     evidence = weigh(kinematics.reconstruct(flight, before), discrepancy=False)
@@ -315,7 +256,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
     drift of one reading has a much larger statistic than turbulence. Small offsets of all instruments are always in the
     model.
     """
-    moving = kinematics.gusts(flight, turbulent.sigma, length=turbulent.length)
+    moving = gusts(flight, turbulent.sigma, length=turbulent.length)
     criteria = flight.criteria
 
     def moved(faulty: FlightFit) -> float:
@@ -325,11 +266,11 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
 
     faulty, evidence = calm, weigh(kinematics.with_offsets(calm), discrepancy=False)
     if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
-        return kinematics.still_air(flight)
+        return still_air(flight)
     in_moving_air = [moved(calm)]
     for _ in range(criteria.numerics.naming.trials):
         taken = {a.effect.key for a in faulty.attached}
-        ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if plausible(c.attached)]
+        ranked = [c for c in screen(evidence, [e for e in effects if e.key not in taken]) if is_possible(c.attached)]
         if not ranked or ranked[0].net < criteria.kinematics.refuted * (evidence.deviance - in_moving_air[-1]):
             break
         other = kinematics.reconstruct(flight, [*faulty.attached, ranked[0].attached], start=faulty)
@@ -342,7 +283,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
         in_moving_air.append(moved(faulty))
     if faulty is calm:
         return turbulent
-    other_air = kinematics.turbulence(flight, faulty)
+    other_air = turbulence(flight, faulty)
     return turbulent if other_air.named and in_moving_air[0] - in_moving_air[-1] < other_air.gain else other_air
 
 
@@ -352,10 +293,10 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
     Turbulence has the strength and scale found in the kinematics, and rolls the aircraft too. It must explain more than
     slow noise of all readings does, by the same statistic that the kinematics require.
     """
-    flight = refitted.flight
+    flight = of_aircraft(refitted.flight)
     if refitted.noise.colour:  # noise estimated with the model already includes the effect of the air
         return True
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
-    moving = fit(flight, refitted.attached, flight.noise(air), refitted, tolerance=2.0)
+    moving = fit(flight, refitted.attached, flight.noise(air), refitted, extent="rough")
     gain = as_slow_as_left(refitted).deviance - as_slow_as_left(moving).deviance
     return gain > turbulent.criteria.verdict.missing

@@ -20,14 +20,15 @@ from scipy import special
 from casid.data_check.check import check
 from casid.data_check.reading import Finding
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import plausible
 from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
 from casid.diagnosis.evidence.screening import Candidate, screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.kinematics import NEEDED, Turbulence, still_air
+from casid.diagnosis.kinematics.kinematics import NEEDED
+from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
@@ -274,7 +275,7 @@ def compatibility(
     flight = _flight(given, None if aircraft is None else given_aircraft(aircraft, "compatibility"), axes, by)
     biased = [Attached(effect=sensor_bias(o), values={"value": 0.0}) for o in flight.outputs if o not in _NO_BIAS]
     found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased))
-    air = kinematics.turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
+    air = turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
     if air.named:
         found, rivals = _with_errors(flight, _in_moving_air(flight, biased, air))
     errors = sorted(_errors(found, rivals), key=lambda one: one.passed)
@@ -351,7 +352,7 @@ def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
 
 def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
     """The reconstruction in turbulence, with biases of the instruments."""
-    moving = kinematics.gusts(flight, air.sigma, length=air.length)
+    moving = gusts(flight, air.sigma, length=air.length)
     return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
 
 
@@ -362,7 +363,7 @@ def _with_errors(flight: Flight, found: FlightFit) -> tuple[Evidence, dict[str, 
     for _ in range(flight.criteria.numerics.naming.rounds):
         taken = {one.effect.key for one in found.attached}
         able = [e for e in flight.effects if e.kind in _TRIED and e.key not in taken]
-        ranked = [one for one in screen(evidence, able) if plausible(one.attached) and one.net > 0.0]
+        ranked = [one for one in screen(evidence, able) if is_possible(one.attached) and one.net > 0.0]
         better = _first_that_holds(evidence, ranked[: flight.criteria.numerics.naming.trials])
         if better is None:
             break
@@ -400,7 +401,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
     slot = next(
         s.name for s in fit.slots if s.name == one.name or (s.attached is not None and fit.attached[s.attached] is one)
     )
-    allowed = one.effect.smallest_that_matters(fit.flight.aircraft) or 0.0
+    allowed = fit.flight.smallest_that_matters(one.effect) or 0.0
     # With this number of possible errors, one set of healthy instruments in a hundred fails.
     chance = 0.01 / (2.0 * len([e for e in fit.flight.effects if e.kind in (*_TRIED, "sensor_bias")]))
     return InstrumentError(

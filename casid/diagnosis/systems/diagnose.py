@@ -18,10 +18,9 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.judgement import Stages, judged
+from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.subject import OfAircraft, OfSystem
 from casid.diagnosis.systems.extended import Extended, fly_as_given
-from casid.diagnosis.systems.library import Library
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
 from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft
@@ -29,6 +28,7 @@ from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.model.causes.systems import Library
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
 from casid.model.system import Model, check_continuous
@@ -55,35 +55,21 @@ def diagnose_system(
     All parameters are fitted, with the prior of `model.prior_std`; one whose prior is 0 stays nominal. Noise of the
     readings is judged from the band above the motion.
 
-    Parameters
-    ----------
-    model
-        The simulation; one Runge-Kutta step of fourth order goes from sample to sample.
-    records
-        Records to be fitted.
-    hold_out
-        Records that are never fitted; when none is given one record, or the last third of a single one, is held back.
-    report
-        Is called with the name of every stage.
-    criteria
-        Every number that decides, see `Criteria`. Times in seconds are those of an aircraft's records and become longer
-        or shorter with the records of a system; `systems` is for these alone.
-    ports
-        Where reality may differ; by default at every state derivative, input and output whose name is not in `exact`.
-    exact
-        Names of states whose equations are beyond doubt, and of inputs and outputs that are.
-    library
-        The causes that are considered; by default all that any system may have.
-    seconds
-        Time after which the search for causes ends; by default it ends by itself.
-
-    Raises
-    ------
-    InputError
-        For names that do not exist, records that cannot feed the model, and arguments that are not ports, a library
-        or criteria.
-    EstimationError
-        When the model cannot be fitted at all.
+    model     the simulation; one Runge-Kutta step of fourth order goes from sample to sample
+    records   records to be fitted
+    hold_out  records that are never fitted; when none is given one record, or the last third of a single one, is held
+              back
+    report    is called with the name of every stage
+    criteria  every number that decides, see `Criteria`. Times in seconds are those of an aircraft's records and become
+              longer or shorter with the records of a system; `systems` is for these alone.
+    ports     where reality may differ; by default at every state derivative, input and output whose name is not in
+              `exact`
+    exact     names of states whose equations are beyond doubt, and of inputs and outputs that are
+    library   the causes that are considered; by default all that any system may have
+    seconds   time after which the search for causes ends; by default it ends by itself
+    raises    InputError for names that do not exist, records that cannot feed the model, and arguments that are not
+              ports, a library or criteria
+    raises    EstimationError when the model cannot be fitted at all
     """
     check_continuous(model, "diagnose")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")

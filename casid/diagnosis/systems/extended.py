@@ -14,9 +14,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
 from casid.diagnosis.flight.noise import SimulatedRecords, View, view_of
 from casid.diagnosis.given.budget import AsGiven
-from casid.diagnosis.systems.plant import Draft, Plant, as_flight
+from casid.diagnosis.systems.plant import Draft, Plant
 from casid.errors import InputError
-from casid.model import operators
 from casid.model.station import control
 from casid.model.system import Model
 from casid.records.record import Record
@@ -49,25 +48,17 @@ def _flown(plant: Plant, records: Sequence[Record], otherwise: Mapping[str, floa
 
 
 def _of_states(plant: Plant) -> FlightFit:
-    flight = as_flight(plant)
+    flight = plant
     with np.errstate(all="ignore"):
         return fit(flight, plant.known(plant.names), flight.noise(), free="states")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Extended:
-    """A model with causes in it.
+    """A model with causes in it."""
 
-    Attributes
-    ----------
-    base
-        The model without them, with fitted values.
-    attached
-        The causes with their values.
-    """
-
-    base: Model
-    attached: tuple[Attached, ...]
+    base: Model  # the model without them, with fitted values
+    attached: tuple[Attached, ...]  # the causes with their values
     terms: Mapping[str, ca.SX]
 
     @cached_property
@@ -75,17 +66,18 @@ class Extended:
         """The extended model: causes in its equations are parameters, a lag of an instrument is a state. A cause of
         some records has an input of its name in brackets, 1 where it is there."""
         draft, base = Draft(self.base, self.terms), self.base
-        own = [one for one in self.attached if one.effect.symbolic or one.effect.kind == "sensor_lag"]
+        own = [one for one in self.attached if one.effect.symbolic or one.effect.instrument]
         values = {one.name: ca.SX.sym("value") for one in own}
         there = {f"[{one.name}]": ca.SX.sym("there") for one in own if one.effect.symbolic and one.records}
         states: dict[str, tuple[ca.SX, ca.SX]] = {}
         for one in own:
             value, target = values[one.name], one.effect.target
-            if one.effect.change is not None:
+            if one.effect.instrument is None:
+                assert one.effect.change is not None
                 one.effect.change(draft, {"value": value * there.get(f"[{one.name}]", 1.0)})
                 continue
             state, true = ca.SX.sym("lagged"), draft.h[base.outputs.index(target)]
-            states[f"lagged[{target}]"] = state, (true - state) / ca.fabs(value)
+            states[f"lagged[{target}]"] = state, one.effect.instrument(true, state, {"value": value})
             draft.reads(target, lambda y, state=state: state)
         rates = ca.vertcat(draft.f, *[rate for _, rate in states.values()])
         f, h = ca.substitute([rates, draft.h], [base.p], [draft.p])
@@ -108,7 +100,7 @@ class Extended:
 
     def _guess(self, record: Record) -> np.ndarray:
         """First guess of the states; a lagging instrument as it reads."""
-        lagged = [one.effect.target for one in self.attached if one.effect.kind == "sensor_lag"]
+        lagged = [one.effect.target for one in self.attached if one.effect.instrument]
         read = [_filled(record, name) for name in lagged]
         return np.column_stack([self.base.guess(record), *read])
 
@@ -124,8 +116,8 @@ class Extended:
                 known = {target: record[target][:, None]}
                 added = disturbance_series([one], [record.name], record.t[:, None], known, [control(target)])
                 channels[target] = channels.get(target, record[target]) + added[:, 0, 0]
-            elif target in record and concerned and effect.kind == "sensor_delay":
-                channels[target] = operators.earlier(record.t, record[target], one.values["value"])
+            elif target in record and concerned and effect.undo:
+                channels |= effect.undo(record.t, {target: record[target]}, one.values)
             elif target in record and concerned and effect.timed:
                 read = channels.get(target, record[target])
                 channels[target] = np.where(record.t < one.onsets[record.name], read, np.nan)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, cast
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,17 +16,8 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
 from casid.diagnosis.flight.fit import by_wider_noise, fit
-from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import Attached, Sizes, disturbance_series, readings
-from casid.diagnosis.systems.library import (
-    Library,
-    as_read,
-    as_term,
-    effects_of,
-    level,
-    stuck,
-    told_limit,
-)
+from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.diagnosis.flight.subject import Sizes
 from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
@@ -40,6 +31,14 @@ from casid.filtering.innovations import (
     make_batch,
 )
 from casid.filtering.kalman import kalman_filter, residual_column
+from casid.model.causes.systems import (
+    Library,
+    as_read,
+    as_term,
+    effects_of,
+    level,
+    stuck,
+)
 from casid.model.effect import Effect
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
@@ -120,45 +119,34 @@ class Terms:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Plant:
-    """A model and its records for a diagnosis.
+    """A model and its records for a diagnosis."""
 
-    base      the model as given, parameters with a prior of 0 fixed;  freed  its estimated parameters
-    ports     where reality may differ;  terms_of  name -> expression that an equation may lack
-    sigma     1-sigma of the noise of each output
-    paths     record -> (N, states) start of a fit; otherwise the model's own first guess
-    effects   the causes that are considered;  sizes  their measures of size
-    white     disturbance -> 1-sigma of process noise
-    channels  channels of the records that effects look at, beside inputs and readings
-    build     makes the model with some symbolic effects, where these change more than equations and readings
-    prepare   makes records ready for the model
-    colour    output -> (1-sigma, correlation time) of its innovations
-    closed_loop  whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
-    imitated  free number -> effect whose relative change it is
-    known     names of records -> effects that the file has in them
-    every     number of recorded samples of which each sample is the mean
-    limit     the time that the search may take
-    """
-
-    base: Model
+    base: Model  # the model as given, parameters with a prior of 0 fixed;  freed  its estimated parameters
     freed: tuple[str, ...]
-    ports: tuple[Port, ...]
+    ports: tuple[Port, ...]  # where reality may differ;  terms_of  name -> expression that an equation may lack
     records: tuple[Record, ...]
-    sigma: dict[str, float]
+    sigma: dict[str, float]  # 1-sigma of the noise of each output
     terms_of: Mapping[str, ca.SX]
     criteria: Criteria
+    # record -> (N, states) start of a fit; otherwise the model's own first guess
     paths: Mapping[str, np.ndarray] = field(default_factory=dict)
+    # the causes that are considered;  sizes  their measures of size
     effects: list[Effect] = field(default_factory=list)
-    sizes: Sizes | None = None
-    white: Mapping[str, float] = field(default_factory=dict)
-    channels: tuple[str, ...] = ()
+    sizes: Sizes
+    white: Mapping[str, float] = field(default_factory=dict)  # disturbance -> 1-sigma of process noise
+    channels: tuple[str, ...] = ()  # channels of the records that effects look at, beside inputs and readings
+    # makes the model with some symbolic effects, where these change more than equations and readings
     build: Callable[[Sequence[Effect]], Model] | None = None
-    prepare: Callable[[Sequence[Record]], Sequence[Record]] = tuple
+    prepare: Callable[[Sequence[Record]], Sequence[Record]] = tuple  # makes records ready for the model
+    # output -> (1-sigma, correlation time) of its innovations
     colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    # whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
     closed_loop: bool = False
-    imitated: Mapping[str, Effect] = field(default_factory=dict)
+    imitated: Mapping[str, Effect] = field(default_factory=dict)  # free number -> effect whose relative change it is
+    # names of records -> effects that the file has in them
     known: Callable[[Sequence[str]], tuple[Attached, ...]] = lambda names: ()
-    every: int = 1
-    limit: TimeLimit = field(default_factory=TimeLimit)
+    every: int = 1  # number of recorded samples of which each sample is the mean
+    limit: TimeLimit = field(default_factory=TimeLimit)  # the time that the search may take
     input_sigma: dict[str, float] = field(default_factory=dict)
     doubted: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
@@ -315,11 +303,6 @@ class Plant:
         return model.prior_std.get(name, np.inf)
 
 
-def as_flight(plant: Plant) -> Flight:
-    """A plant in the place of a flight: it has everything that fit, evidence and search need."""
-    return cast(Flight, plant)
-
-
 def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float], times: int) -> dict[str, np.ndarray]:
     """record -> (N, states) motion from which a fit may begin: as it was read, states that no instrument reads by a
     smoother, run some `times`, to which every equation is as uncertain as it is large. A record on which that departs
@@ -380,8 +363,10 @@ def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
     by, wider = criteria.numerics.naming, criteria.numerics.systems.wider
-    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials", "terms", "trial_iterations")}
-    return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": {"naming": more}})
+    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials", "terms")}
+    iterations, tolerance = criteria.numerics.fit.trial
+    table = {"naming": more, "fit": {"trial": (wider * iterations, tolerance)}}
+    return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": table})
 
 
 def noise_of(model: Model, records: Sequence[Record], criteria: NoiseCriteria) -> dict[str, float]:
@@ -418,9 +403,8 @@ def first_fit(plant: Plant) -> FlightFit:
 
     Raises EstimationError for a model that cannot follow its records at all.
     """
-    flight = as_flight(plant)
     try:
-        plain = fit(flight, (), plant.noise(), iterations=20)
+        plain = fit(plant, (), plant.noise(), extent="first")
     except InputError as error:
         raise EstimationError(
             f"model '{plant.title}' cannot be fitted to these records from its nominal values: {error}"
@@ -428,11 +412,11 @@ def first_fit(plant: Plant) -> FlightFit:
     left = float(np.sqrt(np.sum(plain.white**2) / plain.readings))
     if plain.converged and left < plant.criteria.given.fails:
         return plain
-    wide, again = by_wider_noise(plain, left, iterations=30)
+    wide, again = by_wider_noise(plain, left)
     found = [one for one in (plain, again, *_by_equation_error(plant)) if one.converged]
     if found:
         return min(found, key=lambda one: one.deviance)
-    return evaluate(Work(flight, (), plant.noise(), "all"), (), wide.values, wide.motion)
+    return evaluate(Work(plant, (), plant.noise(), "all"), (), wide.values, wide.motion)
 
 
 def _by_equation_error(plant: Plant) -> list[FlightFit]:
@@ -445,8 +429,8 @@ def _by_equation_error(plant: Plant) -> list[FlightFit]:
     sizes = np.std(np.concatenate(rates), axis=0)[at]
     white = {s: float(size) for s, size in zip(stations, sizes, strict=True) if size > 0.0}
     try:
-        first = fit(as_flight(plant), (), replace(plant.noise(), white=white), iterations=30)
-        return [fit(as_flight(plant), (), plant.noise(), first, iterations=30)]
+        first = fit(plant, (), replace(plant.noise(), white=white), extent="first")
+        return [fit(plant, (), plant.noise(), first, extent="first")]
     except (InputError, np.linalg.LinAlgError):
         return []
 
@@ -481,8 +465,8 @@ class PlantSizes:
             read = [record[effect.target][record.t > one.onsets[record.name]] for record in concerned]
             seen = np.concatenate([values[np.isfinite(values)] for values in read])
             return level(seen), fit.flight.sigma[effect.target] / math.sqrt(max(len(seen), 1))
-        if effect.kind in ("limit_above", "limit_below"):
-            value = told_limit(effect, value, [record[effect.target] for record in records])
+        if effect.words and effect.words.told:
+            value = effect.words.told(value, [record[effect.target] for record in records])
         return value, std
 
     def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
@@ -500,6 +484,10 @@ class PlantSizes:
         """R.m.s. of the latent input at a port over the variation there."""
         port = _port(fit, missing.station)
         return fit.criteria.size.share * missing.rms / matters_at(fit, port)
+
+    def missing_size(self, fit: FlightFit, missing: MissingInput) -> float:
+        """The same in units of what matters."""
+        return self.missing_share(fit, missing) / fit.criteria.size.share
 
 
 def matters_at(fit: FlightFit, port: Port) -> float:
@@ -535,7 +523,20 @@ def _history(fit: FlightFit, one: Attached) -> np.ndarray:
     i, read = fit.model.outputs.index(effect.target), fit.linear.output
     if effect.output is not None:
         return (readings([one], names, t, read, fit.model.outputs, fit.known) - read)[..., i]
-    return one.values["value"] * (np.ones(t.shape) if effect.kind == "sensor_bias" else read[..., i])
+    assert effect.change is not None
+    found = _Read(read[..., i])
+    effect.change(found, one.values)
+    return found.reading - read[..., i]
+
+
+class _Read:
+    """A reading in numbers, where `Draft` has it in symbols."""
+
+    def __init__(self, reading: np.ndarray) -> None:
+        self.reading = reading
+
+    def reads(self, output: str, change: Callable[[Any], Any]) -> None:
+        self.reading = change(self.reading)
 
 
 def _size(values: np.ndarray) -> float:

@@ -16,8 +16,8 @@ from functools import partial
 import numpy as np
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import consequence
 from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.size import consequence
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
@@ -25,7 +25,7 @@ from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
 from casid.diagnosis.given.budget import attached_effects
-from casid.diagnosis.systems.plant import Plant, PlantSizes, as_flight, for_systems, noise_of
+from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
@@ -233,14 +233,14 @@ def first_fit(plant: Plant) -> FlightFit:
 
     What is later than a log may be late is a cause: the timing is then that of the record, so that causes compete.
     """
-    flight, known = as_flight(plant), plant.known(plant.names)
+    known = plant.known(plant.names)
     late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
     if any(one.effect.key == late.effect.key for one in known):
-        return fit(flight, known, plant.noise(), iterations=20)
-    fitted = fit(flight, (*known, late), plant.noise(), iterations=20)
+        return fit(plant, known, plant.noise(), extent="first")
+    fitted = fit(plant, (*known, late), plant.noise(), extent="first")
     if abs(fitted[late.name]) < plant.smallest_that_matters(late.effect):
         return fitted
-    return fit(flight, known, plant.noise(), iterations=20)
+    return fit(plant, known, plant.noise(), extent="first")
 
 
 def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
@@ -249,7 +249,7 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     for _ in range(fitted.criteria.numerics.fit.repeats):
         before, colour = plant.colour, colour_of(fitted, plant.outputs)
         plant = replace(plant, colour=colour)
-        fitted = fit(as_flight(plant), fitted.attached, plant.noise(), fitted, iterations=15)
+        fitted = fit(plant, fitted.attached, plant.noise(), fitted, extent="first")
         stays = fitted.criteria.numerics.fit.noise_stays
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
             break
@@ -320,3 +320,7 @@ class RotorSizes:
     def missing_share(self, fit: FlightFit, missing: MissingInput) -> float:
         """R.m.s. of the latent input at a port over the variation there."""
         return PlantSizes().missing_share(fit, missing)
+
+    def missing_size(self, fit: FlightFit, missing: MissingInput) -> float:
+        """The same in units of what matters."""
+        return PlantSizes().missing_size(fit, missing)

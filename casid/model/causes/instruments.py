@@ -274,6 +274,7 @@ def vane_position(channel: str) -> Effect:
 
     return Effect(
         kind="vane_position",
+        within="span",
         target=channel,
         reads=(channel,),
         kinematic=True,
@@ -298,6 +299,7 @@ def accelerometer_position(axis: str) -> Effect:
 
     return Effect(
         kind="accelerometer_position",
+        within="span",
         target=axis,
         reads=("ax", "ay", "az"),
         kinematic=True,

@@ -34,6 +34,7 @@ def cg_offset(axis: str) -> Effect:
 
     return Effect(
         kind="cg_offset",
+        within="chord",
         balance=True,
         target=axis,
         by_record=True,
@@ -85,7 +86,7 @@ def mass(target: str = "") -> Effect:
         return _MASS_MATTERS * aircraft.mass
 
     more = {"by_record": True, "relative": True, "balance": True}
-    return Effect(kind="mass", station="mass", change=change, meaningful=matters, **more)
+    return Effect(kind="mass", within="mass", station="mass", change=change, meaningful=matters, **more)
 
 
 @cause(
@@ -105,6 +106,7 @@ def inertia(component: str) -> Effect:
 
     return Effect(
         kind="inertia",
+        within="inertia",
         target=component,
         by_record=True,
         relative=True,
@@ -126,6 +128,7 @@ def thrust_asymmetry(target: str = "") -> Effect:
 
     return Effect(
         kind="thrust_asymmetry",
+        within="span",
         by_record=True,
         station="moments",
         change=change,
@@ -147,6 +150,7 @@ def thrust_line(target: str = "") -> Effect:
 
     return Effect(
         kind="thrust_line",
+        within="span",
         station="moments",
         change=change,
         equal=lambda aircraft: (aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch),

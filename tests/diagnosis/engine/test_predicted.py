@@ -24,7 +24,7 @@ def test_it_is_what_the_records_add_to_the_evidence_of_all(monkeypatch) -> None:
     seen = [whole.between(0.0, 9.0)]
     noise = prepare(rough_file(), [whole, held_out]).noise()
     before, after = (
-        weigh(fit(prepare(rough_file(), records), (), noise, iterations=20), discrepancy=False)
+        weigh(fit(prepare(rough_file(), records), (), noise, extent="first"), discrepancy=False)
         for records in (seen, [*seen, held_out])
     )
     by_values = judge_on([held_out], before.fit)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights
 
+from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
-from casid.diagnosis.evidence.screening import Screen, rank, smallest_sizes
+from casid.diagnosis.evidence.screening import Screen, rank
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached

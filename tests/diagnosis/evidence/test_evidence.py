@@ -58,7 +58,7 @@ def test_it_holds_what_differs_between_records() -> None:
 def test_products_without_the_sensitivities_are_those_with_them() -> None:
     """Truth: the whole matrix of whitened sensitivities, multiplied; also that of the normal equations."""
     flight = prepare(do328(), flights(seed=3, count=2, duration_s=8.0))
-    found = weigh(fit(flight, (), flight.noise(), iterations=2))
+    found = weigh(fit(flight, (), flight.noise(), extent=(2, 0.5)))
     every = np.concatenate([part for _, part in found.columns(32)], axis=3).swapaxes(0, 1)  # the innovations first
     assert len(found.terms) > 100 and every.shape == (*found.fit.white.shape, 1 + len(found.newton))
     own, rng = every[..., 1:], np.random.default_rng(2)
@@ -76,7 +76,7 @@ def test_straight_lines_between_samples_are_part_of_a_size() -> None:
     mode = Attached(effect=structural_mode("q"), values={"value": 0.8, "frequency_hz": 3.0, "damping": 0.03})
     wave = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.6}, onsets={"m1": 12.0})
     flight = prepare(do328(), flights([mode, wave], seed=4, count=2))
-    found = weigh(fit(flight, [mode, wave], flight.noise(), iterations=20))
+    found = weigh(fit(flight, [mode, wave], flight.noise(), extent="first"))
     of_mode, of_gust = (
         left_open(found, [slot.name for slot in found.fit.slots].index(one.name))[0] for one in (mode, wave)
     )

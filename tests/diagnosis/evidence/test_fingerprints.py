@@ -83,7 +83,7 @@ def test_a_fingerprint_gives_the_size_that_was_flown(flown: EffectValue) -> None
 def test_size_and_memory_of_lagged_aerodynamics_are_fitted() -> None:
     base, _ = baseline(MEMORY)
     start = Attached(effect=effect_of(MEMORY), values={"value": -4.0, "time_constant": 0.15})
-    found = fit(base.flight, [start], base.noise, base, iterations=15)
+    found = fit(base.flight, [start], base.noise, base, extent=(15, 0.5))
     for slot, truth in (("", MEMORY.value), (".time_constant", 0.3)):
         name = f"unsteady_aero(Cm, lagged){slot}"
         assert abs(found[name] - truth) < 4.0 * found.std(name) + 0.02 * abs(truth), name
@@ -108,7 +108,7 @@ def test_a_fit_of_an_oscillation_stays_where_the_samples_tell_of_it(damping: flo
     flight = prepare(do328(), flights(MEMORY, 21))
     base = fit(flight, (), flight.noise())
     start = Attached(effect=structural_mode("q"), values={"value": 0.05, "frequency_hz": 20.0, "damping": damping})
-    found = fit(flight, [start], base.noise, base, iterations=15).attached[0].values
+    found = fit(flight, [start], base.noise, base, extent=(15, 0.5)).attached[0].values
     assert 0.0 < found["frequency_hz"] <= 50.0 and found["damping"] >= 0.0
 
 

@@ -61,7 +61,7 @@ def test_scales_do_not_depend_on_how_the_terms_are_written() -> None:
 def test_terms_are_those_that_symmetry_allows_and_the_model_lacks() -> None:
     flight = prepare(do328(), flights(seed=1, count=1))
     bend = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": 0.1})
-    names = small_terms(fit(flight, [bend], flight.noise(), iterations=1)).names
+    names = small_terms(fit(flight, [bend], flight.noise(), extent=(1, 0.5))).names
     assert ("Cm", "alpha^2") not in names
     assert ("Cm", "alpha") not in names
     assert {("Cm", "alpha^3"), ("Cm", "beta^2"), ("Cl", "alpha*beta"), ("CL", "alphadot")} <= set(names)
@@ -72,7 +72,7 @@ def test_terms_see_the_surface_as_the_air_does() -> None:
     """Truth: the recorded surface behind the lag, and not the record, by the operator itself."""
     flight = prepare(do328(), flights(seed=2, count=1))
     late = Attached(effect=actuator_lag("delta_e"), values={"value": 0.15})
-    fitted = fit(flight, [late], flight.noise(), iterations=3)
+    fitted = fit(flight, [late], flight.noise(), extent=(3, 0.5))
     recorded, seen = fitted.known["delta_e"][:, 0], fitted.regressors["delta_e"][:, 0]
     behind = operators.lag(flight.records[0].t, recorded, fitted["actuator_lag(delta_e)"])
     assert np.abs(seen - behind).max() < 1e-9

@@ -17,7 +17,7 @@ from casid.diagnosis.flight.evaluation import FlightFit, Work, as_strong, evalua
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics.kinematics import gusts
+from casid.diagnosis.kinematics.turbulence import gusts
 from casid.errors import InputError
 from casid.estimation import GaussNewton, MultipleShooting, OutputError, Problem, solve
 from casid.model.causes import (
@@ -43,7 +43,7 @@ def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linea
     hidden = Attached(effect=operator("delta_r"), values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     start = replace(hidden, values={"value": 0.7 * size})
-    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), iterations=20)
+    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), extent="first")
     evidence = weigh(fitted)
     assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
     assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
@@ -56,7 +56,7 @@ def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     base = fit(flight, (), flight.noise())
     begin = [replace(hidden, values={"value": 0.007, "rest": 0.0}), replace(hidden, values={"value": 0.007})]
-    free, middle = (fit(flight, [one], flight.noise(), base, iterations=20) for one in begin)
+    free, middle = (fit(flight, [one], flight.noise(), base, extent="first") for one in begin)
     assert free[hidden.name] == pytest.approx(0.01, rel=0.03)  # noise pushes a play open
     assert hidden.effect.in_words(free.attached[0].values)["rest"] == pytest.approx(rest, abs=0.1)
     assert middle.deviance > free.deviance + 500.0
@@ -68,7 +68,7 @@ def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> Non
     limited = Attached(effect=rate_limit("delta_e"), values={"value": 0.04})
     flight = prepare(do328(), flights([limited], seed=1, rate_hz=25.0))
     base = fit(flight, (), flight.noise())
-    compared = fit(flight, [limited], flight.noise(), base, iterations=20)
+    compared = fit(flight, [limited], flight.noise(), base, extent="first")
     assert compared.noise_held
     assert missing_inputs(weigh(compared))[0].gain > 300.0
     anew = relaxed(compared)
@@ -89,7 +89,7 @@ def test_a_cause_gains_neither_by_a_stronger_nor_by_a_weaker_control(effectivene
 def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
     """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
     flight = prepare(do328(), flights([LATE], seed=1))
-    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), iterations=20)
+    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), extent="first")
     assert found.converged
     assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
 
@@ -110,7 +110,7 @@ def test_a_model_that_misses_something_is_fitted_to_the_end(missing: Effect, sur
     size = {"sensor_delay": 0.15, "rate_limit": 0.08, "actuator_lag": 0.12}[missing.kind]
     hidden = Attached(effect=missing, values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, surface_noise=surface_noise * SURFACE_NOISE))
-    fitted = fit(flight, (), flight.noise(), iterations=20)
+    fitted = fit(flight, (), flight.noise(), extent="first")
     assert fitted.converged
     step = _step_from(fitted)
     assert np.all(np.abs(step) < 0.05 * np.sqrt(np.diag(fitted.covariance)))
@@ -140,7 +140,7 @@ def test_without_process_noise_the_fit_is_output_error() -> None:
     flight = prepare(do328(), records)
     noise = flight.noise()
     calm = type(noise)(measurement=noise.measurement)
-    innovations = fit(flight, (), calm, iterations=30, tolerance=1e-9)
+    innovations = fit(flight, (), calm, extent=(30, 1e-9))
     model = aircraft_model(flight.aircraft, outputs=flight.outputs, effects=())
     free = list(innovations.derivatives)
     problem = Problem(
@@ -168,7 +168,7 @@ def test_a_structural_mode_is_fitted_to_the_end_from_what_the_screening_tries(fr
     base = fit(flight, (), flight.noise())
     screen = Screen(weigh(base), exact=True)
     start = rank(screen, fingerprints(weigh(base), [hidden.effect]))[0].attached
-    fitted = fit(flight, [start], flight.noise(), base, iterations=20, tolerance=0.1)
+    fitted = fit(flight, [start], flight.noise(), base, extent=(20, 0.1))
     assert fitted.converged
     step = _step_from(fitted)
     assert np.all(np.abs(step) < 0.3 * np.sqrt(np.diag(fitted.covariance)))
@@ -181,7 +181,7 @@ def test_a_fit_in_a_file_is_its_values_and_its_motion(sigma: float) -> None:
     """All that is made again is what it was, also by the filter that a fit in turbulence holds."""
     flight = prepare(do328(), flights([LATE], seed=1, count=2))
     noise = flight.noise(gusts(flight, sigma) if sigma else {})
-    fitted = fit(flight, [LATE], noise, fit(flight, [], noise, iterations=2), iterations=3)
+    fitted = fit(flight, [LATE], noise, fit(flight, [], noise, extent=(2, 0.5)), extent=(3, 0.5))
     assert fitted.filter_held == bool(sigma)
     body = pickle.dumps(fitted)
     found = pickle.loads(body)
@@ -202,8 +202,8 @@ def test_the_fit_of_a_delay_ends_at_a_maximum() -> None:
     flight = prepare(do328(), flights([flown], seed=5, count=2, rate_hz=40.0))
     base = fit(flight, [], flight.noise())
     start = flown.with_values({"value": 0.03})
-    rough = fit(flight, [start], base.noise, base, iterations=1)
-    found = fit(flight, [start], base.noise, base, iterations=15, tolerance=0.3)
+    rough = fit(flight, [start], base.noise, base, extent=(1, 0.5))
+    found = fit(flight, [start], base.noise, base, extent="settled")
     assert rough.deviance > found.deviance + 1000.0
     assert found.converged
     evidence = weigh(found)
@@ -246,7 +246,7 @@ def test_a_fit_ends_where_all_sensitivities_are_those_of_its_end() -> None:
     nothing changes."""
     flight = prepare(rough_file(), flights(seed=4, duration_s=8.0))
     found = fit(flight, (), flight.noise())
-    exact = fit(flight, (), flight.noise(), found, tolerance=1e-6, iterations=20)
+    exact = fit(flight, (), flight.noise(), found, extent=(20, 1e-6))
     assert found.converged and exact.left < 1e-6
     assert np.max(np.abs(found.values - exact.values) / np.sqrt(np.diag(exact.covariance))) < 0.05
     assert found.deviance == pytest.approx(exact.deviance, abs=0.5)
@@ -260,5 +260,5 @@ def test_a_fit_that_has_converged_is_not_fitted_again() -> None:
     found = fit(flight, (), noise)
     other = replace(noise, measurement={name: 2.0 * sigma for name, sigma in noise.measurement.items()})
     assert fit(flight, (), noise, found) is found
-    assert fit(flight, (), noise, found, tolerance=0.5 * found.left) is not found
+    assert fit(flight, (), noise, found, extent=(10, 0.5 * found.left)) is not found
     assert fit(flight, (), other, found) is not found

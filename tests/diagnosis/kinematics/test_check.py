@@ -156,7 +156,7 @@ def test_held_out_kinematics_judge_a_vane_whatever_is_wrong_with_the_aerodynamic
     fitted, held = flights([vane], seed=5, count=2)
     flight = prepare(rough_file(), [fitted])
     before, after = (
-        fit(flight, attached, flight.noise(), free="states", iterations=1)
+        fit(flight, attached, flight.noise(), free="states", extent=(1, 0.5))
         for attached in ([], [vane.with_values({"value": sign * 4.0})])
     )
     gain = kinematic_gain(flight, [held], before, after, {})

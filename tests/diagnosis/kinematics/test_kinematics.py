@@ -26,7 +26,7 @@ def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     def found() -> tuple[float, float]:
         start = [hidden.with_values({"value": 0.0})]
         fitted = kinematics.reconstruct(flight, start)
-        fitted = fit(fitted.flight, start, fitted.noise, fitted, free="effects", iterations=15, tolerance=0.1)
+        fitted = fit(fitted.flight, start, fitted.noise, fitted, free="effects", extent=(15, 0.1))
         return fitted[hidden.name], fitted.std(hidden.name)
 
     value, std = found()

@@ -12,14 +12,15 @@ from diagnosis_flights import NOISE, flights, rough_file
 from scipy import signal
 
 from casid.diagnosis.diagnose import diagnose
-from casid.diagnosis.engine.onsets import at_peak
 from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics.check import without_turbulence
-from casid.diagnosis.kinematics.kinematics import gusts, in_other_air, in_turbulence, reconstruct, still_air, turbulence
+from casid.diagnosis.kinematics.kinematics import reconstruct
+from casid.diagnosis.kinematics.turbulence import gusts, in_other_air, in_turbulence, still_air, turbulence
 from casid.model.causes import gust, sensor_bias, sensor_lag, unsteady_aero, wind_shear
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
@@ -37,7 +38,7 @@ def test_onsets_and_length_of_a_gust_are_found_together() -> None:
     begun = replace(
         flown, values={"value": 3.5, "length": 2.3}, onsets={r: onset - 0.4 for r, onset in flown.onsets.items()}
     )
-    start = fit(flight, [begun], flight.noise(), iterations=1)
+    start = fit(flight, [begun], flight.noise(), extent=(1, 0.5))
     found, intervals = at_peak(weigh(fit(flight, [begun], flight.noise())))
     event = found.fit.attached[0]
     assert start.deviance > found.fit.deviance + 300.0
@@ -56,7 +57,7 @@ def test_a_shear_that_ends_is_fitted_with_its_end() -> None:
     begun, endless = (replace(ENDED, values={"value": 0.5, "duration": s}) for s in (4.0, 1e3))
     found = fit(flight, [begun], flight.noise())
     assert dict(found.attached[0].values) == pytest.approx(ENDED.values, rel=0.1)
-    without, goes_on = (fit(flight, some, flight.noise(), iterations=15) for some in ([], [endless]))
+    without, goes_on = (fit(flight, some, flight.noise(), extent=(15, 0.5)) for some in ([], [endless]))
     assert goes_on.deviance - found.deviance > 0.2 * (without.deviance - found.deviance)
 
 
@@ -120,7 +121,7 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     moved = (fit(flight, [], noise, base, anew=True).values - base.values) / np.sqrt(np.diag(base.covariance))
     assert np.abs(moved).max() < 1.0
     absent = Attached(effect=unsteady_aero("CY"), values={"value": 0.0})
-    beside = fit(flight, [absent], noise, base, iterations=15, tolerance=0.3)
+    beside = fit(flight, [absent], noise, base, extent="settled")
     assert beside.converged
     still = fit(flight, [], flight.noise())
     assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)

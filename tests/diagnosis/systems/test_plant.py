@@ -14,7 +14,7 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.plant import Plant, PlantSizes, as_flight, first_fit, plant_of
+from casid.diagnosis.systems.plant import Plant, PlantSizes, first_fit, plant_of
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
 
@@ -40,7 +40,7 @@ def test_a_hidden_cause_is_ranked_first_and_fitted_to_its_size(name: str) -> Non
     refitted = first_fit(plant)
     first = [one for one in screen(weigh(refitted), plant.effects)[:2] if one.name == fault.name]
     assert first
-    fitted = fit(as_flight(plant), [first[0].attached], plant.noise(), refitted, iterations=25)
+    fitted = fit(plant, [first[0].attached], plant.noise(), refitted, extent=(25, 0.5))
     assert fitted.converged
     assert np.sum(fitted.white**2) < 1.1 * fitted.readings  # nothing but noise is left
     assert abs(fitted.attached[0].values["value"] - fault.size) < 0.05 * abs(fault.size)
@@ -53,7 +53,7 @@ def test_a_stuck_reading_tells_nothing_of_the_motion_from_its_onset_on() -> None
     )
     (effect,) = [one for one in plant.effects if one.name == "sensor_stuck(prey)"]
     one = Attached(effect=effect, values={"value": 1.0}, onsets={"m2": 12.0})
-    fitted = fit(as_flight(plant), [one], plant.noise(), first_fit(plant), iterations=25)
+    fitted = fit(plant, [one], plant.noise(), first_fit(plant), extent=(25, 0.5))
     assert fitted.attached[0].values["value"] == pytest.approx(1.0, abs=0.02)
     after = fitted.batch.t[:, 1] > 12.1
     whole = np.abs(fitted.linear.C[:, 0, fitted.model.outputs.index("prey")]).max()

@@ -127,7 +127,7 @@ class Library:
                 raise InputError(f"library: regressor '{name}' is {given(function)}; expected a function")
 
     def terms(self, model: Model) -> dict[str, ca.SX]:
-        """name -> expression in the states and inputs of the model.
+        """Name -> expression in the states and inputs of the model.
 
         Parameters
         ----------
@@ -148,7 +148,18 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
     def further_terms(self, model: Model) -> dict[str, ca.SX]:
-        """The monomials of one degree more in one or two variables, by name."""
+        """Monomials of one degree more in one or two variables, by name.
+
+        Parameters
+        ----------
+        model
+            Model of the system.
+
+        Returns
+        -------
+        dict
+            Name of each monomial -> its expression.
+        """
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         names = (*model.states, *model.inputs)
         found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
@@ -190,11 +201,7 @@ def effects_of(
             found += [replace(_term(port, name), last_resort=name in last) for name in terms]
     if len(records) > 1:
         found += [_parameter(name) for name in free]
-    return [
-        replace(effect, words=Words(unit=_unit(effect, model, ports), sentence=SENTENCES[effect.kind]))
-        for effect in found
-        if effect.kind in library.kinds
-    ]
+    return [replace(effect, words=_words(effect, model, ports)) for effect in found if effect.kind in library.kinds]
 
 
 def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequence[str]) -> set[tuple[str, str]]:
@@ -225,10 +232,17 @@ def _unit(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
     return next((port.unit for port in ports if port.name == effect.target and port.kind != "state derivative"), "")
 
 
-def told_limit(effect: Effect, cut: float, series: Sequence[np.ndarray]) -> float:
+def _words(effect: Effect, model: Model, ports: Sequence[Port]) -> Words:
+    told = {"limit_above": _from_above, "limit_below": _from_below}.get(effect.kind)
+    return Words(unit=_unit(effect, model, ports), sentence=SENTENCES[effect.kind], told=told)
+
+
+def _from_above(cut: float, series: Sequence[np.ndarray]) -> float:
     """Value of a limit on an input whose recorded `series` exceeds it by the given amount."""
-    if effect.kind == "limit_above":
-        return max(float(one.max()) for one in series) - cut
+    return max(float(one.max()) for one in series) - cut
+
+
+def _from_below(cut: float, series: Sequence[np.ndarray]) -> float:
     return min(float(one.min()) for one in series) + cut
 
 
@@ -292,11 +306,11 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
         **entering,
     )
     variation = _variation(whole)
-    slow: tuple[tuple[str, Operator, Callable], ...] = (
-        ("sensor_delay", operators.delay, _delayed),
-        ("sensor_lag", operators.lag, _lagged),
+    slow: tuple[tuple[str, Operator, Callable, dict[str, Any]], ...] = (
+        ("sensor_delay", operators.delay, _delayed, {"undo": partial(_earlier, name)}),
+        ("sensor_lag", operators.lag, _lagged, {"unsigned": ("value",), "instrument": _follows}),
     )
-    for kind, operator, output in slow:
+    for kind, operator, output, further in slow:
         steps = _doubling(records)
         changes = {v: [operator(r.t, y, v) - y for r, y in zip(having, whole, strict=True)] for v in steps}
         if grid := _seen(changes, variation, criteria):
@@ -304,9 +318,9 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
                 kind=kind,
                 linear=False,
                 grid=grid,
-                unsigned=("value",) if kind == "sensor_lag" else (),
                 late=True,
                 output=partial(output, name),
+                **further,
                 **entering,
             )
     stays = partial(_stays, name, port.disturbance)
@@ -322,6 +336,15 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
 
 def _delayed(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
     return {name: operators.delay(t, known[name], values["value"])}
+
+
+def _earlier(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+    return {name: operators.earlier(t, known[name], values["value"])}
+
+
+def _follows(true: Any, reading: Any, values: Any) -> Any:
+    """Rate of the reading of an instrument that lags."""
+    return (true - reading) / ca.fabs(values["value"])
 
 
 def _lagged(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:

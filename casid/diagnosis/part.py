@@ -13,14 +13,10 @@ from casid.model.system import Model
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OfAircraft:
-    """What the diagnosis of an aircraft has beside that of any system.
+    """What the diagnosis of an aircraft has beside that of any system."""
 
-    file      the aircraft as given
-    extended  the aircraft with estimated values and the named causes
-    """
-
-    file: Aircraft
-    extended: Aircraft
+    file: Aircraft  # the aircraft as given
+    extended: Aircraft  # the aircraft with estimated values and the named causes
     source: ClassVar[str] = "file"
     witness: ClassVar[str] = "flight"
 
@@ -53,13 +49,10 @@ class OfAircraft:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class OfSystem:
-    """What the diagnosis of a system has beside that of an aircraft.
+    """What the diagnosis of a system has beside that of an aircraft."""
 
-    model     the system as given
-    extended  with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
-    """
-
-    model: Model
+    model: Model  # the system as given
+    # with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
     extended: Extended
     source: ClassVar[str] = "model"
     witness: ClassVar[str] = "the records"

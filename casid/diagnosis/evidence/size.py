@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
 from casid.diagnosis.evidence.evidence import coefficient_series, unlike_derivatives, variation
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -15,48 +16,79 @@ from casid.model.terms import parse_term
 from casid.signals import SURFACES
 
 
-def plausible_size(one: Attached) -> tuple[Gate, ...]:
-    """The gates on the values of an effect: they are physically possible."""
-    effect, value = one.effect, one.values["value"]
-    lowest = -effect.limit if effect.lowest is None else effect.lowest
-    gates = (
-        at_least("smallest possible value", value, lowest),
-        at_most("largest possible value", value, effect.limit),
-        *(at_most(f"largest possible {name}", abs(one.values[name]), most) for name, most in effect.limits.items()),
-    )
-    return tuple(gate for gate in gates if np.isfinite(gate.threshold))
-
-
-def plausible(one: Attached) -> bool:
-    """Whether a fitted size is physically possible."""
-    return all_passed(plausible_size(one))
-
-
 def meaningful_share(fitted: FlightFit, one: Attached) -> float:
-    """Size of an effect, in units of the smallest size that matters.
+    """Size of an effect, in units of the smallest size that matters."""
+    return fitted.flight.sizes.share_of(fitted, one)
 
-    That size is the effect's own `meaningful`. For an effect that adds to a coefficient, it is a share of the
-    coefficient's variation; the part that derivatives can reproduce is not counted. The share is larger for an effect
-    that begins in mid-record.
 
-    An effect between a record and its surface, or between a channel and its reading, must in addition have a
-    consequence: it must change a coefficient or a channel by a part of its variation, or a channel by its noise. A
-    surface that hardly moves may be slow without any consequence. A surface that is late by less than half a sample may
-    not be late at all, because its motion between samples is unknown.
+def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
+    """Share of a latent input: its r.m.s. over the variation at its port, or over a velocity for the air."""
+    return fitted.flight.sizes.missing_share(fitted, missing)
 
-    An effect that is expected of some aircraft matters at any size, because without it another fault would be named.
-    """
-    if fitted.flight.sizes is not None:
-        return fitted.flight.sizes.share_of(fitted, one)
-    effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
-    if effect.amplitude is not None:
-        return consequence(fitted, one)
-    smallest = effect.smallest_that_matters(fitted.flight.aircraft)
-    if smallest is not None:
-        own = abs(value) / smallest if smallest > 0 else np.inf
-        return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
-    share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
-    return max(share, 1.0) if effect.expected else share
+
+def missing_size(fitted: FlightFit, missing: MissingInput) -> float:
+    """Size of a latent input, in units of the smallest that matters."""
+    return fitted.flight.sizes.missing_size(fitted, missing)
+
+
+class AircraftSizes:
+    """Sizes by the coefficients and channels of an aircraft."""
+
+    def share_of(self, fitted: FlightFit, one: Attached) -> float:
+        """Size of an effect, in units of the smallest size that matters.
+
+        That size is the effect's own `meaningful`. For an effect that adds to a coefficient, it is a share of the
+        coefficient's variation; the part that derivatives can reproduce is not counted. The share is larger for an
+        effect that begins in mid-record.
+
+        An effect between a record and its surface, or between a channel and its reading, must in addition have a
+        consequence: it must change a coefficient or a channel by a part of its variation, or a channel by its noise. A
+        surface that hardly moves may be slow without any consequence. A surface that is late by less than half a sample
+        may not be late at all, because its motion between samples is unknown.
+
+        An effect that is expected of some aircraft matters at any size, because without it another fault would be
+        named.
+        """
+        effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
+        if effect.amplitude is not None:
+            return consequence(fitted, one)
+        smallest = fitted.flight.smallest_that_matters(effect)
+        if smallest is not None:
+            own = abs(value) / smallest if smallest > 0 else np.inf
+            return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
+        share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
+        return max(share, 1.0) if effect.expected else share
+
+    def missing_share(self, fitted: FlightFit, missing: MissingInput) -> float:
+        """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, for the air over a
+        velocity."""
+        place, criteria = missing.place, fitted.criteria.size
+        if place.kind == "wind":
+            return missing.rms / (criteria.wind_along if place.name == "x" else criteria.wind_across)
+        if place.kind == "coefficient":
+            series = coefficient_series(fitted)[place.name]
+            return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
+        channel = place.name
+        series = fitted.read[..., fitted.model.outputs.index(channel)]
+        return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
+
+    def missing_size(self, fitted: FlightFit, missing: MissingInput) -> float:
+        """Size of a latent input, in units of the smallest that matters: of a share, or of a bias for a reading.
+
+        A drift and a bias of one size matter alike, however much the reading varies.
+        """
+        if missing.place.kind == "reading":
+            bias = fitted.flight.smallest_that_matters(sensor_bias(missing.place.name))
+            return missing.largest / (bias or np.inf)
+        return self.missing_share(fitted, missing) / fitted.criteria.size.share
+
+    def told(self, fitted: FlightFit, one: Attached, std: float) -> tuple[float, float]:
+        """Value and 1-sigma of a cause for a person."""
+        return one.effect.in_words(one.values)["value"], std
+
+    def told_at(self, fitted: FlightFit, missing: Sequence[MissingInput]) -> Sequence[MissingInput]:
+        """The latent inputs that are reported: all."""
+        return missing
 
 
 def consequence(fitted: FlightFit, one: Attached) -> float:
@@ -116,31 +148,3 @@ def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
     series = one.values["value"] * parse_term(one.effect.regressor or "0").evaluate(fitted.regressors)
     left = unlike_derivatives(fitted, one.effect.target, np.broadcast_to(series, live.shape))
     return float(np.std(left[live])) / max(size[one.effect.target], 1e-12)
-
-
-def missing_share(fitted: FlightFit, missing: MissingInput) -> float:
-    """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, or over a velocity for the
-    air.
-    """
-    if fitted.flight.sizes is not None:
-        return fitted.flight.sizes.missing_share(fitted, missing)
-    place, criteria = missing.place, fitted.criteria.size
-    if place.kind == "wind":
-        return missing.rms / (criteria.wind_along if place.name == "x" else criteria.wind_across)
-    if place.kind == "coefficient":
-        series = coefficient_series(fitted)[place.name]
-        return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
-    channel = place.name
-    series = fitted.read[..., fitted.model.outputs.index(channel)]
-    return missing.rms / max(float(np.std(series[fitted.batch.live])), 1e-12)
-
-
-def missing_size(fitted: FlightFit, missing: MissingInput) -> float:
-    """Size of a latent input, in units of the smallest that matters: of a share, or of a bias for a reading.
-
-    A drift and a bias of one size matter alike, however much the reading varies.
-    """
-    if fitted.flight.sizes is None and missing.place.kind == "reading":
-        bias = sensor_bias(missing.place.name).smallest_that_matters(fitted.flight.aircraft)
-        return missing.largest / (bias or np.inf)
-    return missing_share(fitted, missing) / fitted.criteria.size.share

@@ -8,7 +8,8 @@ from functools import partial, reduce
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, at_least
+from casid.diagnosis import gates
+from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
@@ -35,12 +36,7 @@ def moved_onsets(evidence: Evidence, one: Attached, far: bool = True) -> tuple[A
 
     Without `far` the profile covers what is near the present onset.
 
-    Returns
-    -------
-    moved
-        The effect with its new onsets.
-    intervals
-        95 % intervals of the onsets [s], by record.
+    intervals  95 % intervals of the onsets [s], by record
     """
     judge, moved, intervals = Screen(evidence), one, {}
     if one.effect.lasts:  # with another size, an event that is moved to where nothing happens would not be missed
@@ -137,23 +133,12 @@ def at_peak(
     All onsets are first moved together by the linearisation of the fit, and then each to the peak of its own profile,
     which covers the whole record.
 
-    Parameters
-    ----------
-    evidence
-        Evidence of the present fit.
-    moves
-        Largest number of moves; by default that of the criteria.
-    free
-        What is estimated again after each move.
-    which
-        Index of the effect; by default the last one.
-
-    Returns
-    -------
-    evidence
-        Evidence of the fit with the moved onsets.
-    intervals
-        95 % intervals of the onsets [s], by record.
+    evidence   evidence of the present fit
+    moves      largest number of moves; by default that of the criteria
+    free       what is estimated again after each move
+    which      index of the effect; by default the last one
+    evidence   evidence of the fit with the moved onsets
+    intervals  95 % intervals of the onsets [s], by record
     """
     interval: Intervals = {}
     numerics = evidence.criteria.numerics.events
@@ -166,7 +151,7 @@ def at_peak(
         if all(abs(moved.onsets[r] - t) < numerics.fine / 2 for r, t in before.onsets.items()):
             break
         attached = [moved if one is before else one for one in fitted.attached]
-        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, extent="rough")
         if other.deviance > fitted.deviance + evidence.criteria.significance.chance:
             # The fit refutes the far peak, which the linearisation has made: what is near the present onset holds.
             interval = moved_onsets(evidence, before, far=False)[1]
@@ -194,7 +179,7 @@ def _slid(evidence: Evidence, moves: int, free: Free, which: int) -> Evidence:
         if all(abs(onsets[r] - t) < numerics.fine / 2 for r, t in before.onsets.items()):
             break
         attached = [replace(one, onsets=onsets) if one is before else one for one in fitted.attached]
-        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, iterations=6, tolerance=2.0)
+        other = fit(fitted.flight, attached, fitted.noise, fitted, free=free, extent="rough")
         if other.deviance > fitted.deviance:
             break
         evidence = weigh(other, discrepancy=free == "all")
@@ -283,7 +268,7 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
     acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > criteria.always]
     if not acting:
-        return at_least("gain of the jump over a slow change", np.inf, 1.0 / criteria.sudden, "events.sudden")
+        return gates.sudden(np.inf, evidence.criteria)
     jump = Projection.shared(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
     slow = np.zeros((*whole.shape[:2], len(acting), powers))
     for r in rows:
@@ -295,8 +280,7 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     cross, match = zip(*products.values(), strict=True)
     grams = np.stack([gram_of(white[:, r].reshape(-1, white.shape[3])) for r in range(white.shape[1])])
     slower = Projection.by_record(evidence, grams, (np.concatenate(cross, axis=2), np.concatenate(match, axis=1)))
-    over = _gain_of(jump) / max(_gain_of(slower), 1e-300)
-    return at_least("gain of the jump over a slow change", over, 1.0 / criteria.sudden, "events.sudden")
+    return gates.sudden(_gain_of(jump) / max(_gain_of(slower), 1e-300), evidence.criteria)
 
 
 def _mean_part(series: np.ndarray) -> float:
@@ -311,18 +295,12 @@ def _gain_of(left: Projection) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Steps:
-    """Normal equations of unit steps of c coefficients at several onsets in one record.
+    """Normal equations of unit steps of c coefficients at several onsets in one record."""
 
-    gram   (onsets, c, c)
-    cross  (onsets, k, c) with the fitted parameters
-    spent  (onsets, k, c) covariance of the parameters times cross
-    match  (onsets, c) with the residuals of the fit
-    """
-
-    gram: np.ndarray
-    cross: np.ndarray
-    spent: np.ndarray
-    match: np.ndarray
+    gram: np.ndarray  # (onsets, c, c)
+    cross: np.ndarray  # (onsets, k, c) with the fitted parameters
+    spent: np.ndarray  # (onsets, k, c) covariance of the parameters times cross
+    match: np.ndarray  # (onsets, c) with the residuals of the fit
 
     def at(self, onset: int) -> _Steps:
         return _Steps.joined([self], lambda parts: parts[0][[onset]])
@@ -367,14 +345,9 @@ def _steps(
 def _joint(steps: _Steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Joint statistic of coefficients that change together, fitted parameters eliminated.
 
-    Returns
-    -------
-    statistic
-        (onsets,) Predicted decrease of the deviance.
-    sizes
-        (onsets, c) Estimated steps.
-    stds
-        (onsets, c) Their standard deviations.
+    statistic  (onsets,) Predicted decrease of the deviance
+    sizes      (onsets, c) Estimated steps
+    stds       (onsets, c) Their standard deviations
     """
     inverse = scaled_inverse(steps.gram - steps.cross.swapaxes(1, 2) @ steps.spent, rcond=1e-8)
     sizes = (inverse @ steps.match[..., None])[..., 0]

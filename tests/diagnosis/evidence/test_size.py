@@ -9,11 +9,12 @@ import pytest
 from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.size import meaningful_share, plausible
-from casid.diagnosis.engine.structure import is_induced_drag
+from casid.diagnosis.evidence.size import meaningful_share
+from casid.diagnosis.evidence.structure import is_induced_drag
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.gates import is_possible
 from casid.model.causes import (
     actuator_lag,
     aero_term,
@@ -46,7 +47,7 @@ def test_a_surface_that_is_late_by_less_than_half_a_sample_may_be_in_time(
     shares = []
     for rate in (25.0, 100.0):
         flight = prepare(do328(), flights(seed=1, count=1, rate_hz=rate, surface_noise=0.0))
-        base = fit(flight, [], flight.noise(), iterations=2)
+        base = fit(flight, [], flight.noise(), extent=(2, 0.5))
         shares.append(meaningful_share(base, Attached(effect=effect, values={"value": size})))
     assert (shares[0] >= 1.0) == known
     assert effect.kind == "rate_limit" or shares[1] >= 1.0
@@ -57,7 +58,7 @@ def test_an_instrument_that_is_off_by_more_than_its_noise_matters(noise: float, 
     """A speed that varies slowly is hardly changed, 0.7 % of its variation, by a lag of 0.03 s; but a precise reading
     shows it. (A bank angle that lagged by 0.08 s, 150 sigmas, was too small to matter.)"""
     flight = prepare(do328(), flights(seed=1, count=1, noise={**NOISE, "V": noise}))
-    base = fit(flight, [], flight.noise(), iterations=2)
+    base = fit(flight, [], flight.noise(), extent=(2, 0.5))
     share = meaningful_share(base, Attached(effect=sensor_lag("V"), values={"value": 0.03}))
     assert (share >= 1.0) == matters
 
@@ -74,7 +75,7 @@ def test_a_bias_within_the_noise_of_its_reading_does_not_matter() -> None:
 def test_a_structural_mode_is_lightly_damped(damping: float, possible: bool) -> None:
     """What does not ring is none: half gone after one cycle, it looks like a lag of the reading."""
     values = {"value": 0.015, "frequency_hz": 4.3, "damping": damping}
-    assert plausible(Attached(effect=structural_mode("p"), values=values)) == possible
+    assert is_possible(Attached(effect=structural_mode("p"), values=values)) == possible
 
 
 def test_drag_that_lift_induces_is_no_fault() -> None:

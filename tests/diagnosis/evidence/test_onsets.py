@@ -11,9 +11,9 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import extended_aircraft
 from casid.diagnosis.engine import candidates as trials
-from casid.diagnosis.engine import onsets as events
-from casid.diagnosis.engine.onsets import sudden
+from casid.diagnosis.evidence import onsets as events
 from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.onsets import sudden
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached

@@ -17,6 +17,7 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
+from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.model.causes import aero_term, sensor_delay
 from casid.model.effect import Effect
@@ -44,7 +45,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
     """
     if (effect.target, effect.regressor) != ("CD", "alpha^2"):
         return False
-    aircraft = fit.flight.aircraft
+    aircraft = of_aircraft(fit.flight).aircraft
     lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
     aspect = aircraft.area / aircraft.moment_length_pitch**2
     return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
@@ -52,7 +53,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
 
 def demanded_structure(base: FlightFit) -> list[Attached]:
     """Expected terms that the aircraft file lacks and that improve the fit significantly, with predicted values."""
-    aircraft = base.flight.aircraft
+    aircraft = of_aircraft(base.flight).aircraft
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
     effects = [
@@ -84,12 +85,7 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     integrals of. The group that explains more is returned. Without attitudes such a delay cannot be separated from
     another position of the vanes, and nothing is returned.
 
-    Returns
-    -------
-    effects
-        The delays, with predicted values.
-    gain
-        Decrease of the deviance.
+    gain  decrease of the deviance
     """
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
@@ -109,21 +105,9 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
     Forward selection is used because the responses to some effects are nearly collinear. Effects that matter are chosen
     as well, so that small ones do not imitate them, but they are not returned; the search will find them.
 
-    Parameters
-    ----------
-    base
-        The present fit.
-    effects
-        The effects that are offered.
-    enter
-        (N, R, ny, effects) What a unit of each effect adds to the readings.
-
-    Returns
-    -------
-    small
-        The chosen effects that are too small to matter, with predicted values.
-    gained
-        Decrease of the deviance by all chosen effects.
+    enter   (N, R, ny, effects) What a unit of each effect adds to the readings
+    small   the chosen effects that are too small to matter, with predicted values
+    gained  decrease of the deviance by all chosen effects
     """
     taken = {a.effect.key for a in base.attached}
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
@@ -144,8 +128,8 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
         Attached(effect=effects[offered[i]], values={"value": float(size)}, nuisance=True)
         for i, size in zip(chosen, sizes, strict=True)
     ]
-    aircraft = base.flight.aircraft
-    small = [one for one in found if abs(one.values["value"]) < (one.effect.smallest_that_matters(aircraft) or 0.0)]
+    matters = base.flight.smallest_that_matters
+    small = [one for one in found if abs(one.values["value"]) < (matters(one.effect) or 0.0)]
     return small, gained
 
 

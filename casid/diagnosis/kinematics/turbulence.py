@@ -1,0 +1,258 @@
+"""Turbulence: whether the air moves, how strongly and over which length, with forces left free."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import moving_air
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit, relaxed
+from casid.diagnosis.flight.flight import Flight, of_aircraft
+from casid.diagnosis.flight.subject import Subject
+from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
+from casid.model.path import TURNING
+from casid.model.usual_derivatives import USUAL_DERIVATIVES
+from casid.native.processors import side_by_side
+
+WIND = ("wind_x", "wind_y", "wind_z")
+# moment due to the air's own rotation -> the derivative that causes it
+_DAMPING: Mapping[str, str] = MappingProxyType({"dCl": "Cl_p", "dCm": "Cm_q", "dCn": "Cn_r"})
+_ROLLING, _TURNED = ("dCl",), ("q", "r")
+_NO_MOMENTS: Mapping[str, float] = MappingProxyType({})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turbulence:
+    """Turbulence, estimated from the kinematics by maximum likelihood."""
+
+    sigma: float  # r.m.s. velocity [m/s].
+    std: float  # its standard deviation [m/s]
+    # likelihood-ratio statistic against calm air. Both models include small offsets of all instruments, which
+    # turbulence imitates.
+    gain: float
+    records: tuple[str, ...]  # names of the records
+    length: float  # scale length [m]
+    # part of the statistic that moving air along a single axis does not reach. Air is turbulent along all axes; a
+    # drifting vane imitates motion along one.
+    beyond_one_axis: float = 0.0
+    # sum of the statistics of slow latent inputs of the air. They follow nearly all of turbulence. They are too slow
+    # for coloured noise, which a Gauss-Markov process can follow.
+    as_histories: float = 0.0
+    criteria: Criteria = Criteria()  # the thresholds
+
+    @property
+    def named(self) -> bool:
+        """Whether the air is turbulent."""
+        return self.sigma > self.criteria.size.turbulent and self.along_all_axes and self.slow
+
+    @property
+    def along_all_axes(self) -> bool:
+        """Whether the statistic is large enough, and no single axis explains it."""
+        least = self.criteria.verdict.missing
+        one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.turbulence.other_axes * self.gain)
+        return self.gain > least and one_is_not_enough
+
+    @property
+    def slow(self) -> bool:
+        """Whether slow latent inputs of the air explain most of the statistic."""
+        return self.as_histories > self.criteria.turbulence.slow * self.gain
+
+
+# axes -> channels that are needed to leave the forces free
+def still_air(flight: Subject) -> Turbulence:
+    """The result for calm air."""
+    return _in_air(flight, 0.0, 0.0, 0.0)
+
+
+def _in_air(flight: Subject, sigma: float, std: float, gain: float, beyond_one_axis: float = 0.0) -> Turbulence:
+    """A result with the default scale length."""
+    criteria = flight.criteria
+    return Turbulence(
+        sigma=sigma,
+        std=std,
+        gain=gain,
+        records=flight.names,
+        length=criteria.turbulence.scale_length,
+        beyond_one_axis=beyond_one_axis,
+        criteria=criteria,
+    )
+
+
+def gusts(
+    flight: Flight,
+    sigma: float,
+    moments: Mapping[str, float] = _NO_MOMENTS,
+    length: float | None = None,
+    axes: Sequence[str] = WIND,
+) -> dict[str, tuple[float, float]]:
+    """Turbulence as first-order Gauss-Markov processes.
+
+    The air also rotates over the span of the aircraft. For an aircraft that is small against the eddies, MIL-F-8785C,
+    3.7.5 has sigma_p = 1.9 sigma_w / sqrt(L b) and the break frequency 2.6 V / sqrt(L b). The damping derivative of the
+    aircraft file converts this rotation to a moment. A fitted damping would grow without reason, since a larger one
+    explains more.
+
+    sigma    r.m.s. velocity [m/s].
+    moments  scale of the moment due to the air's own rotation, for some of dCl, dCm and dCn; 1 for the roll rate above
+    length   scale length [m]; by default that of the criteria
+    axes     axes along which the air moves
+    dict     port -> r.m.s. and time constant [s].
+    """
+    aircraft, speed, criteria = flight.aircraft, typical_speed(flight), flight.criteria.turbulence
+    length = criteria.scale_length if length is None else length
+    processes = {name: (sigma, length / speed) for name in axes}
+    mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
+    for moment, scale in moments.items():
+        derivative = _DAMPING[moment]
+        arm = aircraft.rate_length_pitch if moment == "dCm" else aircraft.rate_length_lateral
+        damping = abs(aircraft.derivatives.get(derivative, 0.0)) or USUAL_DERIVATIVES[derivative]
+        processes[moment] = (scale * 1.9 * sigma / mean * damping * arm / speed, mean / (2.6 * speed))
+    return processes
+
+
+def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
+    """The fit of the full model in turbulence.
+
+    The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
+    of its pitch and yaw rates due to that gradient, which differ between simulators, and the size of its own roll rate
+    are estimated by maximum likelihood on a grid. Its own pitch and yaw rates are added if they explain more than the
+    approximate model of turbulence leaves.
+    """
+
+    scales, signs = flight.criteria.numerics.turbulence.rolling, dict(TURNING)
+
+    def turned_about(*axes: str) -> Mapping[str, float]:
+        """The rotation of the air with the opposite sign about some axes."""
+        return {axis: -sign if axis in axes else sign for axis, sign in signs.items()}
+
+    def at(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
+        noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
+        flown = of_aircraft(start.flight)
+        air = flown if flown.turning == turning else flight.turned_by_air(turning)
+        return fit(air, start.attached, noise, start, extent="rough")
+
+    def larger(moments: Sequence[str], least: FlightFit) -> FlightFit:
+        best = least
+        for trial in side_by_side(
+            lambda scale: at(moments, scale, least, of_aircraft(least.flight).turning), scales[1:]
+        ):
+            if trial.deviance > best.deviance:
+                break
+            best = trial
+        return best
+
+    best = at(_ROLLING, scales[0], start, signs)
+    forms = (({}, ()), *((turned_about(axis), _ROLLING) for axis in _TURNED))
+    uniform, *others = side_by_side(lambda form: at(form[1], scales[0], best, form[0]), forms)
+    turned = [axis for axis, other in zip(_TURNED, others, strict=True) if other.deviance < best.deviance]
+    if len(turned) > 1:
+        best = at(_ROLLING, scales[0], best, turned_about(*turned))
+    best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
+    if uniform.deviance < best.deviance:
+        return relaxed(uniform)
+    besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), scales[0], best, of_aircraft(best.flight).turning))
+    return relaxed(
+        besides if best.deviance - besides.deviance > flight.criteria.naming.approximate * turbulent.gain else best
+    )
+
+
+def in_other_air(fitted: FlightFit) -> FlightFit:
+    """The same turbulence in the other form: uniform over the aircraft, or with its gradients.
+
+    Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
+    """
+    flight, moved = of_aircraft(fitted.flight), [axis for axis in WIND if axis in fitted.noise.coloured]
+    sigma = max(fitted.noise.coloured[axis][0] for axis in moved)
+    length = typical_speed(flight) * max(tau for axis, (_, tau) in fitted.noise.coloured.items() if axis in WIND)
+    turning, moments = ({}, {}) if flight.turning else (TURNING, dict.fromkeys(_ROLLING, 1.0))
+    moving = {
+        name: one for name, one in gusts(flight, sigma, moments, length).items() if name in fitted.model.disturbances
+    }
+    noise = replace(fitted.noise, coloured=moving)
+    return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, extent="rough")
+
+
+def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
+    """Estimate r.m.s. velocity and scale length of turbulence with forces left free.
+
+    The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.
+    """
+    criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
+    velocities, unknown, worse = numerics.velocities, criteria.scale_length, flight.criteria.significance.search
+    begin = velocities[len(velocities) // 2]
+
+    no_step = (1, flight.criteria.numerics.fit.nearly[1])
+
+    def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, step: bool = True) -> FlightFit:
+        moving = gusts(flight, sigma, length=length, axes=axes)
+        return reconstruct(flight, calm.attached, moving, start, "nearly" if step else no_step).lighter()
+
+    def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
+        """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
+        last = best = first
+        best_sigma = begin
+        for sigma in sigmas:
+            last = at(sigma, unknown, last)
+            if last.deviance < best.deviance:
+                best, best_sigma = last, sigma
+            if last.deviance > best.deviance + worse:
+                break
+        return best, best_sigma
+
+    calm.forget()  # its deviance and its motion are needed
+    first = at(begin, unknown, calm)
+    faster = [sigma for sigma in velocities if sigma > begin]
+    slower = [sigma for sigma in reversed(velocities) if sigma < begin]
+    ends = side_by_side(best_along, (faster, slower))
+    found, best = min(ends, key=lambda end: end[0].deviance)
+    gain = max(calm.deviance - found.deviance, 0.0)
+    if gain < flight.criteria.verdict.missing:
+        return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
+    axes = [axis for axis in WIND if axis in found.model.disturbances]
+    along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
+    still, moving, *others = side_by_side(lambda one: with_offsets(one).lighter(), [calm, found, *along[:1]])
+    beyond = others[0].deviance - moving.deviance
+    judged = _in_air(flight, best, best, still.deviance - moving.deviance, beyond)
+    if not judged.along_all_axes:
+        return judged
+    others += side_by_side(lambda one: with_offsets(one).lighter(), along[1:])
+    judged = replace(
+        judged,
+        beyond_one_axis=min(one.deviance for one in others) - moving.deviance,
+        as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
+    )
+    if not (judged.along_all_axes and judged.slow):
+        return judged
+    # From here on, motion and velocity of the air are accurate enough for a linearisation, and no step is needed.
+    # The records determine the strength of the process at short times, sigma^2 / length.
+    factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
+    by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, step=False).deviance, factors.tolist())
+    factor, spread = _lowest(factors, by_length, numerics.beyond)
+    length, middle = factor * unknown, best * factor**0.5
+    sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
+    by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
+    sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))
+    return replace(judged, sigma=sigma, std=std, length=length)
+
+
+def _lowest(points: np.ndarray, deviance: Sequence[float], beyond: float) -> tuple[float, float]:
+    """Minimum of a parabola through three points over the logarithm.
+
+    points    the three points, equally spaced in the logarithm
+    deviance  deviance at each
+    beyond    largest distance of the minimum from the middle point, in steps
+    minimum   position of the minimum; the best of the three points if the parabola opens downwards
+    std       standard deviation of its logarithm; one step if the parabola opens downwards
+    """
+    x, step = np.log(points), float(np.log(points[1] / points[0]))
+    bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
+    if bend <= 0.0:
+        return float(points[int(np.argmin(deviance))]), step
+    return float(np.exp(x[1] + np.clip(-slope / (2.0 * bend), -beyond * step, beyond * step))), float(bend**-0.5)

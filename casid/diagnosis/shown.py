@@ -1,0 +1,274 @@
+"""What the figures of causes and of missing inputs show, as arrays: all fits and linearisations for a page are here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.cause import Cause
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.missing_input import MissingInput, response
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import without
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import View
+from casid.diagnosis.kinematics.turbulence import WIND
+from casid.errors import InputError
+from casid.frequency.response import FrequencyResponse, frequency_response
+from casid.model.causes import configuration_change, group_channels
+from casid.model.terms import parse_term
+from casid.records.record import Record
+from casid.signals import SURFACES
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class History:
+    """A latent input in one record: times of its nodes [s], mean and 1-sigma there, and what the named causes put
+    there at these times (zero where none was named)."""
+
+    record: str
+    t: np.ndarray
+    mean: np.ndarray
+    sigma: np.ndarray
+    named: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Term:
+    """The missing coefficient beside the term that was named."""
+
+    # record -> (nodes, 3): the variable, the coefficient less the changes of the other derivatives, its 1-sigma
+    points: Mapping[str, np.ndarray]
+    variable: str  # the variable of the term; the term itself if it has several
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answer:
+    """Frequency response of flight at a cause, and the same of the simulations as given and extended (None where they
+    give none)."""
+
+    flight: FrequencyResponse
+    given: np.ndarray | None
+    extended: np.ndarray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ShownCause:
+    """What the figures of a cause show; None or empty for what it does not have.
+
+    onsets  record -> times of onset [s] and the statistic of the cause if it began then
+    """
+
+    term: Term | None
+    onsets: Mapping[str, tuple[np.ndarray, np.ndarray]]
+    answer: Answer | None
+    histories: tuple[History, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gusts:
+    """Moving air of the most turbulent record: port -> reconstructed velocity [m/s] at the times of the record."""
+
+    record: Record
+    velocity: Mapping[str, np.ndarray]
+
+
+def gusts_of(fit: FlightFit) -> Gusts | None:
+    """Reconstruct the moving air of a turbulent flight by the filter's smoother."""
+    # behind them stand the rotation of the air, and noise of inputs that passed through an effect
+    stations = [station for station in fit.noise.coloured if station in WIND]
+    if not stations:
+        return None
+    gusts, records = fit.motion.coloured[..., : len(stations)], fit.flight.records
+    r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(records)]))
+    velocity = {station: gusts[: len(records[r]), r, i] for i, station in enumerate(stations)}
+    return Gusts(record=records[r], velocity=velocity)
+
+
+def shown_of(cause: Cause, bare: FlightFit, views: tuple[View, View], missing: MissingInput | None) -> ShownCause:
+    """Compute what the figures of a cause show.
+
+    bare     the model that the latent inputs were added to
+    views    simulations of the fitted records, as given and extended
+    missing  the latent input at its port, before it was named
+    """
+    extended = views[1].fit
+    named = None if missing is None else named_series(bare, extended, missing)
+    return ShownCause(
+        term=None if missing is None or named is None else _term(extended, cause, missing, named),
+        onsets=_onsets(extended, cause),
+        answer=_answer(cause, *views),
+        histories=() if missing is None else tuple(histories_of(extended, missing, named)),
+    )
+
+
+def histories_of(fit: FlightFit, missing: MissingInput, named: np.ndarray | None = None) -> Iterator[History]:
+    """The latent input in each record of a fit, with what the named causes put there (N, R)."""
+    series = np.zeros(fit.batch.live.shape) if named is None else named
+    for r, name in enumerate(fit.batch.names):
+        t, mean, sigma = missing.history[name]
+        yield History(record=name, t=t, mean=mean, sigma=sigma, named=_at(fit, series, r, t))
+
+
+def derivatives_beside(fit: FlightFit, missing: MissingInput) -> dict[str, float]:
+    """Fitted derivatives with the latent input in place, which they need not imitate any more.
+
+    The mean of the joint posterior of derivatives and input, from the same linearisation as the input itself.
+    """
+    evidence = weigh(fit, discrepancy=False)
+    series = np.zeros((*fit.batch.live.shape, 1))
+    for r, record in enumerate(fit.flight.records):
+        t, mean, _ = missing.history[record.name]
+        series[: len(record), r, 0] = np.interp(record.t, t, mean)
+    white = response(fit, missing.station, series)
+    taken = fit.columns.reshape(fit.white.size, len(fit.slots)).T @ white.reshape(-1)
+    values = fit.values + evidence.newton - evidence.covariance @ taken
+    return {slot.name: float(value) for slot, value in zip(fit.slots, values, strict=True)}
+
+
+def named_series(before: FlightFit, after: FlightFit, missing: MissingInput) -> np.ndarray:
+    """(N, R) what the extended model adds at a station to the bare one that the latent input was added to.
+
+    Effects that enter there, and what the derivatives and terms of the coefficient differ by: both models then give the
+    coefficient the same value where the extension is right.
+    """
+    total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
+    if missing.place.kind == "wind":
+        return total
+    coefficient, beside = missing.place.name, derivatives_beside(before, missing)
+    for name, value in after.derivatives.items():
+        owner, _, term = name.partition("_")
+        if owner == coefficient and name in beside and "dot" not in term:
+            total += (value - beside[name]) * parse_term(term).evaluate(after.regressors)
+    terms = [(one, one.values["value"]) for one in after.attached]
+    terms += [(one, -beside[one.name]) for one in before.attached if one.name in beside]
+    for one, value in terms:
+        if one.effect.regressor is not None and one.effect.target == coefficient:
+            total += value * _series(after, one.effect.regressor)
+    return total
+
+
+def _series(fit: FlightFit, term: str) -> np.ndarray:
+    return np.broadcast_to(parse_term(term).evaluate(fit.regressors), fit.batch.live.shape)
+
+
+def _at(fit: FlightFit, series: np.ndarray, r: int, t: np.ndarray) -> np.ndarray:
+    """A time history at the nodes of a latent input: averaged over the triangle about each node."""
+    record = fit.flight.records[r]
+    weight = np.maximum(0.0, 1.0 - np.abs(record.t[:, None] - t) / (t[1] - t[0]))
+    return weight.T @ series[: len(record), r] / weight.sum(axis=0)
+
+
+def _term(fit: FlightFit, cause: Cause, missing: MissingInput, named: np.ndarray) -> Term | None:
+    """The missing coefficient over the variable of a named term; None for a cause that is no term."""
+    if cause.effect.regressor is None:
+        return None
+    others = named - cause.value * _series(fit, cause.effect.regressor)
+    variable, points = _variable(cause.effect.regressor), dict[str, np.ndarray]()
+    x = _series(fit, variable)
+    for r, name in enumerate(fit.batch.names):
+        t, mean, sigma = missing.history[name]
+        points[name] = np.stack([_at(fit, x, r, t), mean - _at(fit, others, r, t), sigma], axis=1)
+    return Term(points=points, variable=variable)
+
+
+def _variable(regressor: str) -> str:
+    """The one variable of a term, or the term itself."""
+    term = parse_term(regressor)
+    variables = [name for name, _ in term.factors] or [one.variable for one in term.stretches[:1]]
+    return variables[0] if len(variables) == 1 else regressor
+
+
+def _onsets(fitted: FlightFit, cause: Cause) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Statistic of a cause over its time of onset, from the model that did not have it yet."""
+    one = next((a for a in fitted.attached if a.effect.key == cause.key), None)
+    return {} if one is None or not cause.onset_s else onset_profiles(without(fitted, {one.name}), one)
+
+
+def onset_profiles(base: FlightFit, attached: Attached) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Record -> (times of onset [s], statistic of the cause if it began then), from a fit that does not have it."""
+    effect = attached.effect
+    if effect.members:
+        effect = configuration_change(effect.members[0])
+    effect = replace(effect, grid=({key: attached.values[key] for key in effect.grid[0]},))
+    evidence = weigh(base)
+    judge, names, step = Screen(evidence), base.batch.names, base.criteria.numerics.events.gust_step
+    longest = max(record.duration for record in base.flight.records)
+    since = np.arange(step, longest, step)
+    prints = fingerprints(evidence, [effect], since)
+    table = {}
+    for r, record in enumerate(base.flight.records):
+        keep = np.eye(len(names))[r][None]
+        inside = since < record.duration
+        statistic = [judge.score([p], keep)[0] for p, i in zip(prints, inside, strict=True) if i]
+        table[record.name] = (record.t[0] + since[inside], np.array(statistic))
+    return table
+
+
+def _answer(cause: Cause, before: View, after: View) -> Answer | None:
+    """Frequency responses at a cause, all three estimated in the same way, so that also a cause that is not linear has
+    one.
+
+    None for a cause that is neither at a surface nor in the time of an instrument, and where the records give no
+    response.
+    """
+    effect = cause.effect
+    if effect.transfer is None and not effect.of_a_surface:
+        return None
+    flown = _cut(cause, after.fit.flight.records)
+    pairs = _pairs(group_channels(effect.target), before.fit.model.outputs)
+    found = [one for one in (_response(flown, *pair) for pair in pairs) if one is not None]
+    if not found:
+        return None
+    flight = max(found, key=lambda one: one.usable.sum())
+    answers = []
+    for view in (before, after):
+        records = _cut(cause, [_simulated(view, r, flight.output) for r in range(len(view.records))])
+        answered = _response(records, flight.input, flight.output, flight)
+        answers.append(None if answered is None else answered.response)
+    given, extended = answers
+    return None if extended is None else Answer(flight=flight, given=given, extended=extended)
+
+
+_ANSWERS = {"delta_e": "q", "delta_a": "p", "delta_r": "r"}  # the channel that a surface moves first
+
+
+def _pairs(channels: Sequence[str], outputs: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """(surface, reading) in whose response a cause at one of these channels shows."""
+    for channel in channels:
+        if channel in SURFACES:
+            if _ANSWERS[channel] in outputs:
+                yield channel, _ANSWERS[channel]
+        elif channel in outputs:
+            yield from ((surface, channel) for surface in SURFACES)
+            return
+
+
+def _cut(cause: Cause, records: Sequence[Record]) -> list[Record]:
+    """The records that have the cause, from its onset on."""
+    kept = [record for record in records if not cause.records or record.name in cause.records]
+    onsets = cause.onset_s or {}
+    return [r.between(onsets[r.name][1], float(r.t[-1])) if r.name in onsets else r for r in kept]
+
+
+def _response(
+    records: Sequence[Record], surface: str, output: str, like: FrequencyResponse | None = None
+) -> FrequencyResponse | None:
+    """The response of these records, with the frequencies and windows of another; None where there is none."""
+    omega, windows = (like.omega, list(like.windows)) if like is not None else (None, None)
+    with np.errstate(over="ignore", invalid="ignore"):
+        try:
+            return frequency_response(records, surface, output, omega=omega, windows=windows)
+        except (InputError, np.linalg.LinAlgError):
+            return None
+
+
+def _simulated(view: View, r: int, output: str) -> Record:
+    """A record with what the simulation gives in place of the reading, missing where that is."""
+    record = view.fit.flight.records[r]
+    series = view.simulated.output[: len(record), r, view.fit.model.outputs.index(output)]
+    return record.with_channels(**{output: np.where(np.isfinite(record[output]), series, np.nan)})
