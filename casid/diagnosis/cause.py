@@ -68,13 +68,15 @@ class Gate:
     def words(self) -> str:
         """The comparison as a clause, as "gain 12, at least 40 needed"."""
         sense = "at least" if self.least else "at most"
-        return f"{self.gate} {self.value:.3g}, {sense} {self.threshold:.3g} needed"
+        value = f"{self.value:.3g}" if math.isfinite(self.value) else "without bound"
+        return f"{self.gate} {value}, {sense} {self.threshold:.3g} needed"
 
     def __str__(self) -> str:
         sign = ">=" if self.least else "<="
         by = f" [{self.criterion}]" if self.criterion else ""
         others = "".join(f"; or {other}" for other in self.or_else)
-        return f"{self.gate}: {self.value:.4g} {sign} {self.threshold:.4g}{by}{others}"
+        value = f"{self.value:.4g}" if math.isfinite(self.value) else "without bound"
+        return f"{self.gate}: {value} {sign} {self.threshold:.4g}{by}{others}"
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `gates` in diagnosis.json.

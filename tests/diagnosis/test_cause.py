@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from casid.diagnosis.cause import Cause
+import re
+
+import pytest
+
+from casid.diagnosis.cause import Cause, Gate
 from casid.model.causes import actuator_lag, aero_term, input_delay
 from casid.model.vocabulary import title_of
 
@@ -22,3 +26,9 @@ def test_what_it_cannot_be_told_from_is_told_by_titles() -> None:
     )
     told = "The elevator lags. These data cannot tell that apart from CL: alpha^2 or elevator: input delay."
     assert cause.statement == told
+
+
+@pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
+def test_a_number_without_bound_is_written_in_words(value: float) -> None:
+    gate = Gate(gate="gain behind the first", value=value, threshold=1.0, least=False)
+    assert all(not {"inf", "-inf", "nan"} & set(re.split(r"[ ,:]+", text)) for text in (str(gate), gate.words))
