@@ -541,9 +541,17 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     if fixed:
         columns = state_guess(aircraft, fixed)(record)
         added |= dict(zip(fixed, columns.T, strict=True))
-        added |= _air_data_of_frozen_plane(aircraft, record, axes)
+        added |= _without_turning(aircraft, record, added) | _air_data_of_frozen_plane(aircraft, record, axes)
     added |= {name: unwrapped(added.get(name, record[name])) for name in ("psi", "phi") if name in record}
     return record.with_channels(**added).with_notes(*notes)
+
+
+def _without_turning(aircraft: Aircraft, record: Record, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Velocities of the c.g. from those that vanes have `seen`, without what rotation adds at the place of a vane."""
+    p, q, r = (_filled(record, name, 0.0) for name in "pqr")
+    (x, y, _), (ahead, _, below) = aircraft.alpha_vane, aircraft.beta_vane
+    turning = {"v": ("beta", r * ahead - p * below), "w": ("alpha", p * y - q * x)}
+    return {name: seen[name] - more for name, (of, more) in turning.items() if name in seen and of in record}
 
 
 def _acting_rotors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:

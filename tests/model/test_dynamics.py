@@ -195,6 +195,19 @@ def test_lateral_model_is_the_full_one_with_the_longitudinal_motion_given():
         np.testing.assert_allclose([reduced_y[o] for o in model.outputs], [y[o] for o in model.outputs], atol=1e-10)
 
 
+@pytest.mark.parametrize(("axes", "frozen", "rate"), [("longitudinal", "v", "r"), ("lateral", "w", "q")])
+def test_the_velocity_of_the_other_plane_is_that_of_the_cg_wherever_the_vane_stands(axes: str, frozen: str, rate: str):
+    """A vane 6 m ahead reads 6 m times the rate beside it; what is left is of second order."""
+    aircraft = replace(do328(), alpha_vane=(6.0, 0.0, 0.0), beta_vane=(6.0, 0.0, 0.0))
+    t = np.arange(0.0, 10.0, 0.02)
+    record, start = cruise(t, delta_e=doublet(t), delta_a=doublet(t - 2.0), delta_r=doublet(t - 4.0))
+    flown = simulate(aircraft_model(aircraft), record, start)
+    measured = flight_inputs(aircraft, flown.as_record(), axes)
+    turning = np.abs(6.0 * flown.state(rate)).max()
+    assert turning > 0.3
+    np.testing.assert_allclose(measured[frozen], flown.state(frozen), atol=0.05 * turning)
+
+
 # -- numerics ----------------------------------------------------------------------------------------------------------
 
 
