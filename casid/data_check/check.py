@@ -21,6 +21,7 @@ from casid.data_check.file_meaning import SI_OF, FileMeaning
 from casid.data_check.reading import Finding, Handled
 from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
+from casid.data_check.rotors import rotor_faults
 from casid.data_check.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
@@ -183,6 +184,8 @@ def check(
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
+    if plane is not None and plane.rotors is not None:
+        missing += rotor_faults(given, plane)
     if not undo:
         kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     return DataFindings(

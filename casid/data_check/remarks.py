@@ -11,6 +11,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.data_check.levels import thrust_over_drag, trimmed_density
 from casid.data_check.reading import Read, smooth
 from casid.data_check.response import Response
+from casid.data_check.rotors import ground
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import standard_density
 from casid.records.record import Record
@@ -26,7 +27,8 @@ def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: Data
         slow = Read(smooth(record, criteria.slow, criteria))
         quick = Read(smooth(record, criteria.quick, criteria))
         found = (*_density(slow, criteria), *_indicated(quick, criteria), *_pace(record))
-        for one in (*found, *_thrust(slow, aircraft, criteria)):
+        on_ground = ground(record, aircraft.rotors) if aircraft is not None and aircraft.rotors is not None else ()
+        for one in (*found, *_thrust(slow, aircraft, criteria), *on_ground):
             said.setdefault(one, []).append(record.name)
     return (*(f"{', '.join(names)}: {one}" for one, names in said.items()), *_signs(records, aircraft, criteria))
 

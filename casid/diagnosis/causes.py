@@ -260,7 +260,7 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
     share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
     usual = one.nuisance or is_induced_drag(effect, value, fit)
-    clear = gates.clear_gain(criteria, fit.flight.noise_by_fit)
+    clear = gates.clear_gain(effect, criteria, fit.flight.noise_by_fit)
     asked = (
         gates.unusual(usual),
         gates.gain_of_structure(statistic, required),

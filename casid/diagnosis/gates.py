@@ -89,12 +89,15 @@ def required_gain(effect: Effect, criteria: Criteria) -> float:
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
-def clear_gain(criteria: Criteria, noise_by_fit: bool) -> float:
+def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:
     """Likelihood-ratio statistic at which a cause of the smallest size that matters counts as clear.
 
     The value is larger if the noise was estimated with the model. Structural errors are then part of the residuals but
-    not of the noise, and a negligible cause can be many standard deviations from zero.
+    not of the noise, and a negligible cause can be many standard deviations from zero. A statistic against a stated
+    uncertainty is that of the value itself.
     """
+    if effect.stated:
+        return required_gain(effect, criteria)
     return criteria.significance.search if noise_by_fit else criteria.naming.clear
 
 
@@ -139,7 +142,8 @@ def clear_size(
     """
     if unlike_aerodynamics:
         return (matters(share),)
-    name = "naming.clear" if clear == criteria.naming.clear else "significance.search"
+    names = {criteria.naming.clear: "naming.clear", criteria.significance.search: "significance.search"}
+    name = names.get(clear, "significance.chance")
     return matters(share), at_least("clearness", share**2 * statistic, clear, name)
 
 

@@ -105,7 +105,7 @@ def _constants(a: Aircraft) -> Iterator[Doubt]:
             sentence=f"gravity is {a.gravity:.4g} m/s2, which is nowhere on Earth; expected about 9.81.",
         )
     loading = a.mass * GRAVITY / a.area
-    if _outside(loading, _WING_LOADING):
+    if a.winged and _outside(loading, _WING_LOADING):
         yield Doubt(
             parameter="mass",
             given=a.mass,

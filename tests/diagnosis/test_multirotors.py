@@ -48,6 +48,29 @@ def test_nothing_is_named_of_a_flight_without_a_fault():
 
 
 @pytest.mark.slow
+def test_the_lag_of_motors_that_a_simulator_lacks_is_named():
+    pytest.importorskip("rotorpy")
+    from problems.rotors.flown import Hidden, aircraft_file, fly, usual_parameters
+
+    known = usual_parameters("hummingbird_params", 0.005)
+    slow = Hidden(kind="", parameters=lambda parameters: parameters.__setitem__("tau_m", 0.072))
+    record = fly(known, slow, 3, name="flight", size=1.6, breeze=0.4)
+    found = cs.diagnose(aircraft_file("quad", known), [record])
+    assert (found.causes[0].kind, found.causes[0].target) == ("rotor_lag", "rotors")
+    assert found.causes[0].value == pytest.approx(0.067, abs=0.02)
+
+
+@pytest.mark.slow
+def test_what_the_file_says_of_a_rotor_is_not_found_again():
+    """The extended file of one flight explains the next of the same aircraft: its effects are part of the model."""
+    pytest.importorskip("rotorpy")
+    aircraft, record = flown(0.7)
+    weak = cs.EffectValue(kind="rotor_effectiveness", target="m4", value=-0.3, std=0.01)
+    found = cs.diagnose(aircraft.with_effects([weak]), [record])
+    assert found.verdict == "adequate" and not found.causes
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(DATA is None, reason="CrazyPAD is not here; put it into CASID_DATA/crazypad")
 def test_a_cut_blade_takes_thrust_of_its_rotor():
     """By weight and balance of moments in hover, which need no dynamics: M3 of E9 lost a sixth by 3 mm."""

@@ -68,7 +68,7 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
     `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
     """
     criteria, alone = fitted.criteria, confirmed or one.effect.of_an_instrument
-    clear = gates.clear_gain(criteria, fitted.flight.noise_by_fit)
+    clear = gates.clear_gain(one.effect, criteria, fitted.flight.noise_by_fit)
     found = (*gates.clear_size(share, statistic, clear, criteria, alone), *gates.possible(one))
     if not one.onsets:
         return found

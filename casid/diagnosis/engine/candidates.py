@@ -109,7 +109,7 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
 def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
     """The gates on the predicted size of a cause that is to be fitted."""
     one = candidate.attached
-    clear = gates.clear_gain(base.criteria, base.flight.noise_by_fit)
+    clear = gates.clear_gain(one.effect, base.criteria, base.flight.noise_by_fit)
     return gates.predicted_size(one.effect, meaningful_share(base, one), candidate.statistic, clear, base.criteria)
 
 

@@ -15,6 +15,7 @@ from functools import partial
 
 import numpy as np
 
+from casid.data_check.rotors import airborne
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.size import consequence
@@ -55,6 +56,7 @@ _WORDS = {
     "r": "the yawing moment",
 }
 _ALIKE = (("f_u", "f_v"), ("f_w",), ("f_p", "f_q"), ("f_r",))  # equations whose disturbances are of one size
+_READ_BY = {"u": "ax", "v": "ay", "w": "az", "p": "p", "q": "q", "r": "r"}  # equation -> the reading that has its noise
 _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origin, or none
 
 
@@ -96,7 +98,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     seen = dict(zip(base.states, np.sqrt(np.mean(guess**2, axis=0)).tolist(), strict=True))
     scale = {name: max(seen[name], criteria.rotors.smallest) for name in base.states}
     stated = offsets | {effect_of(value).name: value.std for value in own if value.std}
-    nominal = base.nominal | {effect_of(value).name: value.value for value in own}
+    nominal = dict(base.nominal) | {effect_of(value).name: value.value for value in own}
     base = replace(base, nominal=nominal, prior_std={**base.prior_std, **stated}, state_scale=scale)
     free = tuple(name for name in base.parameters if name in base.prior_std)
     ports = (
@@ -155,13 +157,18 @@ def _usual_offset(channel: str, aircraft: Aircraft) -> float:
 
 
 def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[str], rate: float) -> tuple[Record, ...]:
-    """The records with all inputs of the model, without readings that only repeat the one before, and without the
-    beginning, at which the speed of the rotors depends on commands before it."""
-    assert aircraft.rotors is not None
-    begin = max(one.delay + 3.0 * one.lag for one in aircraft.rotors.each)
-    ready = (as_updated(flight_inputs(aircraft, record), outputs) for record in records)
-    ready = (one.between(one.t[0] + begin, one.t[-1]) if begin < 0.5 * one.duration else one for one in ready)
+    """The records with all inputs of the model, without readings that only repeat the one before, without what is on
+    the ground, and without the beginning, at which the speed of the rotors depends on commands before it."""
+    ready = (as_updated(flight_inputs(aircraft, _in_flight(aircraft, record)), outputs) for record in records)
     return tuple(averaged(one, every) if (every := int(1.0 / (one.dt * rate))) > 1 else one for one in ready)
+
+
+def _in_flight(aircraft: Aircraft, record: Record) -> Record:
+    assert aircraft.rotors is not None
+    first, last = airborne(record, aircraft.rotors)
+    settled = max(one.delay + 3.0 * one.lag for one in aircraft.rotors.each)
+    begin = first + settled if settled < 0.5 * (last - first) else first
+    return record.between(begin, last + 0.5 * record.dt)
 
 
 def _built(aircraft: Aircraft, outputs: Sequence[str], own: Sequence[Effect], effects: Sequence[Effect]) -> Model:
@@ -198,10 +205,13 @@ def most_likely_noise(
     """
     linear = _smoothed(model, records, free, start)
     sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
-    bounds = {name: (value / by.widest, value * by.widest) for name, value in white.items()}
-    for i, (name, read) in enumerate(start.measurement.items()):
+    read = {equation(n) for n, reading in _READ_BY.items() if reading in start.measurement}
+    bounds = {
+        name: (value / (by.widest if name in read else by.unread), value * by.unread) for name, value in white.items()
+    }
+    for i, (name, quick) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
-        bounds[name] = (by.least * read, max(by.not_noise * varies, read))
+        bounds[name] = (by.least * quick, max(by.not_noise * varies, quick))
     inputs = dict(start.inputs)
     for name, value in inputs.items():  # at most all that varies
         series = np.concatenate([record[Station.at(name).name] for record in records])
@@ -238,7 +248,8 @@ def first_fit(plant: Plant) -> FlightFit:
     if any(one.effect.key == late.effect.key for one in known):
         return fit(plant, known, plant.noise(), extent="first")
     fitted = fit(plant, (*known, late), plant.noise(), extent="first")
-    if abs(fitted[late.name]) < plant.smallest_that_matters(late.effect):
+    surely = abs(fitted[late.name]) - plant.criteria.significance.sigmas * fitted.std(late.name)
+    if surely < (plant.smallest_that_matters(late.effect) or np.inf):
         return fitted
     return fit(plant, known, plant.noise(), extent="first")
 

@@ -60,7 +60,7 @@ def rotor_effectiveness(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.thrust = one.thrust + value * one.rotor.effectiveness * one.rotor.static_thrust(one.input)
 
-    more = {"enters": None if target == ALL else station.control(f"thrust_{target}"), "by_record": True}
+    more: dict[str, Any] = {"enters": None if target == ALL else station.control(f"thrust_{target}"), "by_record": True}
     return _of_rotors("rotor_effectiveness", target, act, meaningful=0.05, limit=0.95, balance=True, **more)
 
 
@@ -79,7 +79,7 @@ def rotor_torque(target: str) -> Effect:
         one.torque = one.torque * (1.0 + value)
 
     alone = target != ALL  # steady flight balances all torques, whatever their size
-    more = {"reads": () if alone else ("r",), "balance": alone, "by_record": True}
+    more: dict[str, Any] = {"reads": () if alone else ("r",), "balance": alone, "by_record": True}
     return _of_rotors("rotor_torque", target, act, meaningful=0.1, limit=3.0, **more)
 
 
@@ -205,7 +205,7 @@ def added_mass(target: str) -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _WEIGHT_SHARE * aircraft.mass
 
-    more = {"balance": True, "by_record": True}
+    more: dict[str, Any] = {"balance": True, "by_record": True}
     return Effect(kind="added_mass", target=target, station="mass", change=change, meaningful=matters, **more)
 
 
@@ -239,7 +239,7 @@ def _of_all(kind: str, number: str, **more: Any) -> Effect:
 
 @cause(
     "rotor_inflow",
-    candidates=lambda aircraft: [rotor_inflow()] if aircraft.rotors else [],
+    candidates=lambda aircraft: map(rotor_inflow, [""] if aircraft.rotors else []),
     unit="s/m",
     quantity="part of the thrust lost for each m/s along it, beside that of the file",
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
@@ -250,7 +250,7 @@ def rotor_inflow(target: str = "") -> Effect:
 
 @cause(
     "battery_sag",
-    candidates=lambda aircraft: [battery_sag()] if aircraft.rotors and aircraft.rotors.voltage else [],
+    candidates=lambda aircraft: map(battery_sag, [""] if aircraft.rotors and aircraft.rotors.voltage else []),
     unit="1",
     quantity="exponent of the battery's voltage in the thrust, beside that of the file",
     sentence="The thrust follows the voltage of the battery with an exponent that is {size} [larger|smaller] than in "
