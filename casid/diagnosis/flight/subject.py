@@ -31,6 +31,7 @@ class Subject(Protocol):
     held          behaviour of inputs between recorded samples (`Batch.held`)
     closed_loop   whether predictions are compared with a record, and not a simulation of the whole of it
     unknown       inputs that were never recorded: nothing that depends on them is judged
+    lines         regressors that parameters multiply: a term may be nearly a line in these
     limit         the time that the search may take
     noise_by_fit  whether the noise is estimated with the model
     """
@@ -81,6 +82,8 @@ class Subject(Protocol):
     def noise_by_fit(self) -> bool: ...
     @property
     def imitated_names(self) -> frozenset[str]: ...
+    @property
+    def lines(self) -> tuple[str, ...]: ...
     @property
     def limit(self) -> TimeLimit: ...
 

@@ -85,8 +85,16 @@ def mass(target: str = "") -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _MASS_MATTERS * aircraft.mass
 
-    more = {"by_record": True, "relative": True, "balance": True}
-    return Effect(kind="mass", within="mass", station="mass", change=change, meaningful=matters, **more)
+    return Effect(
+        kind="mass",
+        within="mass",
+        station="mass",
+        change=change,
+        meaningful=matters,
+        by_record=True,
+        relative=True,
+        balance=True,
+    )
 
 
 @cause(

@@ -11,6 +11,7 @@ from diagnosis_flights import trial_of
 from casid.diagnosis.cause import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import explains as gates_of
+from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import (
     aero_term,
@@ -79,7 +80,7 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
     model, batch, flight = (
         SimpleNamespace(outputs=("V",)),
         SimpleNamespace(live=live),
-        SimpleNamespace(aircraft=do328(), sizes=None),
+        SimpleNamespace(smallest_that_matters=lambda one: one.smallest_that_matters(do328()), sizes=AircraftSizes()),
     )
     fitted = SimpleNamespace(
         slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()
