@@ -6,11 +6,8 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, between, say_notes
+from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, Records, between, say_notes
 from casid.data_check.check import channels_of
 from casid.data_check.check import check as checked
 from casid.errors import InputError
@@ -23,7 +20,7 @@ from casid.report.folder import whole_folder
 
 
 def check(
-    *records: Annotated[str, Parameter(name="RECORD")],
+    *records: Records,
     aircraft: Path | None = None,
     maps: Maps | None = None,
     begin: Begin = None,
@@ -41,8 +38,6 @@ def check(
 
     Parameters
     ----------
-    records
-        Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
     believe
@@ -50,10 +45,6 @@ def check(
     write_map
         Write a column map (TOML) of the first record to this file: what is known or likely of its columns, and as
         comments what is missing and what the other columns hold. The records are then read by it.
-    out
-        Folder for the page.
-    as_json
-        Print the findings as JSON and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")

@@ -42,10 +42,6 @@ def compatibility(
         An aircraft file (TOML), for the places of the instruments and their noise.
     axes
         Default: what the channels allow.
-    out
-        Folder for the page.
-    as_json
-        Print compatibility.json and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: compatibility RECORD ... [--aircraft FILE]")

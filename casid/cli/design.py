@@ -74,10 +74,6 @@ def design(
         that tells them apart best, by what no derivative can imitate.
     seed
         Of the random starts.
-    out
-        Folder for the results.
-    as_json
-        Print design.json and nothing else.
     """
     for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
         if not (math.isfinite(value) and value > 0.0):

@@ -85,8 +85,6 @@ def diagnose(
         Records that are never fitted. Without, the last record is held back, or of a single one its last third.
     axes
         What is judged. Without, what surfaces and motion of the records can tell of.
-    out
-        Folder for the results.
     quick
         Thin the records to 25 Hz.
     seconds
@@ -100,8 +98,6 @@ def diagnose(
         Channels that are believed as they were recorded: `--believe thrust` undoes a correction of the thrust alone.
     shapes
         Write the shapes of what stays unexplained to extended.toml too, as tables.
-    as_json
-        Print diagnosis.json and nothing else.
     """
     channels_of(believe or False, "--believe")
     by = Criteria() if criteria is None else Criteria.read(criteria)
@@ -141,12 +137,8 @@ def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson
 
     Parameters
     ----------
-    out
-        Folder for the results.
     quick
         Thin the records to 25 Hz.
-    as_json
-        Print diagnosis.json and nothing else.
     """
     diagnose(out=out, quick=quick, as_json=as_json)
 

@@ -8,9 +8,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-from cyclopts import Parameter
+from typing import Any, Literal
 
 from casid.cli.options import (
     AsJson,
@@ -20,6 +18,7 @@ from casid.cli.options import (
     Files,
     Folder,
     Maps,
+    Records,
     Whole,
     aircraft_of,
     records_of,
@@ -59,7 +58,7 @@ INTERVAL = 25  # samples; soft defects default to 1, where noise enters at every
 
 
 def estimate(
-    *records: Annotated[str, Parameter(name="RECORD")],
+    *records: Records,
     aircraft: Path,
     cost: Literal["output", "equation", "combined"] = "output",
     equation_weight: float | None = None,
@@ -82,8 +81,6 @@ def estimate(
 
     Parameters
     ----------
-    records
-        Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML). Its a-priori uncertainty is a prior, its effects act.
     cost
@@ -102,10 +99,6 @@ def estimate(
         Globs of the parameters to estimate; default: all derivatives and terms that move the axes.
     axes
         Default: what the surfaces allow.
-    out
-        Folder for the results.
-    as_json
-        Print estimate.json and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")

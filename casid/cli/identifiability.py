@@ -43,10 +43,6 @@ def identifiability(
         Globs of the parameters to estimate; default: all derivatives.
     axes
         Default: what the surfaces allow.
-    out
-        Folder for the results.
-    as_json
-        Print identifiability.json and nothing else.
     """
     if bool(records) != bool(aircraft):
         raise InputError("identifiability: give records and --aircraft FILE together, or neither for the demonstration")

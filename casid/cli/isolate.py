@@ -41,10 +41,6 @@ def isolate(
         Do not look for the channel or manoeuvre that would add most.
     maps
         Column map: delta_e=DE:deg, or a TOML file.
-    out
-        Folder for the results.
-    as_json
-        Print isolability.json and nothing else.
     """
     file, records = aircraft_of(aircraft), records_of(manoeuvre, maps or [])
     made_with = provenance()

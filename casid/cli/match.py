@@ -10,7 +10,18 @@ from cyclopts import Parameter
 
 from casid.acceptance.match import proof_of_match
 from casid.acceptance.proof import ProofOfMatch
-from casid.cli.options import AsJson, Axes, Files, Flag, Folder, Maps, aircraft_of, records_of, say_idle_effects
+from casid.cli.options import (
+    AsJson,
+    Axes,
+    Files,
+    Flag,
+    Folder,
+    Maps,
+    Records,
+    aircraft_of,
+    records_of,
+    say_idle_effects,
+)
 from casid.errors import InputError
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.match_page import write_match
@@ -18,7 +29,7 @@ from casid.report.pdf import print_to_pdf
 
 
 def match(
-    *records: Annotated[str, Parameter(name="RECORD")],
+    *records: Records,
     aircraft: Files,
     diagnosis: Path | None = None,
     tolerances: str = "part60",
@@ -39,8 +50,6 @@ def match(
 
     Parameters
     ----------
-    records
-        Files, or patterns like 'flight/m*.csv'.
     aircraft
         The aircraft file (TOML), and behind it the extended one where there is one.
     diagnosis
@@ -55,12 +64,8 @@ def match(
         Let small corrections of the surfaces follow the measured attitude; their size is reported.
     axes
         Default: what the surfaces allow and the aircraft has aerodynamics of.
-    out
-        Folder for the page.
     pdf
         Print the page to DIR/match.pdf, by the Chromium, Chrome or Edge that is installed.
-    as_json
-        Print match.json and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: match RECORD ... --aircraft FILE [EXTENDED]")

@@ -56,10 +56,6 @@ def modes(
         Climb angle [deg].
     maps
         Column map of the records: alpha=ALCG:deg, or a TOML file.
-    out
-        Folder for the results.
-    as_json
-        Print modes.json and nothing else.
     """
     if not aircraft:
         raise InputError("AIRCRAFT is missing; expected: modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")

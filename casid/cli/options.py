@@ -39,13 +39,14 @@ MAP_HELP = (
     "in degrees."
 )
 Files = Annotated[list[str], Parameter(consume_multiple=True, negative="")]
-Folder = Annotated[Path, Parameter(name="--out", converter=_folder)]
+Records = Annotated[str, Parameter(name="RECORD", help="Files, or patterns like 'flight/m*.csv'.")]
+Folder = Annotated[Path, Parameter(name="--out", converter=_folder, help="Folder for the results.")]
 Maps = Annotated[list[str], Parameter(name="--map", negative="", help=MAP_HELP)]
 Begin = Annotated[float | None, Parameter(name="--from", help="Time [s] from which records are read.")]
 End = Annotated[float | None, Parameter(name="--to", help="Time [s] up to which records are read.")]
 Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
-AsJson = Annotated[bool, Parameter(name="--json", negative="")]
+AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON and nothing else.")]
 Axes = Literal["full", "longitudinal", "lateral"]
 
 

@@ -64,10 +64,6 @@ def response(
         Lengths of windows, s; default: five, from half of the longest record down.
     envelope
         CSV file with bounds of the mismatch: omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
-    out
-        Folder for the results.
-    as_json
-        Print response.json and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: response RECORD ... --input delta_e --output q")

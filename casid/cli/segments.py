@@ -39,10 +39,6 @@ def segments(
     ----------
     logs
         Files, or patterns like 'logs/*.bin'.
-    out
-        Folder for the manoeuvres.
-    as_json
-        Print segments.json and nothing else.
     """
     if not logs:
         raise InputError("LOG is missing; expected: segments LOG ... [--out DIR]")

@@ -6,12 +6,22 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
-from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Begin, End, Files, Folder, Maps, aircraft_of, records_of, say_idle_effects
+from casid.cli.options import (
+    AsJson,
+    Axes,
+    Begin,
+    End,
+    Files,
+    Folder,
+    Maps,
+    Records,
+    aircraft_of,
+    records_of,
+    say_idle_effects,
+)
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state, measured_start
@@ -30,7 +40,7 @@ WINDOW_S = 5.0  # of the record, to which the initial state is fitted
 
 
 def simulate(
-    *records: Annotated[str, Parameter(name="RECORD")],
+    *records: Records,
     aircraft: Files,
     axes: Axes | None = None,
     maps: Maps | None = None,
@@ -49,16 +59,10 @@ def simulate(
 
     Parameters
     ----------
-    records
-        Files, or patterns like 'flight/m*.csv'.
     aircraft
         Aircraft files (TOML), such as an original and its extended one.
     axes
         Default: what the surfaces allow.
-    out
-        Folder for the results.
-    as_json
-        Print simulate.json and nothing else.
     """
     if not records:
         raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")

@@ -32,8 +32,6 @@ def why(
         came nearest to it.
     target
         Target of the cause, where it is given as a word of its own.
-    as_json
-        Print the decisions as JSON and nothing else.
     """
     path = out / "diagnosis.json" if out.is_dir() else out
     try:
