@@ -8,13 +8,15 @@ code. What is to last, or to be read by others, is `Fit.to_dict`, `Diagnosis.wri
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import secrets
 import stat
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,23 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def plain(value: Any, names: str = "") -> Any:
+    """Numbers, texts, lists and tables for JSON: of a result its fields, all or the named ones ("name value");
+    None for a number that is not finite."""
+    if names or is_dataclass(value):
+        wanted = names.split() or [f.name for f in fields(value)]
+        return {name: plain(getattr(value, name)) for name in wanted}
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(v) for v in value]
+    if isinstance(value, (bool, str, int)) or value is None:
+        return value
+    if hasattr(value, "tolist"):  # of numpy
+        return plain(value.tolist())
+    return float(value) if math.isfinite(value) else None
 
 
 def save(result: Any, path: str | Path) -> None:

@@ -25,6 +25,7 @@ from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import standard_density
 from casid.native.threads import single_threaded
@@ -129,14 +130,14 @@ class Handbook:
                 name: {
                     "eigenvalue": [mode.eigenvalue.real, mode.eigenvalue.imag],
                     "participation": dict(mode.participation),
-                    **{key: _plain(one) for key, one in mode.numbers.items()},
+                    **plain(mode.numbers),
                 }
                 for name, mode in self.modes.items()
             },
-            "numbers": {name: _plain(one) for name, one in self.numbers.items()},
+            "numbers": plain(self.numbers),
             "trim_curves": {
                 "V": curves.V.tolist(),
-                **{n: {"value": _list(y), "std": _list(curves.std[n])} for n, y in curves.values.items()},
+                **{n: plain({"value": y, "std": curves.std[n]}) for n, y in curves.values.items()},
             },
             "notes": list(self.notes),
         }
@@ -253,14 +254,6 @@ def _speeds(given: Sequence[float] | None, V: float) -> np.ndarray:
     if isinstance(given, (str, Mapping)) or not isinstance(given, Iterable):
         raise InputError("modes: speeds is no list of numbers; expected airspeeds in m/s, like [40.0, 50.0, 60.0]")
     return np.array([number(one, "modes: one of the speeds", positive=True) for one in given])
-
-
-def _plain(one: Number) -> dict[str, Any]:
-    return {"value": one.value, "std": one.std if np.isfinite(one.std) else None, "unit": one.unit}
-
-
-def _list(values: np.ndarray) -> list[float | None]:
-    return [float(v) if np.isfinite(v) else None for v in values]
 
 
 def flight_point(aircraft: Aircraft, V: float | None, altitude: float | None, rho: float | None) -> dict[str, float]:

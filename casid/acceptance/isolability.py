@@ -35,6 +35,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.errors import InputError, check_known, unknown
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model
@@ -149,18 +150,10 @@ class Isolability:
             "channels": dict(self.channels),
             "told": self.told,
             "causes": {
-                name: {
-                    "matters": one.matters,
-                    "smallest": one.smallest if np.isfinite(one.smallest) else None,
-                    "unit": one.unit,
-                    "detection": one.detection,
-                    "told": one.told,
-                    "confusion": dict(one.confusion),
-                }
-                for name, one in self.causes.items()
+                name: plain(one, "matters smallest unit detection told confusion") for name, one in self.causes.items()
             },
             "sets": [list(one) for one in self.sets],
-            "additions": [{"kind": one.kind, "what": one.what, "told": one.told} for one in self.additions],
+            "additions": plain(self.additions),
             "left_out": list(self.left_out),
         }
 

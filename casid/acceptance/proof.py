@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
 from casid.acceptance.justification import Findings, Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.tolerances import Standard
+from casid.keeping import plain
 from casid.views import view
 
 if TYPE_CHECKING:
@@ -162,16 +162,7 @@ def _test_dict(one: MatchedTest, rationale: Rationale | None) -> dict[str, Any]:
         "rationale": None if rationale is None else asdict(rationale),
         "noise": dict(one.flight.noise),
         "sides": {label: _side_dict(side) for label, side in one.sides.items()},
-        "costs": [
-            {
-                "part": c.part,
-                "changes": list(c.changes),
-                "lost": list(c.lost),
-                "fails": c.fails,
-                "used": {n: _plain(u) for n, u in c.used.items()},
-            }
-            for c in one.costs
-        ],
+        "costs": [plain(c, "part changes lost fails used") for c in one.costs],
     }
 
 
@@ -183,17 +174,9 @@ def _side_dict(side: Side) -> dict[str, Any]:
     rows = []
     for check in side.checks:
         row = asdict(check.tolerance)
-        numbers = {key: _plain(getattr(check, key)) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
-        both = {key: getattr(check, key) for key in ("flight", "simulation")}
-        told_of = {key: None if q is None else {k: _plain(v) for k, v in asdict(q).items()} for key, q in both.items()}
-        rows.append(
-            {"name": check.tolerance.name, **row, "passed": check.passed, **numbers, **told_of, "why": check.why}
-        )
+        told = "passed used deviation limit at_s in_s out_s flight simulation why"
+        rows.append({"name": check.tolerance.name, **row, **plain(check, told)})
     return {"passed": side.passed, "corrections": added, "diverged": side.flown.diverged, "rows": rows}
-
-
-def _plain(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _lines(proof: ProofOfMatch) -> Iterable[str]:

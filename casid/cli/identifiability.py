@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ from casid.analysis.excitation import Suggestion
 from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
+from casid.keeping import plain
 from casid.model.applied import apply_effects, default_free
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
@@ -72,48 +72,21 @@ def identifiability(
 def document(report: Identifiability) -> dict[str, Any]:
     """The report as plain numbers and texts; what is infinite is None."""
 
-    def number(value: float) -> float | None:
-        return float(value) if math.isfinite(value) else None
-
     def suggested(helped: Suggestion | None) -> dict[str, Any] | None:
-        if helped is None:
-            return None
-        return {
-            "control": helped.control,
-            "form": helped.form,
-            "unit_s": helped.unit_s,
-            "amplitude": helped.amplitude,
-            "gain": number(helped.gain),
-        }
+        return helped and plain(helped, "control form unit_s amplitude gain")
 
     return {
         "schema": "casid.identifiability/1",
-        "condition": number(report.condition),
+        "condition": plain(report.condition),
         "names": list(report.names),
-        "singular_values": [float(value) for value in report.singular_values],
-        "std_inflation": {name: number(value) for name, value in report.inflation.items()},
+        "singular_values": plain(report.singular_values),
+        "std_inflation": plain(report.inflation),
         "unseen": {name: suggested(helped) for name, helped in report.unseen.items()},
         "excitation": [moved.sentence for moved in report.excitation],
         "weak": [
-            {
-                "condition": number(d.condition),
-                "change": dict(d.change),
-                "cannot": d.cannot,
-                "sentence": d.sentence,
-                "poor": [moved.control for moved in d.poor],
-                "help": suggested(d.help),
-            }
+            plain(d, "condition change cannot sentence")
+            | {"poor": [moved.control for moved in d.poor], "help": suggested(d.help)}
             for d in report.weak
         ],
-        "blend": {
-            name: {
-                "prior": b.prior,
-                "prior_std": b.prior_std,
-                "value": number(b.value),
-                "std": number(b.std),
-                "data_std": number(b.data_std),
-                "moved": b.moved,
-            }
-            for name, b in report.blends.items()
-        },
+        "blend": {name: plain(b, "prior prior_std value std data_std moved") for name, b in report.blends.items()},
     }

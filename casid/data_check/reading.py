@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
+from casid.keeping import plain
 from casid.model.dynamics import standard_density
 from casid.model.measured_force import external_force
 from casid.records.checks import INPUTS
@@ -293,17 +294,5 @@ class Finding:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `data` in diagnosis.json."""
-        return {
-            "kind": self.kind,
-            "target": self.target,
-            "term": self.term,
-            "records": list(self.records),
-            "intervals_s": {record: [list(one) for one in parts] for record, parts in self.intervals_s.items()},
-            "value": self.value,
-            "std": self.std,
-            "unit": self.unit,
-            "handled": self.handled,
-            "odds": self.odds,
-            "sentence": self.sentence,
-            "indistinguishable_from": [dict(one) for one in self.indistinguishable_from],
-        }
+        told = "kind target term records intervals_s value std unit handled odds sentence indistinguishable_from"
+        return plain(self, told)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from casid.errors import InputError, nearest, unknown
+from casid.keeping import plain
 from casid.model.effect import Effect
 from casid.model.vocabulary import title_of
 
@@ -190,12 +191,9 @@ class Decision:
         dict
             Numbers, texts, lists and tables, as JSON holds them.
         """
-        return {
-            "cause": self.cause,
-            "round": self.round,
-            "outcome": self.outcome,
+        return plain(self, "cause round outcome") | {
             "gates": [gate.to_dict() for gate in self.gates],
-            "against": list(self.against),
+            "against": [*self.against],
         }
 
     @classmethod

@@ -25,6 +25,7 @@ import numpy as np
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.given.budget import AccountStep, account_of
+from casid.keeping import plain
 from casid.model.numbers import digits
 
 
@@ -42,7 +43,7 @@ class Claim:
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `claims` in diagnosis.json."""
-        return {"statement": self.statement, "said": self.said, "because": self.because}
+        return plain(self, "statement said because")
 
 
 def claims_of(facts: Facts) -> tuple[Claim, ...]:

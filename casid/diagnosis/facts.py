@@ -20,6 +20,7 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
+from casid.keeping import plain
 from casid.model.numbers import digits, with_deviation
 
 
@@ -65,8 +66,7 @@ class ChangedValue:
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `moved` in diagnosis.json."""
-        named = ("parameter", "unit", "given", "extended", "stated_std", "sigmas", "identifiable", "sentence")
-        return {name: getattr(self, name) for name in named}
+        return plain(self, "parameter unit given extended stated_std sigmas identifiable sentence")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ class Combination:
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `combinations` in diagnosis.json."""
-        return {"parameters": list(self.parameters), "sentence": self.sentence}
+        return plain(self, "parameters sentence")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

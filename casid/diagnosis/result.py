@@ -10,8 +10,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from casid.data_check.reading import Finding
 from casid.design.next_flight import NextFlights, Setting, Untold, next_flights
 from casid.diagnosis.cause import Cause, Trace
@@ -35,7 +33,7 @@ from casid.diagnosis.left_open import questions, untold
 from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.shown import Gusts, History, ShownCause, gusts_of, histories_of, shown_of
 from casid.errors import InputError, unknown
-from casid.keeping import save, whole_file
+from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.numbers import digits
 from casid.records.record import Record
@@ -547,20 +545,6 @@ def _freedom(fit: FlightFit) -> int:
 
 def _sure(cause: Cause) -> str:
     return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "
-
-
-def plain(value: Any) -> Any:
-    """The value as numbers and containers that JSON can hold; a number that is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(v) for v in value]
-    if isinstance(value, (bool, str)) or value is None:
-        return value
-    if isinstance(value, (int, np.integer)):
-        return int(value)
-    number = float(value)
-    return number if math.isfinite(number) else None
 
 
 def rank_entry(candidate: Candidate) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,7 +14,7 @@ from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
-from casid.keeping import save
+from casid.keeping import plain, save
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import unit_of
@@ -137,7 +136,6 @@ class FrequencyResponse:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of response.json: plain numbers, lists and texts; a number that does not exist is None."""
-        rows = {name: [float(v) if math.isfinite(v) else None for v in c] for name, c in self.columns().items()}
         return {
             "schema": "casid.response/1",
             "input": self.input,
@@ -146,7 +144,7 @@ class FrequencyResponse:
             "unit": f"({unit_of(self.output)})/({unit_of(self.input)})",
             "records": list(self.records),
             "windows": [{"seconds": length, "averages": count} for length, count in self.windows.items()],
-            **rows,
+            **plain(self.columns()),
         }
 
     def save(self, path: str | Path) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -29,12 +30,7 @@ class Doubt:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `file` among the findings of a check."""
-        return {
-            "parameter": self.parameter,
-            "given": None if math.isnan(self.given) else self.given,
-            "unit": self.unit,
-            "sentence": self.sentence,
-        }
+        return plain(self, "parameter given unit sentence")
 
 
 # Bounds: lowest, highest. Gravity of the Earth up to 30 km.

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.keeping import plain
 from casid.records.channel_faults import update_interval
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
@@ -33,7 +34,7 @@ class ChannelRow:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers by name; what is not known is null."""
-        return {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in vars(self).items()}
+        return plain(self)
 
 
 def channel_table(records: Sequence[Record]) -> tuple[ChannelRow, ...]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
+from casid.keeping import plain
 from casid.records.channel_table import gaps
 from casid.records.checks import MIN_DURATION, MIN_SAMPLES
 from casid.records.given import given_record
@@ -72,13 +73,7 @@ class Segment:
 
     def to_dict(self) -> dict[str, Any]:
         """Numbers by name, in SI."""
-        return {
-            "start": self.start,
-            "stop": self.stop,
-            "axes": list(self.axes),
-            "surfaces": dict(self.surfaces),
-            "rates": dict(self.rates),
-        }
+        return plain(self)
 
 
 def segments(record: Record | str | Path) -> tuple[Segment, ...]:

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from casid.diagnosis.cause import Decision, Gate, Trace, at_least, at_most, merged, trace_of
-from casid.diagnosis.result import plain
 from casid.errors import InputError
+from casid.keeping import plain
 
 NUMBERS = st.floats(-1e9, 1e9)
 

@@ -23,10 +23,11 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.judgement import beside_slow_noise
-from casid.diagnosis.result import Diagnosis, plain
+from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import _hidden_by_air
 from casid.diagnosis.verdict import concluded, named_in_errors
 from casid.errors import InputError
+from casid.keeping import plain
 from casid.model.causes import actuator_lag, effectiveness_change, sensor_scale
 from casid.model.plausible import Doubt
 from problems.do328 import do328

@@ -28,6 +28,7 @@ from casid.estimation.residual_colour import (
     spread,
 )
 from casid.estimation.solvers.quadratic import inverse_along
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -220,18 +221,7 @@ class Contradiction:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `contradicted` in diagnosis.json."""
-        return {
-            "parameter": self.parameter,
-            "unit": self.unit,
-            "given": self.given,
-            "flight": self.flight,
-            "std": self.std,
-            "sigmas": self.sigmas,
-            "percent": self.percent,
-            "reversed": self.reversed,
-            "impossible": self.impossible,
-            "sentence": self.sentence,
-        }
+        return plain(self, "parameter unit given flight std sigmas percent reversed impossible sentence")
 
 
 def impossible(doubt: Doubt) -> Contradiction:

@@ -16,6 +16,7 @@ from typing import Any
 from casid.data_check.file_meaning import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.causes import moment_reference
 from casid.model.numbers import with_deviation
@@ -74,16 +75,7 @@ class Factor:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `factors` in diagnosis.json."""
-        return {
-            "row": self.row,
-            "kind": self.kind or "factor",
-            "unit": self.unit,
-            "factor": self.factor,
-            "std": self.std,
-            "means": list(self.means),
-            "derivatives": list(self.derivatives),
-            "sentence": self.sentence,
-        }
+        return plain(self, "row factor std means derivatives sentence")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contr
 from casid.diagnosis.given.factors import Factor, borne_out, common_factors
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import unknown
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
@@ -48,7 +49,7 @@ class NotJudged:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `not_judged` in diagnosis.json."""
-        return {"what": self.what, "because": self.because}
+        return plain(self, "what because")
 
 
 def _varies(series: np.ndarray) -> bool:

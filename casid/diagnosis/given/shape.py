@@ -18,6 +18,7 @@ from casid.criterion import number
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.flight.evaluation import FlightFit
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.tables import table
 from casid.model.terms import VARIABLES
@@ -78,16 +79,7 @@ class Shape:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `shapes` in diagnosis.json."""
-        return {
-            "coefficient": self.coefficient,
-            "over": self.over,
-            "times": self.times or None,
-            "x": self.x.tolist(),
-            "y": self.y.tolist(),
-            "std": self.std.tolist(),
-            "held_out": self.held_out,
-            "sentence": self.sentence,
-        }
+        return plain(self, "coefficient over times x y std held_out sentence") | {"times": self.times or None}
 
 
 def with_shapes(aircraft: Aircraft, shapes: Sequence[Shape]) -> Aircraft:

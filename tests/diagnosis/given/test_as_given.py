@@ -10,7 +10,7 @@ from diagnosis_flights import flights
 
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.given.budget import fly_as_given
-from casid.diagnosis.result import plain
+from casid.keeping import plain
 from problems.do328 import do328
 
 
