@@ -117,6 +117,21 @@ def test_the_front_page_is_short_and_has_what_a_newcomer_needs() -> None:
         assert (ROOT / page).is_file(), page
 
 
+def test_files_that_pages_name_are_there() -> None:
+    """Paths in code letters, links, and the table of the steps of a diagnosis. Built pages are not in the clone."""
+    missing = []
+    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]:
+        text = page.read_text(encoding="utf-8")
+        named = re.findall(r"`((?:casid|scripts|problems|tests|docs|benchmarks)/[\w./*-]+)`", text)
+        links = re.findall(r"\]\(([^)#:\s]+\.(?:md|png))", text)
+        steps = re.search(r"## Where the code is\n(.*?)\n## ", text, re.DOTALL)
+        own = re.findall(r"`((?!casid)[\w/]+(?:\.py|/))`", steps[1] if steps else "")
+        for names, folder in ((named, ROOT), (links, page.parent), (own, ROOT / "casid" / "diagnosis")):
+            kept = [name for name in names if "_build" not in name and not name.startswith("reference/")]
+            missing += [(page.name, name) for name in kept if not any(folder.glob(name))]
+    assert missing == []
+
+
 @pytest.mark.parametrize("what", SAME)
 def test_a_number_is_the_same_on_every_page(what: str) -> None:
     pages = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
