@@ -13,6 +13,7 @@ from typing import Any
 
 from casid.arguments import require
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.part import OfAircraft
 from casid.diagnosis.result import Diagnosis
 from casid.native.threads import single_threaded
 from casid.records.readers import write_record
@@ -33,6 +34,7 @@ from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder,
 from casid.report.folder import provenance
 from casid.report.history_figures import PLANES, flown_again, histories, residuals, tracks
 from casid.report.next_flight import NextFlights, limited, next_flights
+from casid.report.rotor_figures import rotors_from_above
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
 from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, noting, render
@@ -85,7 +87,9 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
     ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
     budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)
     if not diagnosis.of_aeroplane:
-        makers = [budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
+        file = diagnosis.part.file if isinstance(diagnosis.part, OfAircraft) else None
+        above = [partial(rotors_from_above, diagnosis, file)] if file is not None else []
+        makers = [*above, budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
     else:
         makers = [
             *(partial(_of_cause_numbered, diagnosis, n) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
@@ -174,7 +178,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
         "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
         "data": ("Data", "data.html", ("check",)),
-        "values": ("Values of the {source}", "values.html", ("derivatives",)),
+        "values": ("Values of the {source}", "values.html", ("rotors", "derivatives")),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
         "next": ("Next flight", "next_flight.html", ("next_flight",)),
         "numbers": ("Numbers", "numbers.html", ()),

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import casid as cs
+from casid.report.page import pictures
 from problems.rotors.crazypad import flights
 
 HERE = Path(__file__).resolve().parents[2]
@@ -35,6 +36,7 @@ def test_a_weak_rotor_is_named_with_its_size():
     assert ("rotor_effectiveness", "m4") in {(one.kind, one.target) for one in found.causes}
     named = next(one for one in found.causes if one.target == "m4")
     assert named.value == pytest.approx(-0.3, abs=0.04)
+    assert f"m4 {100.0 * named.value:+.0f} per cent" in pictures(found)["rotors"].alt
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
-from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft
+from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft, too_small_in_closed_loop
 from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
@@ -135,7 +135,8 @@ def diagnose_rotorcraft(
     against = contradicted_parameters(plant.base, found.flight, criteria)
     stated, least = plant.base.prior_std, criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
-    return concluded(found, [one for one in clear if not one.parameter.startswith(OFFSET)])
+    told = [one for one in clear if not one.parameter.startswith(OFFSET)]
+    return concluded(found, told, not_judged=too_small_in_closed_loop(aircraft, found.detectable))
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

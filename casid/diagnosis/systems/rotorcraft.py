@@ -26,13 +26,14 @@ from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
 from casid.diagnosis.given.budget import attached_effects
+from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.aircraft import Aircraft
-from casid.model.causes import rotor_delay, rotor_effectiveness, sensor_bias
+from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
@@ -306,6 +307,20 @@ def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
     moment = force * aircraft.mass * arm
     inertia = {"p": aircraft.inertia.Ixx, "q": aircraft.inertia.Iyy, "r": aircraft.inertia.Izz}
     return {equation(n): moment / inertia[n] if n in inertia else force for n in EQUATIONS}
+
+
+def too_small_in_closed_loop(aircraft: Aircraft, detectable: Mapping[str, float]) -> list[NotJudged]:
+    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown."""
+    assert aircraft.rotors is not None
+    each = [detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.rotors.names]
+    sizes = (
+        ("a change of the thrust of one rotor under {:.0f} %", 100.0 * max(each)),
+        ("a lag of all rotors that differs by less than {:.2g} s", detectable.get(rotor_lag(ALL).name, math.inf)),
+        ("a mass that differs by less than {:.2g} kg", detectable.get(mass().name, math.inf)),
+    )
+    told = [sentence.format(size) for sentence, size in sizes if math.isfinite(size)]
+    because = "the controller answers what disturbs the flight, and less would not have shown in these records"
+    return [NotJudged(what=", ".join(told), because=because)] if told else []
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -78,9 +78,8 @@ def rotor_torque(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.torque = one.torque * (1.0 + value)
 
-    alone = target != ALL  # steady flight balances all torques, whatever their size
-    more: dict[str, Any] = {"reads": () if alone else ("r",), "balance": alone, "by_record": True}
-    return _of_rotors("rotor_torque", target, act, meaningful=0.1, limit=3.0, **more)
+    reads = ("r",) if target == ALL else ()  # steady flight balances all torques, whatever their size
+    return _of_rotors("rotor_torque", target, act, reads=reads, by_record=True, meaningful=0.1, limit=3.0)
 
 
 def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:

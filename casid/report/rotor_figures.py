@@ -1,0 +1,64 @@
+"""Pictures of an aircraft with rotors."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from matplotlib.patches import Circle
+
+from casid.diagnosis.result import Diagnosis
+from casid.model.aircraft import Aircraft
+from casid.model.rotors import acting, effectiveness, thrust_of
+from casid.model.station import control
+from casid.report.style import BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank, settings
+from casid.report.words import digits
+
+
+def _thrusts(aircraft: Aircraft) -> set[str]:
+    """The ports at which the thrust of one rotor enters."""
+    return {control(thrust_of(name)) for name in (aircraft.rotors.names if aircraft.rotors else ())}
+
+
+def rotors_from_above(diagnosis: Diagnosis, aircraft: Aircraft) -> Picture | None:
+    """The rotors in a top view, with the thrust that the file makes of their commands and what flight says of it."""
+    rotors, named = aircraft.rotors, {c.target: c for c in diagnosis.causes if c.effect.enters in _thrusts(aircraft)}
+    if rotors is None:
+        return None
+    records = diagnosis.as_given.fit.flight.records
+    places = np.array([(one.position[1], one.position[0]) for one in rotors.each])
+    size = max(float(np.max(np.hypot(*places.T))), 1e-6)
+    against = {one.parameter for one in diagnosis.contradicted}
+    told, low, high = [], np.inf, -np.inf
+    with settings():
+        figure = blank(4.6)
+        ax = figure.subplots()
+        for (x, y), one in zip(places, rotors.each, strict=True):
+            thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
+            mean, name = one.effectiveness * float(np.mean(thrust)), effectiveness(one.name)
+            says = diagnosis.flight[name]
+            cause = named.get(one.name)
+            value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
+            changed, wide = 100.0 * value, 100.0 * std
+            colour = BASELINE if cause or name in against else EXTENDED
+            ax.plot([0.0, x], [0.0, y], color=FAINT, lw=3, zorder=1)
+            ax.add_patch(Circle((x, y), 0.42 * size, facecolor="white", edgecolor=colour, lw=2, zorder=2))
+            deviation = f"{changed:+.0f} %".replace("-", "−") + (f" ± {wide:.0f} %" if math.isfinite(wide) else "")
+            text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
+            ax.text(x, y, text, ha="center", va="center", fontsize=10.5, color=MEASURED, zorder=3)
+            told.append(f"{one.name} {changed:+.0f} per cent")
+            low, high = min(low, y), max(high, y)
+        top = high + 0.62 * size
+        ax.annotate("front", (0.0, top), (0.0, top - 0.4 * size), arrowprops={"arrowstyle": "->"}, ha="center")
+        ax.set_xlim(-1.6 * size, 1.6 * size)
+        ax.set_ylim(low - 0.6 * size, top + 0.1 * size)
+        ax.set_aspect("equal")
+        ax.axis("off")
+    return Picture(
+        name="rotors",
+        figure=figure,
+        title="The rotors from above",
+        caption="Mean thrust by the file of the commands that were flown, and by how much the true one differs, with "
+        "±1σ. Orange: named, or inconsistent with the file. A rotor that is weak needs larger commands in hover.",
+        alt=f"Top view of {len(rotors.each)} rotors with their thrust against the file: {', '.join(told)}.",
+    )
