@@ -23,13 +23,14 @@ from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.solvers.timed import timed
+from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.starts import best_of
 from casid.estimation.strategy import Ending, ending
 from casid.estimation.switching import without_switching
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.estimation.working import working
+from casid.native.compiler import compiling_until
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
@@ -100,25 +101,25 @@ def solve(
     require(problem, Problem, "solve: problem", "cs.Problem(model, records, free=[...])")
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
-    begin = time.perf_counter()
+    clock = timed(solver, time.perf_counter())
     if problem.spread:
         return solved_with_population(
             problem,
-            lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, timed(solver, begin).limited()),
+            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
+            lambda one: solve(one, method, clock.limited()),
         )
     if problem.noise_formulas:
         return solved_with_formulas(
             problem,
-            lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, timed(solver, begin).limited()),
+            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
+            lambda one: solve(one, method, clock.limited()),
         )
     if isinstance(problem.noise, StudentT | Huber):
         return solved_robustly(
             problem,
             problem.noise,
-            lambda one: solve(one, method, solver, starts=starts, seed=seed),
-            lambda one: solve(one, method, timed(solver, begin).limited()),
+            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
+            lambda one: solve(one, method, clock.limited()),
         )
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
@@ -132,18 +133,19 @@ def solve(
 def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
     """From the problem's own start."""
     begin = time.perf_counter()
-    taken = working(problem)
+    clock = timed(solver, begin)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        solved, end = _ended(taken.problem, method, solver, begin)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"), compiling_until(clock.deadline):
+        taken = working(problem, clock.deadline)
+        solved, end = _ended(taken.problem, method, solver, clock)
         return taken.returned(replace(_fit(solved, end, method, begin), problem=taken.problem))
 
 
-def _ended(problem: Problem, method: Transcription, solver: Solver, begin: float) -> tuple[Problem, Ending]:
+def _ended(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> tuple[Problem, Ending]:
     """Solve a problem whose motion does not switch; of one that does the one that differs least and has a solution."""
     solved, end, start = problem, None, {}
     for one, remark in without_switching(problem):
-        further = ending(replace(one, start=start or one.start), method, solver, begin)
+        further = ending(replace(one, start=start or one.start), method, solver, clock)
         if end is not None and end.attempt.found and not further.attempt.found:
             break
         solved, end = one, replace(further, remark="; ".join(filter(None, (remark, further.remark))))

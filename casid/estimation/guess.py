@@ -8,6 +8,8 @@ steps run off, a stiff system, it is the simulation at the start values by CVODE
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -28,14 +30,14 @@ from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
 _WANDER = 10.0  # sizes of a state over a record
-_ITERATIONS = 30
+_ITERATIONS, _SECONDS = 30, 600.0
 _RELATIVE, _ABSOLUTE = 1e-6, 1e-9  # tolerances of CVODES
 _MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
 _LARGER, _TIMES = 1e3, 5  # factors of the size of states, up to fifteen orders of magnitude
 _FOLLOWED = 1.0  # mean square of residuals in units of the assumed noise: a twentieth of the range
 
 
-def with_guess(problem: Problem, inner: Problem) -> Problem:
+def with_guess(problem: Problem, inner: Problem, deadline: float = math.inf) -> Problem:
     """`inner` with states that neither the records of `problem` nor its model guess where a smoother sees them, which
     begins with what is known of their initial value."""
     if not problem.simulated or problem.feedback is not None or not unguessed_states(problem.model, problem.records):
@@ -47,7 +49,7 @@ def with_guess(problem: Problem, inner: Problem) -> Problem:
         missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
         table[record.name][:, own] = np.where(np.isnan(known[r, own]), table[record.name][:, own], known[r, own])
     inner = _guessing(inner, table)
-    found = _guessed_states(inner)
+    found = _guessed_states(inner, deadline)
     if found is None:
         return inner
     for record, own in missing.items():
@@ -61,18 +63,21 @@ def _guessing(problem: Problem, table: Mapping[str, np.ndarray]) -> Problem:
     return replace(problem, model=share_cache(model, problem.model))
 
 
-def _guessed_states(problem: Problem) -> Mapping[str, np.ndarray] | None:
-    """Record -> (N, states) at the start values of a problem; None where the model has no motion there."""
-    found = _smoothed(problem)
-    return _simulated(problem) if found is None else found
+def _guessed_states(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
+    """Record -> (N, states) at the start values of a problem; None where the model has no motion there, and where the
+    time is up."""
+    found = _smoothed(problem, deadline)
+    return _simulated(problem) if found is None and time.perf_counter() < deadline else found
 
 
-def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
+def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there. With the
     smallest sizes of the states with which the readings are followed, or else those that come nearest."""
     best, nearest = None, np.inf
     for k in range(_TIMES + 1):
-        found, square = _smoothed_at(problem, _LARGER**k)
+        if time.perf_counter() > deadline:
+            break
+        found, square = _smoothed_at(problem, _LARGER**k, deadline)
         if square < nearest:
             best, nearest = found, square
         if nearest < _FOLLOWED or (best is not None and square > 0.99 * nearest and k > 1 and found is not best):
@@ -80,7 +85,7 @@ def _smoothed(problem: Problem) -> Mapping[str, np.ndarray] | None:
     return best
 
 
-def _smoothed_at(problem: Problem, larger: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
+def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
     """As `_smoothed`, with states so many times larger than the model says, and the mean square of the residuals."""
     held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
     model = share_cache(replace(held, guess=problem.model.guess), held)
@@ -98,9 +103,10 @@ def _smoothed_at(problem: Problem, larger: float) -> tuple[Mapping[str, np.ndarr
     )
     wander = {s: larger * _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
     method = MultipleShooting(interval=1, process_noise=wander, substeps=1)
+    seconds = min(max(deadline - time.perf_counter(), 1e-3), _SECONDS)
     try:
         objective = Objective(smoothing, method.dynamics(smoothing))
-        outcome = GaussNewton(iterations=_ITERATIONS).minimise(objective)
+        outcome = GaussNewton(iterations=_ITERATIONS, seconds=seconds).minimise(objective)
     except np.linalg.LinAlgError:
         return None, np.inf
     trajectory, levels = outcome.value.trajectory, outcome.value.noise.levels

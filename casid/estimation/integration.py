@@ -78,7 +78,7 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
     """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
     the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
-    steps = _steps_at_start(objective)
+    steps = _steps_at_start(objective, solver)
     objective = Objective(
         objective.problem, replace(implicit, substeps=steps).dynamics(objective.problem), effort=objective.effort
     )
@@ -103,15 +103,17 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
     for _ in range(_REFINEMENTS):
         if solver.left <= 0.0:
             break
-        needed = _needed_steps(end.objective, end.outcome, replace(method, substeps=2 * steps))
+        needed = _needed_steps(end.objective, end.outcome, replace(method, substeps=2 * steps), solver)
         if needed <= steps:
             return replace(end, fine=_is_motion(end.outcome))
+        if solver.left <= 0.0:
+            break
         near = _is_motion(end.outcome) and needed <= _NEAR * steps
         steps = needed
         if steps > _MOST_STEPS:
             if is_implicit(method):
                 break
-            near, steps = end.outcome.converged, _steps_at_start(end.objective)
+            near, steps = end.outcome.converged, _steps_at_start(end.objective, solver)
             method = replace(method, implicit=True) if near else Collocation()
         coarse = end.objective.dynamics
         method = replace(method, substeps=steps)
@@ -135,12 +137,12 @@ def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
     return point
 
 
-def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping) -> int:
+def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solver: Timed) -> int:
     steps = objective.layout.substeps
     if not _is_motion(outcome):  # where it gave up is no place to judge the motion of the solution
         if not is_implicit(finer):
-            return max(_stable_steps(objective), _finite_steps(objective, replace(finer, substeps=None)))
-        return max(_steps_at_start(objective), steps if np.isfinite(outcome.value.cost) else 2 * steps)
+            return max(_stable_steps(objective), _finite_steps(objective, replace(finer, substeps=None), solver))
+        return max(_steps_at_start(objective, solver), steps if np.isfinite(outcome.value.cost) else 2 * steps)
     if not outcome.converged and not is_implicit(finer) and _stable_steps(objective) > steps:
         return _stable_steps(objective)
     linear = outcome.linear
@@ -210,14 +212,14 @@ def _growing_steps(objective: Objective, outcome: Outcome) -> int:
     return math.ceil(min(float(np.real(eigenvalues).max(initial=0.0)) * interval / _GROWING, 1e6))
 
 
-def _steps_at_start(objective: Objective) -> int:
+def _steps_at_start(objective: Objective, solver: Timed) -> int:
     """Steps of collocation per sample interval with which the motion at the start is right to a deviation of the data:
     a coarser mesh may have no solution, or one of its own."""
     problem, steps = objective.problem, 1
     sigma = objective.noise.levels.sigma[: len(problem.model.outputs)]
     first = np.cumsum([0] + [len(record) - 1 for record in problem.records])[:-1]
     coarse = _collocated(problem, steps)
-    while steps < _MOST_STEPS:
+    while steps < _MOST_STEPS and solver.left > 0.0:
         fine = _collocated(problem, 2 * steps)
         made = coarse[0] - fine[0]
         carried = np.zeros_like(made)
@@ -231,14 +233,14 @@ def _steps_at_start(objective: Objective) -> int:
     return steps
 
 
-def _finite_steps(objective: Objective, method: Stepping) -> int:
+def _finite_steps(objective: Objective, method: Stepping, solver: Timed) -> int:
     """Steps per sample interval with which the motion at the start is finite: as they are where no number makes it
     so."""
     steps = objective.layout.substeps
     if np.isfinite(objective.value(objective.start()).cost):
         return steps
     more = 2 * steps
-    while more <= _MOST_STEPS:
+    while more <= _MOST_STEPS and solver.left > 0.0:
         finer = Objective(objective.problem, replace(method, substeps=more).dynamics(objective.problem))
         if np.isfinite(finer.value(finer.start()).cost):
             return more

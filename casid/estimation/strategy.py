@@ -20,6 +20,7 @@ try, those that were found took 10 to 50. Newton's method differences the gradie
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -32,9 +33,8 @@ from casid.estimation.results import idle_parameters, ran_away
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
-from casid.estimation.solvers.status import Results, Stage, Status
-from casid.estimation.solvers.timed import Timed, timed
-from casid.estimation.transcriptions.kernel import compiling_until
+from casid.estimation.solvers.status import Results, Stage, Status, out_of_time
+from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
 
 # evaluations for each iteration that Automatic() may take: of damped steps, and of Newton's by parameter, of which as
@@ -55,13 +55,14 @@ class Ending:
     remark: str = ""
 
 
-def ending(problem: Problem, method: Transcription, solver: Solver, begin: float) -> Ending:
-    """The solution of a problem, see above, with its integration checked; the solver's seconds count from `begin`.
-    Raises as the solver does."""
-    clock = timed(solver, begin)
-    with compiling_until(clock.deadline):
-        end = _ending(problem, method, solver, clock)
-    attempt = end.attempt
+def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
+    """The solution of a problem, see above, with its integration checked, in the time of a `clock`. Raises as the
+    solver does."""
+    end = _ending(problem, method, solver, clock)
+    attempt, status = end.attempt, end.attempt.outcome.status
+    if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
+        attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
+        end = replace(end, attempt=attempt)
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
     if not doubt or attempt.outcome.status.stage is Stage.COARSE:  # said already
         return end

@@ -8,6 +8,7 @@ input that is cubic between its samples is a polynomial in the time since the la
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -99,14 +100,14 @@ class Working:
         )
 
 
-def working(problem: Problem) -> Working:
+def working(problem: Problem, deadline: float = math.inf) -> Working:
     """The problem in the coordinates that solvers know, with a guess of every state. `Problem` has checked that they
     can take it."""
     with_initial = bool(problem.model.initial) and problem.simulated
     inner = along_splines(problem)
     if problem.logarithmic or with_initial or problem.sigma_channels:
         inner = _in_other_coordinates(inner, with_initial)
-    return Working(posed=problem, problem=with_guess(problem, inner))
+    return Working(posed=problem, problem=with_guess(problem, inner, deadline))
 
 
 def along_splines(problem: Problem) -> Problem:

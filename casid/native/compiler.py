@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 import platform
 import shutil
@@ -18,7 +19,9 @@ import subprocess
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -39,6 +42,7 @@ BUILDING = threading.RLock()
 _BATCHES = 6  # sizes of which a function keeps its arrays
 # s that a compilation may take, and more by byte of source: ten times the slowest that was measured (-O1, Hessians)
 _LONGEST, _LONGEST_PER_BYTE = 20.0, 4e-5
+_until: ContextVar[float] = ContextVar("_until", default=math.inf)
 _FAILED = "compiling failed, the CasADi virtual machine is used"
 _given_up: list[str] = []  # why this process compiles nothing more
 
@@ -135,11 +139,27 @@ def _load(function: ca.Function, library: Path) -> ca.Function:
     return ca.external(function.name(), str(library))
 
 
+@contextmanager
+def compiling_until(deadline: float) -> Iterator[None]:
+    """Compile nothing beyond a time of `time.perf_counter`, while within."""
+    token = _until.set(deadline)
+    try:
+        yield
+    finally:
+        _until.reset(token)
+
+
+def is_time_to_compile(seconds: float = 0.0) -> bool:
+    """Whether what takes so long to compile would end in the time that there is."""
+    return time.perf_counter() + seconds < _until.get()
+
+
 def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
-    """Find the library of a C source in the cache or make it; None (and said once) where that fails."""
+    """Find the library of a C source in the cache or make it; None (and said once) where that fails, and where the time
+    to compile is up."""
     library = cached_library(source, flags)
     compiler = c_compiler()
-    if library is not None or compiler is None:
+    if library is not None or compiler is None or not is_time_to_compile():
         return library
     try:
         with workshop() as folder:
@@ -148,13 +168,15 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
             options = [flag for flag in flags if not flag.startswith("-l")]
             libraries = [flag for flag in flags if flag.startswith("-l")]
             command = [compiler, *options, str(text), "-o", str(binary), *libraries, "-lm"]
-            _run(command, _LONGEST + _LONGEST_PER_BYTE * len(source), {**os.environ, "TMPDIR": str(folder)})
+            longest = min(_LONGEST + _LONGEST_PER_BYTE * len(source), _until.get() - time.perf_counter())
+            _run(command, longest, {**os.environ, "TMPDIR": str(folder)})
             check_loads(binary)
             return keep(_key(source, flags), binary)
     except subprocess.CalledProcessError as error:  # of this source alone
         _LOG.warning("%s: %s", _FAILED, (error.stderr or str(error)).strip()[-200:])
     except subprocess.TimeoutExpired as error:
-        _give_up(f"'{compiler}' has not ended after {error.timeout:.0f} s")
+        if is_time_to_compile():
+            _give_up(f"'{compiler}' has not ended after {error.timeout:.0f} s")
     except OSError as error:
         _give_up(str(error)[-200:])
     return None
@@ -226,9 +248,9 @@ class Compilable:
             with BUILDING:
                 self._pending = _source(self.function)
             library = cached_library(self._pending)
-        if library is None and self.spent >= self._compile_after:
-            self._settled = True
+        if library is None and self.spent >= self._compile_after and is_time_to_compile(self._compile_after):
             library = compile_library(self._pending)
+            self._settled = library is not None or is_time_to_compile()
         if library is not None:
             self.function, self._settled = _load(self.function, library), True
         return self.function

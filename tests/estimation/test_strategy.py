@@ -235,6 +235,27 @@ def test_seconds_bound_everything():
     assert fit.converged or fit.result in cs.Results
 
 
+def test_the_reason_of_an_end_by_time_is_the_time():
+    """Two states that nobody reads are guessed by a smoother first; the guess is in the time too."""
+    problem = lorenz(3.0)
+    record = problem.records[0]
+    unread = cs.Record(name="x", t=record.t, channels={"x": record["x"]})
+    model = cs.define_model(
+        "lorenz of which x is read",
+        states=("x", "y", "z"),
+        inputs=(),
+        parameters=LORENZ,
+        outputs=("x",),
+        dynamics=lambda s: {"x": s.s * (s.y - s.x), "y": s.x * (s.r - s.z) - s.y, "z": s.x * s.y - s.b * s.z},
+        output=lambda s: {"x": s.x},
+    )
+    start = {name: 3.0 * value for name, value in LORENZ.items()}
+    begin = time.process_time()  # of the processor: a busy machine takes longer for the same work
+    fit = cs.solve(cs.Problem(model, [unread], free=["*"], start=start), solver=cs.Automatic(seconds=0.1))
+    assert time.process_time() - begin < 0.6
+    assert fit.converged or (fit.result is cs.Results.STOPPED and "time of 0.1 s" in fit.reason)
+
+
 def test_seconds_bound_ipopt():
     """From ten times the equations of Lorenz, where it does not end within 20 s; its programme is built in that time.
     A busy machine takes longer for the same work, hence the time of the processor. Half a second beyond is allowed: a

@@ -323,3 +323,19 @@ def test_a_compiler_that_fails_is_no_compiler(tmp_path, monkeypatch):
         assert compiler.c_compiler() is None
     finally:
         compiler.c_compiler.cache_clear()
+
+
+@needs_compiler
+def test_a_compilation_ends_with_the_time_that_it_has(monkeypatch, tmp_path):
+    """By a compiler that never ends; the next problem, which has the time, is compiled."""
+    slow = tmp_path / "cc"
+    slow.write_text('#!/bin/sh\n[ "$1" = --version ] || sleep 30\n')
+    slow.chmod(0o755)
+    source = f"int of_{time.time_ns()}(void) {{ return 7; }}"  # in no cache
+    with monkeypatch.context() as patched:
+        patched.setattr(compiler, "c_compiler", lambda: str(slow))
+        begin = time.perf_counter()
+        with compiler.compiling_until(begin + 0.3):
+            assert compiler.compile_library(source) is None
+        assert time.perf_counter() - begin < 5.0
+    assert compiler.compile_library(source) is not None

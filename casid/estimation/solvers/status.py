@@ -97,7 +97,7 @@ INFEASIBLE = Status(result=Results.INFEASIBLE, reason="the constraints cannot be
 
 def out_of_time(seconds: float) -> Status:
     """For a limit of seconds."""
-    return Status(result=Results.STOPPED, reason=f"after {seconds:.3g} s, not converged")
+    return Status(result=Results.STOPPED, reason=f"the time of {seconds:.3g} s is over")
 
 
 def out_of_steps(count: int, kind: str = "iterations") -> Status:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import logging
-import math
 import platform
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Generic, Protocol, TypeVar
@@ -18,7 +15,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.transcriptions.layout import Layout
-from casid.native.compiler import c_compiler, cached_library, compile_first, compile_library
+from casid.native.compiler import c_compiler, cached_library, compile_first, compile_library, is_time_to_compile
 from casid.native.emitter import UnknownOperationError
 from casid.native.kernel_source import Sizes, kernel_source, sizes_of
 
@@ -270,19 +267,6 @@ def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Ker
     return None if library is None else Kernel(str(library), sizes_of(functions[1], noises))
 
 
-_until: ContextVar[float] = ContextVar("_until", default=math.inf)
-
-
-@contextmanager
-def compiling_until(deadline: float) -> Iterator[None]:
-    """Begin no compilation that would end after a time of `time.perf_counter`, while within."""
-    token = _until.set(deadline)
-    try:
-        yield
-    finally:
-        _until.reset(token)
-
-
 @cache
 def _say(model: str, why: str) -> None:
     """Once of each model, however many kernels it has."""
@@ -320,10 +304,11 @@ class KernelOffer(Generic[K]):
             return None
         if not self._looked:  # once: to look through the cache takes as long as a small simulation
             self._looked, self._cached = True, cached_library(source, FLAGS) is not None
-        earned = self.spent >= price and time.perf_counter() + price < _until.get()
+        earned = self.spent >= price and is_time_to_compile(price)
         if compile_first() or earned or self._cached:
             library = compile_library(source, FLAGS)
-            self._kernel, self._settled = None if library is None else self._load(str(library)), True
+            self._kernel = None if library is None else self._load(str(library))
+            self._settled = library is not None or is_time_to_compile()
         return self._kernel
 
     def _write(self) -> tuple[str, float]:
