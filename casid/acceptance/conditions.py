@@ -106,7 +106,7 @@ def _controls(aircraft: Aircraft, record: Record, moved: tuple[str, ...], before
         yield Condition(
             name=f"{label_of(name)} before the input",
             asked=f"{own / DEGREE + 0.0:.1f} deg, its trim in the file, within {TRIM_TOLERANCE[name] / DEGREE:g} deg",
-            found=f"{at / DEGREE:.1f} deg",
+            found=f"{round(at / DEGREE, 1) + 0.0:.1f} deg",
             met=abs(at - own) <= TRIM_TOLERANCE[name],
         )
 

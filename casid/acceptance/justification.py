@@ -138,6 +138,8 @@ def _unused_records(findings: Findings) -> str:
 
 def _other_tests(one: MatchedTest, tests: Sequence[MatchedTest], lost: Sequence[MatchedTest]) -> str:
     before = [other for other in tests if other is not one and other.sides[GIVEN].passed is True]
+    if not lost and not before:
+        return "No other test was in tolerance before, so that none could be lost."
     if not lost:
         return f"Every other test again: all {len(before)} tests that were in tolerance before still are."
     names = ", ".join(f"{other.test.id} in {other.record.name}" for other in lost)
