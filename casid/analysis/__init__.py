@@ -4,18 +4,3 @@ from casid.analysis.bootstrap import Bootstrap, bootstrap, collected, drawn_prob
 from casid.analysis.identifiability import Identifiability, identifiability
 from casid.analysis.input_noise import InputErrors, input_noise_errors, with_noisy_inputs
 from casid.analysis.profile import ProfileInterval, profile
-
-__all__ = [
-    "Bootstrap",
-    "Identifiability",
-    "InputErrors",
-    "ProfileInterval",
-    "bootstrap",
-    "collected",
-    "drawn_problem",
-    "identifiability",
-    "input_noise_errors",
-    "profile",
-    "replica",
-    "with_noisy_inputs",
-]

@@ -3,12 +3,3 @@
 from casid.design.experiment import Experiment
 from casid.design.input_design import InputDesign, design_input, standard_3211
 from casid.design.input_shapes import Multisine, StepInput
-
-__all__ = [
-    "Experiment",
-    "InputDesign",
-    "Multisine",
-    "StepInput",
-    "design_input",
-    "standard_3211",
-]

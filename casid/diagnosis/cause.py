@@ -80,13 +80,7 @@ class Gate:
         return f"{self.gate}: {value} {sign} {self.threshold:.4g}{by}{others}"
 
     def to_dict(self) -> dict[str, Any]:
-        """An entry of `gates` in diagnosis.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """An entry of `gates` in diagnosis.json."""
         entry: dict[str, Any] = {
             "gate": self.gate,
             "value": float(self.value),
@@ -105,11 +99,6 @@ class Gate:
         ----------
         entry
             An entry of ``gates`` in diagnosis.json.
-
-        Returns
-        -------
-        Gate
-            The gate.
         """
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         least, holds = entry.get("least", True), entry["passed"] and not any(other.passed for other in others)
@@ -184,13 +173,7 @@ class Decision:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """An entry of `decisions` in diagnosis.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """An entry of `decisions` in diagnosis.json."""
         return plain(self, "cause round outcome") | {
             "gates": [gate.to_dict() for gate in self.gates],
             "against": [*self.against],
@@ -204,11 +187,6 @@ class Decision:
         ----------
         entry
             An entry of ``decisions`` in diagnosis.json.
-
-        Returns
-        -------
-        Decision
-            The decision.
         """
         gates = tuple(Gate.from_dict(gate) for gate in entry["gates"])
         return cls(
@@ -244,11 +222,6 @@ class Trace:
         cause
             Kind with or without target; a target without its term stands for all terms.
 
-        Returns
-        -------
-        Trace
-            Decisions on this cause only.
-
         Raises
         ------
         InputError
@@ -271,11 +244,6 @@ class Trace:
         ----------
         cause
             Kind with or without target.
-
-        Returns
-        -------
-        Trace
-            Decisions on this cause only.
 
         Raises
         ------
@@ -319,11 +287,6 @@ class Trace:
         ----------
         most
             Largest number of lines for causes that were refused or not tried.
-
-        Returns
-        -------
-        str
-            One line for each cause.
         """
         chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
         rest = [one for one in self.deciding if one not in chosen and one.failed]
@@ -476,13 +439,7 @@ class Cause:
         return self.sentence + alike
 
     def to_dict(self) -> dict[str, Any]:
-        """An entry of `causes` or `minor` in diagnosis.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """An entry of `causes` or `minor` in diagnosis.json."""
         times = {"onset_s": self.onset_s, "end_s": self.end_s}
         times = {name: {r: list(ends) for r, ends in one.items()} if one else None for name, one in times.items()}
         told = ("name", "kind", "target", "term", "value", "std", "unit", "statistic", "dof", "probability", "alone")

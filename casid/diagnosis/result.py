@@ -165,11 +165,6 @@ class Diagnosis:
         statement
             As in `claims`.
 
-        Returns
-        -------
-        Claim
-            Whether it is said, and why not.
-
         Raises
         ------
         InputError
@@ -188,11 +183,6 @@ class Diagnosis:
         cause
             As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone stands for all its targets.
 
-        Returns
-        -------
-        Trace
-            Print it for the words.
-
         Raises
         ------
         InputError
@@ -207,11 +197,6 @@ class Diagnosis:
         ----------
         cause
             Kind and target, like ``actuator_lag(delta_e)``.
-
-        Returns
-        -------
-        Trace
-            The gates that the cause did not pass.
 
         Raises
         ------
@@ -289,11 +274,6 @@ class Diagnosis:
         ----------
         cause
             One of `causes`.
-
-        Returns
-        -------
-        ShownCause
-            Arrays of its term, onsets, frequency response and latent input.
         """
         before = {one.station: one for one in self.missing_before}
         return shown_of(cause, self.bare, (self.as_given, self.extended), before.get(cause.effect.enters or ""))
@@ -305,11 +285,6 @@ class Diagnosis:
         ----------
         missing
             One of `unexplained`.
-
-        Returns
-        -------
-        tuple of History
-            One for each record of the fit that shows it.
         """
         fit = self.refitted.fit
         return tuple(histories_of(fit if missing.concerns(fit.batch.names) else self.held_out_extended.fit, missing))
@@ -320,13 +295,7 @@ class Diagnosis:
         return tuple(untold(self.parameters, self.aircraft, of_aircraft(self.extended.fit.flight)))
 
     def next_flights(self) -> NextFlights:
-        """Design the manoeuvres that would answer what these records leave open; about 5 s of processor time each.
-
-        Returns
-        -------
-        NextFlights
-            None for an aircraft with rotors and for another system.
-        """
+        """Design the manoeuvres that would answer what these records leave open; about 5 s of processor time each."""
         if not self.of_aeroplane:
             return NextFlights()
         setting = Setting(
@@ -410,13 +379,7 @@ class Diagnosis:
         save(self, path)
 
     def to_frame(self) -> DataFrame:
-        """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`.
-
-        Returns
-        -------
-        DataFrame
-            Data frame of pandas.
-        """
+        """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""
         return view("diagnosis.frame")(self)
 
     def __str__(self) -> str:
@@ -439,13 +402,7 @@ class Diagnosis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of diagnosis.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The content of diagnosis.json."""
         return {
             "schema": SCHEMA,
             **({} if self.of_aircraft else {"system": self.part.name}),

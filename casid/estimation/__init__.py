@@ -13,34 +13,3 @@ from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.status import Results
 from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting
-
-__all__ = [
-    "Automatic",
-    "ChannelFit",
-    "Collocation",
-    "CombinedError",
-    "EquationError",
-    "Estimate",
-    "Fit",
-    "GaussNewton",
-    "Huber",
-    "InitialState",
-    "Ipopt",
-    "Minimum",
-    "MultipleShooting",
-    "Noise",
-    "OutputError",
-    "Population",
-    "Problem",
-    "RangeWeights",
-    "Results",
-    "SingleShooting",
-    "Starts",
-    "StateHistory",
-    "StudentT",
-    "limit_combination",
-    "limit_function",
-    "limit_parameter",
-    "limit_trajectory",
-    "solve",
-]

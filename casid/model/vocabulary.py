@@ -11,22 +11,10 @@ import re
 
 from casid.errors import InputError, check_known, unknown
 from casid.model.causes import KINDS
-from casid.model.effect import Effect, Kind
+from casid.model.effect import Effect
 from casid.model.rotors import ALL
 from casid.model.terms import Term, derivative_name, in_words, parse_term
 from casid.signals import label_of
-
-__all__ = [
-    "KINDS",
-    "LABELS",
-    "Kind",
-    "check_effect",
-    "effect_sentence",
-    "effect_title",
-    "effect_unit",
-    "sentence_of",
-    "title_of",
-]
 
 LABELS = {
     "CL": "lift",

@@ -3,14 +3,3 @@
 from casid.records.column_map import ColumnMap, ColumnTerm, parse_map_option
 from casid.records.readers import read_record, read_records, write_record
 from casid.records.record import Record, require_channels
-
-__all__ = [
-    "ColumnMap",
-    "ColumnTerm",
-    "Record",
-    "parse_map_option",
-    "read_record",
-    "read_records",
-    "require_channels",
-    "write_record",
-]

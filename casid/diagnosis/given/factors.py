@@ -29,28 +29,14 @@ _FORCES, _MOMENTS = ("CL", "CD", "CY", "CX", "CZ"), ("Cl", "Cm", "Cn")
 
 @dataclass(frozen=True, kw_only=True)
 class Factor:
-    """A factor common to a group of derivatives.
+    """A factor common to a group of derivatives."""
 
-    Attributes
-    ----------
-    row
-        The group in words, as "Cm" or "all derivatives with delta_e".
-    factor, std
-        Flight over file, and its 1-sigma.
-    means
-        What in the file may be wrong by that factor or its inverse.
-    derivatives
-        Names of the derivatives that it stands for.
-    kind, unit
-        Kind of the cause that the number is the value of, with its unit; empty for a factor.
-    """
-
-    row: str
-    factor: float
+    row: str  # the group in words, as "Cm" or "all derivatives with delta_e"
+    factor: float  # factor, std: flight over file, and its 1-sigma
     std: float
-    means: tuple[str, ...]
-    derivatives: tuple[str, ...]
-    kind: str = ""
+    means: tuple[str, ...]  # what in the file may be wrong by that factor or its inverse
+    derivatives: tuple[str, ...]  # names of the derivatives that it stands for
+    kind: str = ""  # kind, unit: kind of the cause that the number is the value of, with its unit; empty for a factor
     unit: str = ""
 
     @property

@@ -112,13 +112,7 @@ class InstrumentError:
         return ("" if self.identifiable else "  not identifiable") + ("" if self.passed else "  failed")
 
     def to_dict(self) -> dict[str, Any]:
-        """One entry of `errors` in compatibility.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """One entry of `errors` in compatibility.json."""
         kept = ("kind", "target", "value", "std", "unit", "allowed", "identifiable", "passed")
         return {name: getattr(self, name) for name in kept} | {"rivals": list(self.rivals)}
 
@@ -192,13 +186,7 @@ class Compatibility:
         return not self.against
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of compatibility.json.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The content of compatibility.json."""
         return {
             "schema": "casid.compatibility/1",
             "records": [record.name for record in self.records],
@@ -472,13 +460,7 @@ class SteadyWind:
         )
 
     def to_dict(self) -> dict[str, float]:
-        """The numbers by name.
-
-        Returns
-        -------
-        dict
-            Numbers, texts, lists and tables, as JSON holds them.
-        """
+        """The numbers by name."""
         return dict(vars(self))
 
 

@@ -133,11 +133,6 @@ class Library:
         ----------
         model
             Model of the system.
-
-        Returns
-        -------
-        dict
-            Name of each term -> its expression.
         """
         names = (*model.states, *model.inputs)
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
@@ -154,11 +149,6 @@ class Library:
         ----------
         model
             Model of the system.
-
-        Returns
-        -------
-        dict
-            Name of each monomial -> its expression.
         """
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         names = (*model.states, *model.inputs)
