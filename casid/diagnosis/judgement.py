@@ -259,9 +259,9 @@ def judged(
         seconds=stages.seconds,
         seconds_of_processor=stages.of_processor,
         held_out_is_new=part_of_a_fitted_record(held, begun.flight.records),
-        explanations=belief.explanations,
+        explanations=() if limit.left_out else belief.explanations,  # they assume that the catalogue was tried
         believed=belief.there,
-        entered=belief.entered,
+        entered={} if limit.left_out else belief.entered,
         nothing=None if limit.left_out else belief.nothing,
         trace=traced(kept, left, unexplained, trace_of_search(state, causes, minor, refused)),
     )

@@ -318,6 +318,11 @@ class Diagnosis:
         return self.extended.fit is not self.refitted.fit
 
     @property
+    def no_cause(self) -> str:
+        """The words for causes of which none explains what is left."""
+        return "none of the causes that were tried" if self.not_tried else "no cause of the catalogue"
+
+    @property
     def best(self) -> str:
         """The name of the extended model; without any added cause it is the re-estimated file or model."""
         return "extended model" if self.is_extended else f"re-estimated {self.part.source}"
@@ -463,7 +468,7 @@ class Diagnosis:
             "probability": self.entered.get(missing.station),
             "share": missing_share(fit, missing),
             "gain": missing.gain,
-            "sentence": f"Something that no cause of the catalogue explains enters at {missing.words}.",
+            "sentence": f"Something that {self.no_cause} explains enters at {missing.words}.",
         }
 
     def _held_out(self) -> dict[str, Any]:

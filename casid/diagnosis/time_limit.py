@@ -22,7 +22,7 @@ class TimeLimit:
     def __init__(self, seconds: float | None = None) -> None:
         self._seconds, self._begin = math.inf if seconds is None else seconds, time.perf_counter()
         self._until, self._cutting = math.inf, False
-        self.because, self.left_out = "", list[str]()
+        self.because, self._fits, self._others = "", list[str](), list[str]()
 
     def begin_search(self) -> None:
         """Keep as much time for the end as the beginning took."""
@@ -42,9 +42,19 @@ class TimeLimit:
 
     def leaves_out(self, what: str) -> bool:
         """Whether something must be left out because the time is up; it is noted then."""
-        if self.is_up and what not in self.left_out:
-            self.left_out.append(what)
+        if self.is_up and what not in self._others:
+            self._others.append(what)
         return self.is_up
+
+    def leave_out_fit(self, cause: str) -> None:
+        """Note that a cause was not fitted, because the time is up."""
+        self._fits += [cause] if cause not in self._fits else []
+
+    @property
+    def left_out(self) -> list[str]:
+        """What was left out, in words."""
+        fits = [f"fit{'s' if len(self._fits) > 1 else ''} of {', '.join(self._fits)}"] if self._fits else []
+        return [*fits, *self._others]
 
     @contextmanager
     def cutting(self) -> Iterator[None]:

@@ -119,7 +119,7 @@ def _unexplained(diagnosis: Diagnosis) -> Iterator[Claim]:
         yield Claim(
             anchor=about_unexplained(number),
             head=f"unexplained at {where}",
-            text=f"Something enters at {where} that no cause of the catalogue explains",
+            text=f"Something enters at {where} that {diagnosis.no_cause} explains",
             figures=(numbered(own, number), general),
             probability=diagnosis.entered.get(one.station),
         )

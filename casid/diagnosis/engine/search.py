@@ -361,7 +361,7 @@ def _tried(
             limit.check()
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
         except TimeIsUpError:
-            limit.leaves_out(f"a fit of {one[0].name}")
+            limit.leave_out_fit(one[0].name)
             return given_up(state.fit, one[0], no_time_left()), state.fit, {}
         return trial, joint.fit, interval
 
