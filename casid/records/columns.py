@@ -84,7 +84,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         else:
             extras.append(index)
     _check_slips(table, slips)
-    texts = [index for index in extras if index in table.text]
+    texts = [index for index in extras if index in table.text and np.isnan(table.values[:, index]).all()]
     if texts:
         notes.append(f"columns of text are left out: {', '.join(repr(headers[i][0]) for i in texts)}")
     for index in (one for one in extras if one not in texts):

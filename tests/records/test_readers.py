@@ -201,11 +201,13 @@ def test_a_good_record_has_no_notes(tmp_path):
 
 def test_columns_that_casid_does_not_know_are_kept(tmp_path):
     record = flight(("t", "delta_e"))
-    rows = [[*row, 180.0, "day"] for row in record.matrix(("t", "delta_e")).tolist()]
-    path = write(tmp_path / "m1.csv", ["t", "delta_e", "stick [deg]", "light"], rows)
+    rows = [[*row, 180.0, "day", 1.0] for row in record.matrix(("t", "delta_e")).tolist()]
+    rows[6][-1] = "1;0"
+    path = write(tmp_path / "m1.csv", ["t", "delta_e", "stick [deg]", "light", "flap"], rows)
     again = read_record(path)
     np.testing.assert_allclose(again["stick"], np.pi, rtol=1e-15)
-    assert "light" not in again and "'light' is left out: row 1 (line 2)" in again.notes[0]
+    assert "light" not in again and "'light'" in again.notes[0]
+    assert "flap" not in again and "'flap' is left out: row 7 (line 8)" in again.notes[1]
 
 
 def test_patterns_and_names(tmp_path):
