@@ -25,7 +25,7 @@ from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
 from casid.model.terms import parse_term
 from casid.records.record import Record
-from casid.signals import GRAVITY, SURFACES, si_factor, unit_of
+from casid.signals import GRAVITY, SURFACES, same_unit, si_factor, unit_of
 
 _FORCES: Mapping[str, str] = {"CX": "ax", "CY": "ay", "CZ": "az"}
 _OF_LIFT: Mapping[str, str] = {"CD": "ax", "CY": "ay", "CL": "az"}  # along body axes at small angles, less than zero
@@ -137,6 +137,20 @@ class Alternative:
         """What it takes otherwise; "t" when it is the time."""
         return self.reading.channels | ({"t"} if self.reading.time != 1.0 else set())
 
+    def possible(self, stated: str) -> bool:
+        """Whether a channel with a stated unit may be so: numbers in that unit were SI, or those in SI in another."""
+        if self.kind != "data_unit" or self.unit is None:
+            return True
+        other = self.unit.removeprefix(_NOT_IN)
+        return (
+            bool(same_unit(stated, other))
+            if other != self.unit
+            else si_factor(stated, self.target.split("+")[0]) == 1.0
+        )
+
+
+_NOT_IN = "SI, not in "
+
 
 def alternatives(channels: Iterable[str], stretched: Sequence[float] = ()) -> list[Alternative]:
     """All alternatives for records that have these channels; `stretched`: factors of time that rates ask for."""
@@ -167,7 +181,7 @@ def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
     found = []
     for unit in _UNITS.get(unit_of(members[0]), ()):
         factor = si_factor(unit, members[0])
-        for value, said in ((factor, unit), (1.0 / factor, f"SI, not in {unit}")):
+        for value, said in ((factor, unit), (1.0 / factor, f"{_NOT_IN}{unit}")):
             reading = Reading(factor=dict.fromkeys(members, value))
             found.append(Alternative(kind="data_unit", target=label, reading=reading, value=value, unit=said))
     return found
@@ -255,6 +269,20 @@ class Response:
         sums = {c: together(plain, c) for c in noise}
         unexplained = sum(0.5 * s.samples * s.left / noise[c] ** 2 for c, s in sums.items())
         return self._evidence(plain, noise, self._criteria.minor) + unexplained + self._balance(sums.get("Cm"))
+
+    def likeliest(self, records: Sequence[Read]) -> float:
+        """The same likelihood of a file that has the derivatives of these records."""
+        plain = self._plain(records)
+        noise = self._noise(plain)
+        sums = {c: together(plain, c) for c in noise}
+        found = 0.0
+        for c, s in sums.items():
+            row, count = self._rows[c], len(self._rows[c].prior)
+            free = np.linalg.pinv(s.XX[:count, :count], rcond=1e-10, hermitian=True) @ s.Xy[:count]
+            own = replace(row, prior=free, sizes=np.maximum(np.abs(free), 1e-12))
+            found += log_evidence(s, own, noise[c], self._criteria, self._criteria.minor)
+            found += 0.5 * s.samples * s.left / noise[c] ** 2
+        return found
 
     def _plain(self, records: Sequence[Read]) -> list[Parts]:
         """Sums of every record as it is read."""
@@ -414,6 +442,7 @@ def _unexplained(c: Read, rows: Collection[str]) -> float:
 def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[str, Row]:
     """Coefficient -> its derivatives and terms in the file."""
     table: dict[str, list[tuple[str, str, float, float]]] = {}
+    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual says so
     for coefficient, name, term in aerodynamic_parameters(aircraft):
         value, given = (_value(one, coefficient, name, term) for one in (aircraft, stated))
         size = max(abs(value), abs(given))
@@ -425,7 +454,7 @@ def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[
             terms=tuple(term for _, term, *_ in rows),
             prior=np.array([value for _, _, value, _ in rows]),
             errors=tuple(_errors(coefficient, {term: value for _, term, value, _ in rows}, criteria)),
-            sizes=np.array([size for *_, size in rows]),
+            sizes=doubted * np.array([size for *_, size in rows]),
         )
         for coefficient, rows in table.items()
     }

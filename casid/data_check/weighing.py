@@ -75,6 +75,8 @@ class Weighing:
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
+        stated = [record.stated for record in records]
+        self._stated = {n: one[n] for one in stated for n in one if all(other.get(n) == one[n] for other in stated)}
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
         self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight says so
@@ -176,8 +178,17 @@ class Weighing:
             odds.setdefault(kind, []).append((gain + prior, meaning))
         each = [(float(np.logaddexp.reduce([o for o, _ in some])), some) for some in odds.values()]
         ranked = sorted(((together, max(some, key=itemgetter(0))[1]) for together, some in each), key=itemgetter(0))
-        best = ranked[-1][0]
-        return best, [one for o, one in reversed(ranked) if best >= by.against and o > best - by.alone]
+        best, first = ranked[-1]
+        if best < by.against or not self._agrees(first, self._aircraft, self._response, reads):
+            return best, []
+        return best, [one for o, one in reversed(ranked) if o > best - by.alone]
+
+    def _agrees(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> bool:
+        """Whether another meaning of a file brings it most of the way to what the records say: a file that is wrong all
+        over is less wrong in many a unit."""
+        meant = Response(meaning.corrected(given), self._criteria)
+        off, left = (one.likeliest(reads) - one.likelihood(reads) for one in (as_given, meant))
+        return isinstance(meaning, ForceAxes) or left < max(0.5 * off, self._criteria.said)
 
     def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> float:
         """Log likelihood ratio of another meaning of a file: of its derivatives, its trim, and the moment that is left.
@@ -219,8 +230,13 @@ class Weighing:
     def _outputs(self) -> list[Alternative]:
         channels = {name for one in self._quick for name in one.values}
         earth = [a for a in self._frames() if a.target == "earth"]
-        able = [*alternatives(channels, self._stretched()), *earth]
+        able = [*self._able(channels, self._stretched()), *earth]
         return [a for a in able if not a.channels & {*SURFACES, *self._believed}]
+
+    def _able(self, channels: Collection[str], stretched: Sequence[float] = ()) -> list[Alternative]:
+        """Alternatives for these channels. Where a unit is stated, that one alone may be wrong."""
+        found = alternatives(channels, stretched)
+        return [a for a in found if all(a.possible(self._stated[n]) for n in a.reading.factor if n in self._stated)]
 
     def _frames(self) -> list[Alternative]:
         """Other axes, as long as none were found."""
@@ -328,7 +344,7 @@ class Weighing:
         assert self._response is not None
         reads = self._all_read(AS_RECORDED, ())
         channels = {name for one in self._quick for name in one.values}
-        able = [a for a in alternatives(channels) if a.channels and a.channels <= {*SURFACES} - self._believed]
+        able = [a for a in self._able(channels) if a.channels and a.channels <= {*SURFACES} - self._believed]
         able = [a for a in able if self._are_deflections(a)]
         return self._response.gains(reads, able)
 

@@ -247,7 +247,7 @@ def checked_fields(
         "source": table.source,
         "notes": tuple(notes),
         "empty": tuple(empty),
-        "stated": columns.stated & channels.keys(),
+        "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
     }
 
 

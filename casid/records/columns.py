@@ -32,7 +32,7 @@ class Columns:
 
     channels: Mapping[str, np.ndarray]
     places: Mapping[str, str]
-    stated: frozenset[str]
+    stated: Mapping[str, str]
     notes: tuple[str, ...]
 
 
@@ -76,7 +76,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             notes.append(f"{table.column(index)} is left out: the column map takes '{name}' from elsewhere")
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
-            stated |= {name} if unit else set()
+            stated |= {name: unit} if unit else {}
         elif not name:
             notes += _nameless(table, index)
         elif (near := near_channel(name, absent)) and (not column_map.columns or _same_letters(name, near)):
@@ -98,18 +98,18 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     return Columns(
         channels=dict(sorted(channels.items(), key=lambda one: last.get(one[0], -1))),
         places=places,
-        stated=frozenset(stated),
+        stated=stated,
         notes=tuple(notes),
     )
 
 
 def _mapped(
     table: RawTable, headers: list[tuple[str, str]], column_map: ColumnMap, *, checked: bool
-) -> tuple[dict[str, np.ndarray], dict[str, str], set[str], set[int]]:
+) -> tuple[dict[str, np.ndarray], dict[str, str], dict[str, str], set[int]]:
     """Channels of a map, where each stands in the file, those with a stated unit, and the columns that it uses."""
     channels: dict[str, np.ndarray] = {}
     places: dict[str, str] = {}
-    stated: set[str] = set()
+    stated: dict[str, str] = {}
     used: set[int] = set()
     for channel, terms in column_map.columns.items():
         found = [_find(table, headers, term, channel) for term in terms]
@@ -126,8 +126,9 @@ def _mapped(
         channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
         places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
         used.update(indices)
-        if all(term.unit or (headers and headers[i][1]) for term, i in parts):
-            stated.add(channel)
+        units = [term.unit or (headers[i][1] if headers else "") for term, i in parts]
+        if all(units):
+            stated[channel] = units[0]
     return channels, places, stated, used
 
 

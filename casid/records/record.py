@@ -50,7 +50,7 @@ class Record:
     empty
         Channels that the file names and of which it has no sample; they are left out.
     stated
-        Channels whose unit the source states: it is believed, however large the values are.
+        Channel -> unit that the source states: it is believed, however large the values are.
     events
         Name -> times [s] of what a model declares as an event, such as a dose, {"dose": [0.0, 3.7]}: at samples or
         between them. A reading at the time of an event is one after it.
@@ -77,7 +77,7 @@ class Record:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     empty: tuple[str, ...] = ()
-    stated: frozenset[str] = frozenset()
+    stated: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
@@ -186,7 +186,7 @@ class Record:
         hold = state["hold"]
         hold = hold if isinstance(hold, str) else MappingProxyType(hold)
         events = MappingProxyType(dict(state.get("events", {})))
-        state = {"stated": frozenset()} | state  # of a record that was kept before there was one
+        state = {"stated": {}} | state  # of a record that was kept before there was one
         self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold, events=events)
 
     def hold_of(self, channel: str) -> str:
