@@ -245,14 +245,18 @@ class Response:
             found.append((alternative, self._in_records(plain, other, floor)))
         return [*found, *self._file_signs(plain, noise)]
 
-    def of_forces(self, readings: Sequence[Sequence[Read]]) -> list[float]:
-        """Log marginal likelihood of the file's forces under every reading of the records, up to what all share. All of
-        them are compared together, each with the noise that it leaves: what one reading takes for a force along z
-        another takes for one along y."""
+    def of_forces(self, readings: Sequence[Sequence[Read]], exchanged: bool = False) -> list[float]:
+        """Log marginal likelihood of the file's forces under every reading of the records, up to what all share.
+
+        Readings of the same forces have one noise, the least. Where forces are `exchanged`, one reading takes for a
+        force along z what another takes for one along y: each has the noise that it leaves, along every axis."""
         there = {n for c in readings[0] for n in (*_MOTION, *SURFACES) if c.has(n)}
         parts = [[self._parts(record, Reading(), there) for record in records] for records in readings]
         noises = [self._noise(one) for one in parts]
         shared = [c for c in _FORCE_ROWS if all(c in noise for noise in noises)]
+        if not exchanged:
+            least = {c: min(noise[c] for noise in noises) for c in shared}
+            return [self._evidence(one, least) for one in parts]
         found = []
         for records, one, noise in zip(readings, parts, noises, strict=True):
             density = sum(together(one, c).samples * float(np.log(noise[c])) for c in shared)
@@ -357,10 +361,21 @@ class Response:
             covariance = np.linalg.pinv(squares.XX / noise**2 + np.diag(known), rcond=1e-12, hermitian=True)
             free, std = covariance @ squares.Xy / noise**2, np.sqrt(np.diag(covariance))
             part = np.abs(free) * np.sqrt(np.diag(squares.XX) / squares.yy)
+            std = np.hypot(std, self._by_vanes(row))
             for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
-                sure = -free[i] * np.sign(row.prior[i]) > max(self._criteria.sure * std[i], 0.0)
+                sure = -free[i] * np.sign(row.prior[i]) > self._criteria.sure * std[i]
                 if term in _MOTION and sure and part[i] > self._criteria.slope:
                     yield name, float(row.prior[i]), float(free[i]), float(std[i])
+
+    def _by_vanes(self, row: Row) -> np.ndarray:
+        """(columns,) what vanes away from the c.g., which sense rotation, add to the derivatives by rates."""
+        by, plane = self._criteria, self._aircraft
+        slopes = dict(zip(row.terms, np.abs(row.prior), strict=True))
+        pitch, yaw = (slopes.get(angle, 0.0) * by.vane_ahead for angle in ("alpha", "beta"))
+        roll = max(slopes.get(angle, 0.0) for angle in ("alpha", "beta")) * by.vane_across
+        arms = {"q": pitch / plane.rate_length_pitch}
+        arms |= {name: one / plane.rate_length_lateral for name, one in (("p", roll), ("r", yaw))}
+        return np.array([arms.get(term, 0.0) for term in row.all_terms])
 
     def _in_records(self, plain: Sequence[Parts], other: Sequence[Parts], noise: Mapping[str, float]) -> list[float]:
         """Gain of other parts in the set of records that gains most, shared among them: all, or grown one by one."""

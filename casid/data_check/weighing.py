@@ -250,13 +250,15 @@ class Weighing:
         if self._response is None:
             return gains
         able = [i for i, (a, g) in enumerate(gains) if _of_forces_alone(a) and self._total(a, g) > 0.0]
-        concerned = [self._concerned(*gains[i]) for i in able]
-        other = [self._all_read(gains[i][0].reading, names) for i, names in zip(able, concerned, strict=True)]
-        as_read, *said = self._response.of_forces([self._all_read(AS_RECORDED, ()), *other])
-        for i, names, one in zip(able, concerned, said, strict=True):
-            more = (one - as_read) / max(len(names), 1)
-            alternative, each = gains[i]
-            gains[i] = alternative, [g + more * (n in names) for n, g in zip(self.names, each, strict=True)]
+        for exchanged in (False, True):
+            some = [i for i in able if bool({*gains[i][0].reading.source} & {*FORCES}) == exchanged]
+            concerned = [self._concerned(*gains[i]) for i in some]
+            other = [self._all_read(gains[i][0].reading, names) for i, names in zip(some, concerned, strict=True)]
+            as_read, *said = self._response.of_forces([self._all_read(AS_RECORDED, ()), *other], exchanged)
+            for i, names, one in zip(some, concerned, said, strict=True):
+                more = (one - as_read) / max(len(names), 1)
+                alternative, each = gains[i]
+                gains[i] = alternative, [g + more * (n in names) for n, g in zip(self.names, each, strict=True)]
         return gains
 
     def _all_read(self, other: Reading, names: Collection[str]) -> list[Read]:

@@ -179,15 +179,17 @@ class Record:
 
     def __getstate__(self) -> dict[str, Any]:
         # a read-only view cannot be pickled
-        unlocked = {"channels": dict(self.channels), "hold": _unlocked(self.hold), "events": dict(self.events)}
-        return self.__dict__ | unlocked
+        unlocked = {name: dict(getattr(self, name)) for name in ("channels", "stated", "events")}
+        return self.__dict__ | unlocked | {"hold": _unlocked(self.hold)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         hold = state["hold"]
         hold = hold if isinstance(hold, str) else MappingProxyType(hold)
         events = MappingProxyType(dict(state.get("events", {})))
-        state = {"stated": {}} | state  # of a record that was kept before there was one
-        self.__dict__.update(state, channels=MappingProxyType(state["channels"]), hold=hold, events=events)
+        stated = state.get("stated")
+        stated = MappingProxyType(dict(stated) if isinstance(stated, Mapping) else {})  # of before, without units
+        channels = MappingProxyType(state["channels"])
+        self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
 
     def hold_of(self, channel: str) -> str:
         """How a channel runs between samples: "linear", "held" or "cubic". Time is linear.

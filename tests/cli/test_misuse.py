@@ -229,8 +229,14 @@ def test_a_map_is_written_that_reads_a_file_of_foreign_names(tmp_path, capsys):
     record = read_record(file, target)
     for name in ("V", "alpha", "p", "q", "r", "az", "delta_e"):
         np.testing.assert_allclose(record[name], first[name], rtol=1e-6, atol=1e-9)
-    assert "light" in target.read_text()
+    assert "light" in target.read_text() and "# thrust = " in target.read_text()
     assert status_of(app, ["check", str(file), "--write-map", str(target)]) == 2
+    named, motors = tmp_path / "named.csv", tmp_path / "motors.toml"
+    head = "t,q,m1,stick"
+    np.savetxt(named, rows[:, [0, 4, 1, 2]], delimiter=",", header=head, comments="", fmt="%.12g")
+    assert status_of(app, ["check", str(named), "--map", "m1=m1", "--write-map", str(motors)]) in (0, 1)
+    lines = motors.read_text().splitlines()
+    assert 'm1 = "m1"' in lines and sum("m1 =" in one for one in lines) == 1  # a rotor has no line of its own to fill
     maps = ["t=Time", "V=TAS", "alpha=AOA", "p=P", "q=Q", "r=R", "az=NZ*-1", "delta_e=ELEV"]
     assert status_of(app, ["check", "--map", *maps, str(file)]) in (0, 1)
 

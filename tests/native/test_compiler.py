@@ -300,6 +300,27 @@ def test_a_cache_without_permission_is_no_traceback(own_cache, monkeypatch, capl
     cache._folder.cache_clear()
 
 
+@needs_compiler
+def test_a_library_that_is_there_is_not_compiled_again(own_cache):
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    before = library.stat().st_ino
+    compiled()
+    assert library.stat().st_ino == before
+
+
+@pytest.mark.skipif(not Path("/proc/cpuinfo").exists(), reason="the system does not tell what its processor can do")
+def test_a_library_is_of_one_processor(monkeypatch):
+    """Two processors of one name, of which one has more instructions, as under one home, have a key each."""
+    keys = set()
+    for flags in ("flags : sse2", "flags : sse2 avx512f"):
+        monkeypatch.setattr(Path, "read_text", lambda self, *a, flags=flags, **k: f"model name : X\n{flags}\n")
+        compiler._machine.cache_clear()
+        keys.add(compiler._key("source", ("-O2",)))
+    compiler._machine.cache_clear()
+    assert len(keys) == 2
+
+
 def test_a_library_is_of_one_c_library(monkeypatch):
     """Two versions of it, as under one home on two machines, have a key each."""
     keys = set()

@@ -19,6 +19,7 @@ EXPRESSIONS = {
     "steps": (ca.fabs(a), ca.floor(3 * a), ca.ceil(3 * a), ca.sign(a), ca.fmod(3 * a, b), ca.copysign(a, y)),
     "choice": (ca.fmin(a, b), ca.fmax(a, b), ca.if_else(a < b, a, 2 * b), ca.if_else(a <= 0, y, ca.hypot(a, b))),
     "logic": (ca.if_else(ca.logic_and(a > 0, y > 0), a, b), ca.logic_or(a > 0, y > 0), ca.logic_not(a > 0), a != b),
+    "order": (a < b, a <= 0.1, a == y, ca.if_else(a == b, 1.0, 2.0)),
 }
 
 

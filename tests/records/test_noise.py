@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from casid.records.noise import isolated, pooled_sigma, real_updates, resolution
+from casid.records.noise import isolated, pooled_sigma, quiet_windows, real_updates, resolution
 from casid.records.noise_spectrum import high_band_holds
 from casid.records.record import Record
 from casid.records.thinning import spaced
@@ -123,3 +123,16 @@ def test_a_short_series_is_not_judged(count: int, few: bool) -> None:
     values = 1e-3 * np.random.default_rng(5).standard_normal(count)
     values[30] = 5.0
     assert isolated(values, 8.0).any() != few
+
+
+@pytest.mark.parametrize("level", [0.0, 5.0, -300.0])
+def test_quiet_windows_do_not_depend_on_the_level_nor_the_sign(level: float) -> None:
+    """What moves is a change: a surface that goes up from a trim of -17 deg moves as one that goes down from zero."""
+    rng = np.random.default_rng(8)
+    steps = np.interp(np.arange(400), [0, 100, 104, 200, 203, 300, 306, 399], [0, 0, 9, 9, 4, 4, -5, -5])
+    values = steps + 0.1 * rng.standard_normal(400)
+    truth = quiet_windows(values, 0.1)
+    for other in (values + level, level - values):
+        for mine, theirs in zip(quiet_windows(other, 0.1), truth, strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+    assert (truth[1] - truth[0]).max() > 50

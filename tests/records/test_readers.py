@@ -1,5 +1,7 @@
 """Reading and writing flight records. Truth: the written numbers themselves, and definitions of units."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -291,3 +293,14 @@ def test_a_mutilated_file_is_a_record_or_one_line_of_error(tmp_path_factory, dat
         assert "\n" not in str(error) and "m1" in str(error)
     else:
         assert np.all(np.diff(record.t) > 0) and all(not np.isinf(v).any() for v in record.channels.values())
+
+
+def test_a_record_that_is_sent_to_another_process_keeps_its_units(tmp_path):
+    record = flight(("t", "delta_e"))
+    rows = [[t, np.degrees(value)] for t, value in record.matrix(("t", "delta_e")).tolist()]
+    again = read_record(write(tmp_path / "m1.csv", ["t", "delta_e [deg]"], rows))
+    for one in (again, pickle.loads(pickle.dumps(again)), again.with_channels(q=again["delta_e"])):
+        assert dict(one.stated) == {"delta_e": "deg"}
+    old = dict(again.__getstate__(), stated=frozenset({"delta_e"}))  # as a file that was kept before has it
+    again.__setstate__(old)
+    assert not again.stated
