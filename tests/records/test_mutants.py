@@ -156,9 +156,9 @@ def test_a_mutant_is_read_or_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_many_mutants_are_read_or_refused(tmp_path: Path) -> None:
-    for seed in range(2, 2 + MANY // 2000):
-        tried(tmp_path, 2000, seed)
+@pytest.mark.parametrize("seed", range(2, 2 + MANY // 2000))
+def test_many_mutants_are_read_or_refused(tmp_path: Path, seed: int) -> None:
+    tried(tmp_path, 2000, seed)
 
 
 @pytest.mark.parametrize("path", sorted(CORPUS.iterdir()), ids=lambda path: path.name)

@@ -297,7 +297,7 @@ def test_a_mutilated_file_is_a_record_or_one_line_of_error(tmp_path_factory, dat
 
 def test_a_record_that_is_sent_to_another_process_keeps_its_units(tmp_path):
     record = flight(("t", "delta_e"))
-    rows = [[t, np.degrees(value)] for t, value in record.matrix(("t", "delta_e")).tolist()]
+    rows = [[t, float(np.degrees(value))] for t, value in record.matrix(("t", "delta_e")).tolist()]
     again = read_record(write(tmp_path / "m1.csv", ["t", "delta_e [deg]"], rows))
     for one in (again, pickle.loads(pickle.dumps(again)), again.with_channels(q=again["delta_e"])):
         assert dict(one.stated) == {"delta_e": "deg"}
