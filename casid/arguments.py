@@ -127,7 +127,10 @@ def names(value: Any, what: str) -> tuple[str, ...]:
 def numbers_by_name(value: Any, what: str) -> dict[str, float]:
     """`value` as a table name -> finite number; InputError otherwise."""
     table_of(value, what, "{'Cm_alpha': -1.2}")
-    return {name: number(one, f"{what}: '{name}'") for name, one in value.items()}
+    return {  # most are floats: models are made again and again with the same hundred numbers
+        name: one if type(one) is float and math.isfinite(one) else number(one, f"{what}: '{name}'")
+        for name, one in value.items()
+    }
 
 
 def listed(values: Iterable[str], most: int = 12) -> str:

@@ -79,6 +79,8 @@ class Experiment:
         if np.shape(self.start) != (len(model.states),):
             order = ", ".join(model.states)
             raise InputError(f"Experiment: start has the shape {np.shape(self.start)}; expected a number each: {order}")
+        for name, value in zip(model.states, self.start, strict=True):
+            number(value, f"Experiment: start of '{name}'")
         for what, table, valid in (
             ("input", self.surfaces, model.inputs),
             ("output", self.noise, model.outputs),

@@ -197,7 +197,8 @@ def check_constraints(constraints: Any) -> tuple[Constraint, ...]:
     """Constraints as a tuple; one alone is a list of one."""
     if isinstance(constraints, _CONSTRAINTS):
         return (constraints,)
-    if isinstance(constraints, (str, Mapping)) or not hasattr(constraints, "__iter__"):
+    several = getattr(constraints, "ndim", hasattr(constraints, "__iter__"))
+    if isinstance(constraints, (str, Mapping)) or not several:
         raise InputError(f"Problem: constraints is {given(constraints)}; write [cs.limit_parameter('Cm_q', upper=0.0)]")
     for one in constraints:
         require(

@@ -140,5 +140,5 @@ class Huber:
 
 
 def _check_sigma(sigma: Mapping[str, float] | None, where: str) -> None:
-    for name, value in numbers_by_name(sigma or {}, f"{where}: sigma").items():
+    for name, value in numbers_by_name({} if sigma is None else sigma, f"{where}: sigma").items():
         number(value, f"{where}: sigma of '{name}'", positive=True)

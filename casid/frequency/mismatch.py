@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import a_path, number
+from casid.arguments import a_path, number, one_line
 from casid.errors import InputError
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
@@ -66,11 +66,11 @@ class MismatchEnvelope:
     name: str = "envelope"
 
     def __post_init__(self) -> None:
-        where = f"envelope '{self.name}'"
+        where = f"envelope '{one_line(self.name, 'MismatchEnvelope: name')}'"
         for name in _COLUMNS:
             try:
                 column = np.asarray(getattr(self, name), dtype=float)
-            except (TypeError, ValueError):
+            except (TypeError, ValueError, OverflowError):
                 raise InputError(f"{where}: {name} has values that are no numbers") from None
             if column.ndim != 1 or len(column) < 2 or column.shape != np.shape(self.omega):
                 raise InputError(f"{where}: {name} has the shape {column.shape}; expected one number per frequency")

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy
 
+from casid.arguments import one_line
 from casid.errors import EstimationError, InputError
 from casid.estimation.solvers.status import CONVERGED, Results, Status, out_of_steps
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
@@ -61,11 +62,12 @@ class MeasuredResponse:
     coherence: np.ndarray = field(default_factory=lambda: np.ones(1))
 
     def __post_init__(self) -> None:
-        where = f"response of '{self.output}' to '{self.input}'"
+        to = one_line(self.input, "MeasuredResponse: input")
+        where = f"response of '{one_line(self.output, 'MeasuredResponse: output')}' to '{to}'"
         try:
             omega, response = np.asarray(self.omega, dtype=float), np.asarray(self.response, dtype=complex)
             coherence = np.asarray(self.coherence, dtype=float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"{where}: omega, response or coherence has values that are no numbers") from None
         if omega.ndim != 1 or response.shape != omega.shape or coherence.shape not in (omega.shape, (1,)):
             raise InputError(f"{where}: omega, response and coherence differ in shape; expected (frequencies,) each")

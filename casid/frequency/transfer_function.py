@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.arguments import numbers_by_name, require
+from casid.arguments import given, names, numbers_by_name, one_line, require, sequence
 from casid.errors import InputError, check_known
 from casid.frequency.regression import check_band
 from casid.frequency.response_fit import (
@@ -62,6 +62,19 @@ class TransferFunction:
     pole_pairs: Sequence[tuple[str, str]] = ()
     integrators: int = 0
     delay: str = ""
+
+    def __post_init__(self) -> None:
+        for what in ("gain", "delay"):
+            one_line(getattr(self, what), f"TransferFunction: {what}")
+        for what in ("zeros", "poles"):
+            names(getattr(self, what), f"TransferFunction: {what}")
+        for what in ("zero_pairs", "pole_pairs"):
+            where = f"TransferFunction: {what}"
+            for pair in sequence(getattr(self, what), where, "[('zeta', 'omega')]"):
+                if len(names(pair, f"{where}: a pair")) != 2:
+                    raise InputError(f"{where}: a pair is {given(pair)}; expected ('zeta', 'omega')")
+        if not isinstance(self.integrators, int) or isinstance(self.integrators, bool):
+            raise InputError(f"TransferFunction: integrators is {given(self.integrators)}; expected a whole number")
 
     @property
     def names(self) -> tuple[str, ...]:

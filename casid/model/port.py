@@ -13,7 +13,7 @@ from typing import Literal
 import casadi as ca
 
 from casid.arguments import names as names_of
-from casid.arguments import require
+from casid.arguments import number, one_line, one_of, require
 from casid.errors import InputError, check_known
 from casid.model.system import Model
 
@@ -57,9 +57,12 @@ class ModelPort:
     words: str = ""
 
     def __post_init__(self) -> None:
-        check_known("kind of port", (self.kind,), ("state derivative", "input", "output"))
-        if self.matters is not None and not self.matters > 0.0:
-            raise InputError(f"port '{self.name}': matters is {self.matters}; expected a positive number, or None")
+        where = f"port '{one_line(self.name, 'ModelPort: name')}'"
+        one_of(self.kind, ("state derivative", "input", "output"), f"{where}: kind")
+        for what in ("unit", "words"):
+            one_line(getattr(self, what), f"{where}: {what}")
+        if self.matters is not None:
+            number(self.matters, f"{where}: matters", positive=True)
         if not self.words:
             by_default = {
                 "state derivative": f"the equation of {self.name}",

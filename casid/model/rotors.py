@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.arguments import given, number, require
+from casid.arguments import given, number, require, sequence
 from casid.errors import InputError, unknown
 from casid.model import operators
 from casid.model.aircraft_file import check_keys, numbers, subtable, text
@@ -131,8 +131,8 @@ class Rotor:
     speed: bool = False
 
     def __post_init__(self) -> None:
-        where = f"rotor '{self.name}'"
         _channel_name(self.name, "[[rotors.each]] name")
+        where = f"rotor '{self.name}'"
         axis = numbers(self.axis, f"{where}: axis", 3)
         length = math.sqrt(sum(x * x for x in axis))
         if not length > 0.0:
@@ -140,11 +140,13 @@ class Rotor:
         thrust = numbers(self.thrust, f"{where}: thrust")
         if not any(thrust[1:]):
             raise InputError(f"{where}: thrust is {list(thrust)}; expected a polynomial that depends on the input")
-        if self.spin not in (1, -1):
+        spin = number(self.spin, f"{where}: spin")
+        if spin not in (1, -1):
             raise InputError(f"{where}: spin is {given(self.spin)}; expected 1 or -1, the sign of its torque about z")
-        values: dict[str, Any] = {"axis": tuple(x / length for x in axis), "thrust": thrust, "spin": float(self.spin)}
+        values: dict[str, Any] = {"axis": tuple(x / length for x in axis), "thrust": thrust, "spin": spin}
         values["position"] = numbers(self.position, f"{where}: position", 3)
         values["effectiveness"] = number(self.effectiveness, f"{where}: effectiveness", positive=True)
+        values["speed"] = require(self.speed, bool, f"{where}: speed", "speed=True or speed=False")
         values["torque"] = number(self.torque, f"{where}: torque")
         for name in ("lag", "delay", "std", "inertia"):
             values[name] = number(getattr(self, name), f"{where}: {name}", least=0.0)
@@ -231,9 +233,13 @@ class Rotors:
     voltage: Voltage | None = None
 
     def __post_init__(self) -> None:
-        each = tuple(require(one, Rotor, "rotors: one", "cs.Rotor(...)") for one in self.each)
+        each = sequence(self.each, "rotors: each", "a list of cs.Rotor(...)")
+        for one in each:
+            require(one, Rotor, "rotors: one", "cs.Rotor(...)")
         if not each:
             raise InputError("rotors: there is none; add a [[rotors.each]] table for each")
+        if self.voltage is not None:
+            require(self.voltage, Voltage, "rotors: voltage", "cs.Voltage(...), or None")
         taken = [one.name for one in each] + ([self.voltage.channel] if self.voltage else [])
         for name in taken:
             if taken.count(name) > 1:

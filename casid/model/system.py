@@ -16,7 +16,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.arguments import given, listed, names, number, numbers_by_name
+from casid.arguments import given, listed, names, number, numbers_by_name, one_line, require, table_of
 from casid.errors import InputError, check_known
 from casid.model.algebraic import algebraic_states
 from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
@@ -36,6 +36,10 @@ class EquationForm:
     m: ca.SX
     target: ca.SX
     prediction: ca.SX
+
+
+# vector or expression -> the names of its rows
+_ROWS = {"x": "states", "u": "inputs", "p": "parameters", "w": "disturbances", "f": "states", "h": "outputs"}
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -107,27 +111,34 @@ class Model:
     events: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
-        for what, own, symbol in (
-            ("states", self.states, self.x),
-            ("inputs", self.inputs, self.u),
-            ("parameters", self.parameters, self.p),
-            ("disturbances", self.disturbances, self.w),
-            ("states", self.states, self.f),
-            ("outputs", self.outputs, self.h),
-        ):
-            if symbol.shape[0] != len(own):
-                rows = symbol.shape[0]
-                raise InputError(f"model '{self.name}': {len(own)} {what} but an expression of {rows} rows")
+        where = f"model '{one_line(self.name, 'Model: name')}'"
+        for letter, what in _ROWS.items():
+            own = names(getattr(self, what), f"{where}: {what}")
+            rows = require(getattr(self, letter), ca.SX, f"{where}: {letter}", "a column of expressions").shape[0]
+            if rows != len(own):
+                raise InputError(f"{where}: {len(own)} {what} but an expression of {rows} rows")
             if len(set(own)) != len(own):
-                raise InputError(f"model '{self.name}': {what} are not unique: {own}")
+                raise InputError(f"{where}: {what} are not unique: {own}")
+            object.__setattr__(self, what, own)
+        for what in ("nominal", "state_scale", "prior_std"):
+            numbers_by_name(getattr(self, what), f"{where}: {what}")
+        for what, kind, like in (("units", str, "'1/s'"), ("initial", ca.SX, "p[0]"), ("events", ca.SX, "x + 1")):
+            for name, one in table_of(getattr(self, what), f"{where}: {what}", f"{{'x': {like}}}").items():
+                require(one, kind, f"{where}: {what} of '{name}'", f"one like {like}")
+        if not callable(self.guess):
+            raise InputError(f"{where}: guess is {given(self.guess)}; expected a function of a record")
+        if self.equation is not None:
+            require(self.equation, EquationForm, f"{where}: equation", "None, or take a model from define_model")
+        if self.period is not None:
+            object.__setattr__(self, "period", number(self.period, f"{where}: period", positive=True))
         if self.events and self.period is not None:
             raise InputError(
-                f"model '{self.name}': events are of models in continuous time; in discrete time make a jump part of "
-                "the dynamics, with an input that says when"
+                f"{where}: events are of models in continuous time; in discrete time make a jump part of the dynamics, "
+                "with an input that says when"
             )
-        missing = set(self.parameters) - set(self.nominal)
-        if missing:
-            raise InputError(f"model '{self.name}': no nominal value for {sorted(missing)}")
+        for of, table in ((self.parameters, self.nominal), (self.states, self.state_scale)):
+            if missing := sorted(set(of) - set(table)):
+                raise InputError(f"{where}: no {'nominal value' if of is self.parameters else 'scale'} for {missing}")
 
     def __repr__(self) -> str:
         discrete = "" if self.period is None else f"discrete, every {self.period:g} s; "
@@ -440,7 +451,7 @@ def define_model(
         prior_std=_sizes(prior_std, groups["p"], "parameter", f"{where}: prior_std"),
         equation=equation(space) if equation else None,
         initial=_initial(initial, groups, vectors, where) if initial is not None else MappingProxyType({}),
-        period=None if period is None else number(period, f"{where}: period", positive=True),
+        period=period,
         events=_events(events, vectors, where) if events is not None else MappingProxyType({}),
     )
 

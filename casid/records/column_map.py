@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from casid.arguments import a_path, given, is_path, table_of
+from casid.arguments import a_path, given, is_path, require, sequence, table_of
 from casid.errors import InputError, check_known
 from casid.records.toml_file import read_toml
 from casid.signals import is_unit
@@ -54,7 +54,12 @@ class ColumnMap:
     variable: str | None = None
 
     def __post_init__(self) -> None:
-        table_of(self.columns, "ColumnMap: columns", "{'alpha': (ColumnTerm(column='ALCG', unit='deg'),)}")
+        like = "cs.ColumnMap.of({'alpha': 'ALCG:deg'})"
+        for channel, terms in table_of(self.columns, "ColumnMap: columns", f"that of {like}").items():
+            for term in sequence(terms, f"ColumnMap: columns of '{channel}'", f"what {like} makes"):
+                require(term, ColumnTerm, f"ColumnMap: columns of '{channel}': one", like)
+        if self.variable is not None:
+            require(self.variable, str, "ColumnMap: variable", "the name of a matrix in quotes, or None")
 
     @classmethod
     def of(cls, value: ColumnMap | Mapping[str, Any] | str | Path | None) -> ColumnMap:

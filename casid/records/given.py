@@ -28,7 +28,7 @@ def given_records(value: Any, where: str, own: Sequence[str] = ()) -> tuple[Reco
         return (value,)
     if is_path(value):
         return tuple(read_records(value, own=own))
-    if not isinstance(value, Iterable) or hasattr(value, "columns"):
+    if not isinstance(value, Iterable) or hasattr(value, "columns") or not getattr(value, "ndim", 1):
         hint = "; data in memory are cs.Record.from_frame(df)" if hasattr(value, "columns") else ""
         raise InputError(f"{where}: records is {given(value)}; expected a list of cs.Record or of file names{hint}")
     found: list[Record] = []

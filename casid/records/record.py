@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from casid.arguments import given, listed, one_line, require
+from casid.arguments import given, listed, one_line, require, table_of
 from casid.arguments import names as argument_names
 from casid.errors import InputError, check_known, nearest, unknown
 from casid.records.checks import checked_fields
@@ -82,6 +82,8 @@ class Record:
 
     def __post_init__(self) -> None:
         where = f"record '{one_line(self.name, 'Record: name')}'"
+        require(self.source, str, f"{where}: source", "a text in quotes")
+        table_of(self.stated, f"{where}: stated", "{'alpha': 'deg'}")
         t = _samples(self.t, f"{where}: t")
         _check_increasing(t, where)
         if not isinstance(self.channels, Mapping):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.arguments import require
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.solver import Outcome, check_limits
@@ -54,6 +55,7 @@ class GaussNewton:
 
     def __post_init__(self) -> None:
         check_limits(self)
+        require(self.patient, bool, "GaussNewton: patient", "patient=True or patient=False")
 
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.

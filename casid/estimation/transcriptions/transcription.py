@@ -120,7 +120,8 @@ class MultipleShooting:
         _check_substeps(self.substeps, "MultipleShooting")
         require(self.implicit, bool, "MultipleShooting: implicit", "implicit=True")
         whole(self.interval, "MultipleShooting: interval (samples)")
-        for name, intensity in numbers_by_name(self.process_noise or {}, "MultipleShooting: process_noise").items():
+        noise = {} if self.process_noise is None else self.process_noise
+        for name, intensity in numbers_by_name(noise, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
     def dynamics(self, problem: Problem) -> Dynamics:

@@ -17,8 +17,9 @@ import casadi as ca
 import numpy as np
 
 from casid.arguments import given, table_of, whole
+from casid.arguments import names as names_of
 from casid.criterion import number
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.model import operators
 from casid.model.effect import Effect, Series, Values, Words
 from casid.model.port import ModelPort as Port
@@ -115,11 +116,7 @@ class Library:
     regressors: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if isinstance(self.kinds, str):
-            raise InputError(f"library: kinds is the text '{self.kinds}'; expected a list of names")
-        for kind in self.kinds:
-            if kind not in KINDS:
-                raise unknown("kind", kind, KINDS, "library")
+        check_known("kind", names_of(self.kinds, "library: kinds"), KINDS, "library")
         if whole(self.degree, "library: degree", least=0) > 4:
             raise InputError(f"library: degree is {self.degree}; expected 0 to 4")
         for name, function in table_of(self.regressors, "library: regressors", "{'x^3': lambda s: s.x**3}").items():
