@@ -158,7 +158,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     objective, outcome, method = end.attempt.objective, end.attempt.outcome, end.attempt.method
     value = outcome.value
     (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
-    likelihood = judged(objective, outcome)
+    likelihood = judged(end.attempt, end.coarse)
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))
     names, levels = objective.channel_names, value.noise.levels

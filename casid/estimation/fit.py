@@ -44,8 +44,9 @@ class Fit:
     prior_cost
         Its part of the priors, and of process noise where there is any.
     log_likelihood
-        Of the residuals under normal noise of `noise_covariance`, without priors. At an end that is no solution it is
-        that of one motion from its initial states, integrated anew; not a number where that departs, as a remark says.
+        Of the residuals under normal noise of `noise_covariance`, without priors. At an end that is no solution, with
+        open defects or too few steps, it is that of one motion from its initial states, integrated anew, and so are the
+        predictions; not a number where that departs, as a remark says.
     log_prior
         ln of the normal densities of what has a prior: parameters, and initial states with a 1-sigma.
     noise

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
+from casid.estimation.attempt import Attempt
 from casid.estimation.solvers.full_noise import moments_of
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome
@@ -28,33 +29,35 @@ class Judged:
     outputs: tuple[np.ndarray, ...] | None = None
 
 
-def judged(objective: Objective, outcome: Outcome) -> Judged:
-    """The likelihood of an end.
+def judged(attempt: Attempt, coarse: bool) -> Judged:
+    """The likelihood of an end, whose steps of integration may be too `coarse`.
 
-    A solution has it from its own integration, whose error is checked. Any other end may have open defects or too few
-    steps: it is simulated once more in one piece, by an implicit method of variable order, and noise that is estimated
-    is that of these residuals.
+    An end without open defects is one motion, converged or not, and has it from its own integration, whose error is
+    checked. Another one is simulated once more in one piece from its initial states, by an implicit method of variable
+    order. A motion that is there already is not: where it grows, the least difference at its begin would be all that is
+    seen at its end. Noise that is estimated is that of the residuals of the motion.
     """
-    value, problem = outcome.value, objective.problem
-    own = value.noise.levels.log_likelihood(value.squares)
+    objective, value = attempt.objective, attempt.outcome.value
+    problem, levels, squares = objective.problem, value.noise.levels, value.squares
     plain = objective.dynamics is not None and objective.equations is None and not objective.soft
-    solved = outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
+    solved = attempt.outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
     if solved or not plain or problem.feedback is not None or problem.model.period is not None:
-        return Judged(log_likelihood=own)
+        return Judged(log_likelihood=levels.log_likelihood(squares))
+    if math.isfinite(attempt.misfit) and not coarse:
+        return Judged(log_likelihood=levels.relaxed(squares)[0].log_likelihood(squares))
     if sum(len(record) for record in problem.records) > _MOST_SAMPLES:
         reason = "no likelihood: the end is no solution, and its records are too long to simulate once more"
         return Judged(log_likelihood=math.nan, without=reason)
-    outputs = _simulated(objective, outcome)
+    outputs = _simulated(objective, attempt.outcome)
     off = None if outputs is None else _residuals(objective, outputs)
     if off is None:
         reason = "no likelihood: simulated in one piece, the motion of the end departs"
         return Judged(log_likelihood=math.nan, without=reason)
-    if value.noise.levels.full:
+    if levels.full:
         squares = moments_of(off, objective.layout.pattern, objective.layout.seen)
     else:
         squares = (off**2).sum(axis=(0, 1))
-    levels = value.noise.levels.relaxed(squares)[0]
-    return Judged(log_likelihood=levels.log_likelihood(squares), outputs=outputs)
+    return Judged(log_likelihood=levels.relaxed(squares)[0].log_likelihood(squares), outputs=outputs)
 
 
 def _simulated(objective: Objective, outcome: Outcome) -> tuple[np.ndarray, ...] | None:

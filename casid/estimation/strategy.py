@@ -49,10 +49,12 @@ _NODES = 20_000  # of a record: with more samples, several share a state
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ending:
-    """What is taken, and what a person should know of how it was found, "" if nothing."""
+    """What is taken, and what a person should know of how it was found, "" if nothing; `coarse`: half the steps of
+    integration would change it."""
 
     attempt: Attempt
     remark: str = ""
+    coarse: bool = False
 
 
 def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
@@ -64,9 +66,8 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
         attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
         end = replace(end, attempt=attempt)
     doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
-    if not doubt or attempt.outcome.status.stage is Stage.COARSE:  # said already
-        return end
-    return replace(end, remark="; ".join(filter(None, (end.remark, doubt))))
+    said = "" if attempt.outcome.status.stage is Stage.COARSE else doubt  # by the status already
+    return replace(end, remark="; ".join(filter(None, (end.remark, said))), coarse=bool(doubt))
 
 
 def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:

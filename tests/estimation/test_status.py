@@ -187,3 +187,34 @@ def test_a_motion_that_grows_is_integrated_as_finely_as_any():
     exact = cs.solve(problem, cs.MultipleShooting(interval=1, substeps=16))
     assert found.converged and exact.converged
     assert found.log_likelihood == pytest.approx(exact.log_likelihood, abs=0.01)
+
+
+def test_an_end_without_open_defects_is_the_motion_that_is_judged():
+    """A state that grows 7e10 times along the record, stopped one step before the solution, less than a thousandth of a
+    standard deviation from it. Truth: the motion without noise, that the outputs are those of the states, and scipy."""
+    t, rate, sigma = np.linspace(0.0, 10.0, 201), 2.5, 0.01
+    x, factor = np.sin(t), np.exp(rate * 0.05)
+    u = np.append(
+        rate * (x[1:] - factor * x[:-1]) / (factor - 1.0), 0.0
+    )  # held, it leads from sample to sample exactly
+    y = x + sigma * np.random.default_rng(3).standard_normal(len(t))
+    model = cs.define_model(
+        "growth",
+        states=["x"],
+        inputs=["u"],
+        parameters={"a": 1.5},
+        outputs=["y"],
+        dynamics=lambda s: {"x": s.a * s.x + s.u},
+        output=lambda s: {"y": s.x},
+    )
+    record = cs.Record(name="r", t=t, channels={"u": u, "y": y}, hold={"u": "held"})
+    problem = cs.Problem(model, record, free=["a"], noise={"y": sigma})
+    method = cs.MultipleShooting(interval=10)
+    whole = cs.solve(problem, method, cs.GaussNewton())
+    fit = cs.solve(problem, method, cs.GaussNewton(iterations=whole.iterations - 1))
+    assert whole.converged and not fit.converged and fit.defect < 1e-6
+    assert np.abs(fit.predictions["r"][:, 0] - x).max() < 2.0 * sigma
+    assert fit.predictions["r"] == pytest.approx(fit.states["r"].trajectory, abs=1e-9)
+    for one in (fit, whole):
+        assert one.log_likelihood == pytest.approx(norm.logpdf(y, one.predictions["r"][:, 0], sigma).sum(), abs=1e-6)
+    assert fit.log_likelihood == pytest.approx(whole.log_likelihood, abs=0.01)
