@@ -157,14 +157,14 @@ def _lift(mass: float, area: float, speed: float, altitude: float) -> float:
     return mass * GRAVITY / (0.5 * float(standard_density(np.array(altitude))) * speed**2 * area)
 
 
-_FLAT = 0.8  # (Izz - Iyy) / Ixx: 0.65 of a Cessna 172, 0.80 of Do 328, ATTAS and F-16, 0.98 of a Fokker 50
+_FLAT = 0.8  # (Izz - larger) / smaller of roll and pitch: 0.65 Cessna 172, 0.80 Do 328, ATTAS, F-16, 0.98 Fokker 50
 
 
 def inertia_of(mass: float, span: float, length: float) -> dict[str, float]:
-    """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1); in yaw an aircraft
-    has more than in pitch, however long it is, for its wing is wide and flat."""
+    """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1); that in yaw is
+    nearly the sum of both others, as of a flat body, and so above each, however long or wide the aircraft is."""
     roll, pitch = mass * (0.25 * span / 2.0) ** 2, mass * (0.38 * length / 2.0) ** 2
-    return {"Ixx": roll, "Iyy": pitch, "Izz": pitch + _FLAT * roll, "Ixz": 0.0}
+    return {"Ixx": roll, "Iyy": pitch, "Izz": max(roll, pitch) + _FLAT * min(roll, pitch), "Ixz": 0.0}
 
 
 def derivatives_of(lift: float, aspect: float) -> dict[str, float]:

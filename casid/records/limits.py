@@ -149,8 +149,10 @@ def _answer(sink: int, seconds: int, read: Callable[..., Any], path: Path, *argu
         resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
         try:
             made: Any = _made(read, path, *arguments)
-        except Exception as error:  # raised again where it is asked for
-            made = error
+        except Exception as error:  # raised again where it is asked for, if it can be made there
+            known = type(error).__module__ in ("builtins", InputError.__module__)
+            text = f"{path}: not a readable {path.suffix} file: {type(error).__name__}"
+            made = error if known else InputError(text)
         with os.fdopen(sink, "wb") as pipe:
             pickle.dump(made, pipe, protocol=5)
         os._exit(0)

@@ -193,3 +193,18 @@ def test_a_text_has_a_bound_and_a_name_is_a_name(tmp_path):
     for wrong in ("no.csv", "a\x00.csv"):
         with pytest.raises(cs.InputError, match="cannot be read"):
             read_bytes(Path(wrong))
+
+
+def test_an_error_that_only_its_library_can_make_is_one_line(tmp_path: Path) -> None:
+    """Its class may need arguments that are lost on the way to another process (here: two)."""
+    (file := tmp_path / "x.bbl").write_bytes(b"x")
+
+    class DamagedError(Exception):
+        def __init__(self, what: str, position: int) -> None:
+            super().__init__(f"{what} at {position}")
+
+    def fails(path: Path) -> None:
+        raise DamagedError("head", 3)
+
+    with pytest.raises(cs.InputError, match="DamagedError"):
+        apart(fails, file)
