@@ -153,6 +153,7 @@ def _answer(sink: int, seconds: int, read: Callable[..., Any], path: Path, *argu
             known = type(error).__module__ in ("builtins", InputError.__module__)
             text = f"{path}: not a readable {path.suffix} file: {type(error).__name__}"
             made = error if known else InputError(text)
+            made.__cause__ = made.__context__ = None  # which would come along where tblib is installed
         with os.fdopen(sink, "wb") as pipe:
             pickle.dump(made, pipe, protocol=5)
         os._exit(0)
