@@ -350,8 +350,9 @@ def predicted(held: FlightFit, known: Evidence) -> Predicted:
     posterior = gram + information
     pull = slope + information @ mean
     moved = float(mean @ information @ mean) - float(pull @ scaled_inverse(posterior) @ pull)
-    volume = np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(information)[1]
-    return Predicted(fit=held, deviance=there.fit.data_deviance + moved + float(volume))
+    known_of = np.flatnonzero(posterior.diagonal() > 0.0)  # not of a time in a record that is not held out
+    before, after = (np.linalg.slogdet(one[np.ix_(known_of, known_of)])[1] for one in (information, posterior))
+    return Predicted(fit=held, deviance=there.fit.data_deviance + moved + float(after - before))
 
 
 def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
