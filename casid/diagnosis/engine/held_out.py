@@ -350,8 +350,8 @@ def predicted(held: FlightFit, known: Evidence) -> Predicted:
     posterior = gram + information
     pull = slope + information @ mean
     moved = float(mean @ information @ mean) - float(pull @ scaled_inverse(posterior) @ pull)
-    known_of = np.flatnonzero(posterior.diagonal() > 0.0)  # not of a time in a record that is not held out
-    before, after = (np.linalg.slogdet(one[np.ix_(known_of, known_of)])[1] for one in (information, posterior))
+    informed = np.flatnonzero(posterior.diagonal() > 0.0)  # an end beyond all records has no information, nor a volume
+    before, after = (np.linalg.slogdet(one[np.ix_(informed, informed)])[1] for one in (information, posterior))
     return Predicted(fit=held, deviance=there.fit.data_deviance + moved + float(after - before))
 
 
