@@ -53,8 +53,10 @@ class SignificanceCriteria:
 class NoiseCriteria:
     """Which channels count as measured, and how strong their noise is."""
 
-    present: float = number(0.1, "part of a record's samples above which a channel counts as measured")
-    complete: float = number(0.9, "part of a record's samples above which a channel is read at every sample")
+    present: float = number(
+        0.1,
+        "part of a record's samples above which a channel counts as measured, and short of which it is read at all",
+    )
     density_ratio: float = number(
         1.2,
         "ratio of two noise densities that exceeds the scatter of a high band, or at which inputs have other noise",
@@ -64,11 +66,6 @@ class NoiseCriteria:
         1e-3,
         "smallest noise, over a channel's variation",
         "derived: a noise-free simulation must not have infinite weight",
-    )
-    band: float = number(
-        2.0,
-        "factor of the highest frequency of the motion up to which readings of unknown noise count",
-        "derived: the octave above it",
     )
     slow: float = number(
         2.0,
@@ -90,7 +87,6 @@ class InputTimingCriteria:
     step: float = number(
         0.25, "resolution of the share of a sampling interval; a surface counts that knows its own to half of it"
     )
-    surfaces: int = number(2, "surfaces that must agree", "derived: one alone may be late for other reasons")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,26 +185,16 @@ class ScreeningCriteria:
     nonlinear: float = number(
         3.0, "ratio of predicted and tried size of a nonlinear effect above which the prediction is not valid"
     )
-    edge: float = number(
-        1.0,
-        "time from either end of a record within which no event begins",
-        "derived: else it would resemble a permanent effect",
-        unit="s",
-    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class EventCriteria:
     """Causes that begin at a time."""
 
-    apart: float = number(2.0, "distance of two onsets above which they are two events", unit="s")
     sudden: float = number(
         0.93,
         "part of a jump's statistic that a slow change must stay below",
         "derived: a cubic of time reaches 0.86 of a step",
-    )
-    always: float = number(
-        0.5, "part of the mean square due to the mean above which an effect always acts", "derived: more than half"
     )
 
 
@@ -220,11 +206,6 @@ class SizeCriteria:
         0.05,
         "part of a coefficient's variation that matters, and of the strongest member's significance for another member",
         "measured: linear structure commonly leaves 2 to 4 %",
-    )
-    ambiguous: float = number(
-        0.1,
-        "the same for a configuration change, and for what held-out records leave unexplained",
-        "chosen: twice as much; a bend in a curve resembles a small change, and the structure was not fitted there",
     )
     consequence: float = number(
         0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
@@ -249,6 +230,12 @@ class SizeCriteria:
     )
     wind_along: float = number(20.0, "velocity of the air along x, of which the part `share` matters", unit="m/s")
     wind_across: float = number(3.0, "velocity of the air along y or z, of which the part `share` matters", unit="m/s")
+
+    @property
+    def ambiguous(self) -> float:
+        """Twice `share`, for a configuration change and for what held-out records leave unexplained: a bend in a curve
+        resembles a small change, and the structure was not fitted there."""
+        return 2.0 * self.share
 
     @property
     def turbulent(self) -> float:

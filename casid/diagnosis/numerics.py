@@ -21,7 +21,9 @@ class FitNumerics:
     )
     squares: float = number(1.01, "ratio of sums of squares within which such a step counts")
     repeats: int = number(
-        8, "largest number of fits that follow one another until turbulence, noise, colour or outliers stay"
+        8,
+        "largest number of fits that follow one another until turbulence, noise, colour or outliers stay, and of "
+        "smoothings of a system's motion",
     )
     moved: float = number(0.5, "largest change of a value that ends fits in turbulence, in 1-sigmas")
     noise_stays: float = number(0.03, "relative change of the noise that ends fits in which it is estimated")
@@ -65,10 +67,9 @@ class MissingInputNumerics:
         (6.0, 20.0), "correlation times of a drifting reading that are tried", unit="s"
     )
     most_nodes: int = number(500, "largest number of nodes of all records; longer records have wider spacing")
-    smallest_variance: float = number(
-        1e-3, "smallest variance that is tried, in units of the best-determined direction"
+    sizes: tuple[float, ...] = number(
+        (1e-3, 1e6), "smallest and largest variance that are tried, in units of the best-determined direction"
     )
-    largest_variance: float = number(1e6, "largest variance that is tried, in the same units")
     variances: int = number(46, "number of variances that are tried, in equal logarithmic steps")
     highest_frequency: float = number(0.4, "highest frequency of an oscillation, over the sampling rate")
 
@@ -77,14 +78,7 @@ class MissingInputNumerics:
 class ScreeningNumerics:
     """Screening of all causes."""
 
-    samples: int = number(64, "samples whose whitened small terms are in memory together: they stay in the cache")
-    columns: int = number(32, "responses or columns in memory together, whole tiles of the compiled filter")
-    together: int = number(
-        4096, "samples of whole records that are gone through at a time where all columns are needed"
-    )
     starts: int = number(4, "number of records from which sets of records are grown")
-    onset_step: float = number(1.0, "time between the onsets that are tried", unit="s")
-    fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
     longest_start: float = number(1.5, "largest initial size of the fit of a nonlinear effect, over the tried size")
 
 
@@ -92,13 +86,32 @@ class ScreeningNumerics:
 class EventNumerics:
     """Search for the onset of an event."""
 
+    step: float = number(
+        1.0,
+        "time between the onsets that are tried, from either end of a record, where an event would resemble a "
+        "permanent effect, and half width of the fine part of a profile",
+        unit="s",
+    )
+    fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
     fine: float = number(0.1, "time between points of a profile near its peak; onsets stay within half of it", unit="s")
-    near: float = number(1.0, "half width of the fine part of a profile, and prior 1-sigma of a step", unit="s")
-    coarse: float = number(0.5, "time between points of a profile elsewhere", unit="s")
-    gust_step: float = number(0.2, "time between the onsets that are tried for a short gust of known size", unit="s")
     moves: int = number(6, "largest number of moves of an onset")
     trial_moves: int = number(2, "the same while a cause is tried, and in held-out records")
     slow_polynomials: int = number(4, "Legendre polynomials of time that represent a slow change")
+
+    @property
+    def coarse(self) -> float:
+        """Time [s] between points of a profile away from its peak."""
+        return 0.5 * self.step
+
+    @property
+    def apart(self) -> float:
+        """Distance [s] of two onsets above which they are two events."""
+        return 2.0 * self.step
+
+    @property
+    def gust_step(self) -> float:
+        """Time [s] between the onsets that are tried for a short gust of known size."""
+        return 2.0 * self.fine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,8 +123,9 @@ class NamingNumerics:
     trials: int = number(
         4, "candidates of the first ranking that are fitted, and terms of one coefficient if they predict the same"
     )
-    further_trials: int = number(2, "candidates of each other ranking that are fitted")
-    terms: int = number(2, "terms of one coefficient that are fitted")
+    further_trials: int = number(
+        2, "candidates of each other ranking, and terms of one coefficient otherwise, that are fitted"
+    )
     side_by_side: int = number(2, "trials that are fitted at a time; later ones are abandoned if they fall behind")
     rivals: int = number(2, "alternatives of a named cause that are fitted again")
     skew_step: float = number(0.1, "delay at which a skew is linearised, in sampling intervals")
@@ -123,7 +137,6 @@ class NamingNumerics:
 class SystemNumerics:
     """The search in a system that is no aircraft, whose fits are quick."""
 
-    smoothed: int = number(8, "times that a motion is smoothed about itself")
     wider: int = number(2, "factor of the causes that are fitted, and of the iterations of each fit")
 
 

@@ -20,6 +20,8 @@ _MOST = 64  # states, outputs; beyond that numpy does the work
 _POINTS = 256  # in a stretch of a linearisation, whose Jacobians stay in the processor's cache
 _SAMPLES = 8  # in such a stretch at least, as its last one is evaluated twice
 _TILE = 16  # columns that go through the filter side by side
+# in memory together: columns, samples of columns that stay in the cache, samples of records with all their columns
+COLUMNS, SAMPLES, WHOLE = 2 * _TILE, 64, 4096
 _SOURCES = ("filter", "whiten", "step")
 _FLAGS = (
     "-O3",

@@ -124,7 +124,7 @@ def test_every_kind_is_drawn_in_the_words_of_the_vocabulary(kind: str) -> None:
             assert effect_value(one).unit == one.unit
         if one.onset_s is not None:
             assert set(one.onset_s) == set(one.records)
-            edge = Criteria().screening.edge
+            edge = Criteria().numerics.events.step
             assert all(edge < onset < 20.0 - edge for onset in one.onset_s.values())
 
 

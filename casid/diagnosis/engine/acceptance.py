@@ -72,7 +72,7 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
     found = (*gates.clear_size(share, statistic, clear, criteria, alone), *gates.possible(one))
     if not one.onsets:
         return found
-    first = {record.name: record.t[0] + criteria.screening.edge for record in fitted.flight.records}
+    first = {record.name: record.t[0] + criteria.numerics.events.step for record in fitted.flight.records}
     latest = max(onset - first[record] for record, onset in one.onsets.items())
     return (*found, gates.begins_inside(latest, criteria))
 

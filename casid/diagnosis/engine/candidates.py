@@ -43,7 +43,7 @@ def worth_trying(
     """
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
-    apart = criteria.events.apart
+    apart = criteria.numerics.events.apart
     first, *others_ranked = rankings
     chosen, screened = _best_few(base, first, trials)
     switching, others = _best_few(base, switches, 1)
@@ -92,12 +92,12 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
         terms = [
             c for c in (*chosen, *alike) if c.attached.effect.quasi_steady and c.attached.effect.target == effect.target
         ]
-        if effect.quasi_steady and len(terms) >= numerics.terms:
+        if effect.quasi_steady and len(terms) >= numerics.further_trials:
             near = terms[0].net - candidate.net < equivalence(terms[0].net, base.criteria)
             if len(terms) < numerics.trials and near:
                 alike.append(candidate)
             else:
-                screened[candidate.name] = (*asked, gates.place_left(numerics.terms - len(terms), terms=True))
+                screened[candidate.name] = (*asked, gates.place_left(numerics.further_trials - len(terms), terms=True))
             continue
         chosen.append(candidate)
     names = {one.name for one in (*chosen, *alike)}

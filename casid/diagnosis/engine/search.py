@@ -295,7 +295,7 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
     chosen, refused = worth_trying(state.fit, rankings, switches, state.baseline.required)
-    apart, sigmas = state.criteria.events.apart, state.criteria.significance.detectable
+    apart, sigmas = state.criteria.numerics.events.apart, state.criteria.significance.detectable
     if unbalanced := _unbalanced(state, candidates, names):
         chosen = unbalanced
     left = [] if unbalanced else _left_behind(state)

@@ -23,6 +23,7 @@ from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
+from casid.filtering.kernel import SAMPLES, WHOLE
 from casid.model import station
 from casid.model.path import MOMENTS
 from casid.model.terms import parse_term
@@ -233,7 +234,7 @@ class Evidence:
         beside those of the fit; estimates and sums are those of all records.
         """
         N, R = self.fit.batch.live.shape
-        together = max(1, self.criteria.numerics.screening.together // N)
+        together = max(1, WHOLE // N)
         if together >= R:
             yield slice(None), self
             return
@@ -378,7 +379,7 @@ def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
     columns, white = fit.columns.swapaxes(0, 1).reshape(R, N * ny, k), fit.white.swapaxes(0, 1).reshape(R, N * ny)
     for r, own in enumerate(columns):
         grams[r, :k, :k], slopes[r, :k] = gram_of(own), white[r] @ own
-    together, stations = fit.criteria.numerics.screening.samples, _stations(fit, small.names)
+    together, stations = SAMPLES, _stations(fit, small.names)
     for first, part in fit.filter.histories_in_parts(stations, small.series, together) if n else ():
         rows = slice(first * ny, (first + part.shape[1]) * ny)
         for r, terms in enumerate(one.reshape(-1, n) for one in part):

@@ -17,6 +17,7 @@ from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.innovations import linearise
+from casid.filtering.kernel import COLUMNS
 from casid.model.effect import Effect
 from casid.model.operators import CYCLES
 from casid.model.station import Station, reading
@@ -83,7 +84,7 @@ def _entrances(evidence: Evidence, ports: Sequence[str]) -> Iterator[tuple[str, 
     entering = [port for port in ports if port in fit.model.disturbances]
     index = [fit.model.disturbances.index(port) for port in entering]
     channels = {port: fit.model.outputs.index(Station.at(port).name) for port in ports if port not in entering}
-    for first, columns in evidence.columns(fit.criteria.numerics.screening.columns):
+    for first, columns in evidence.columns(COLUMNS):
         some = slice(first, first + columns.shape[3])
         by_disturbance, by_output = fit.filter.entrances(index, columns, read=bool(channels))
         read = ((port, by_output[i] * fit.seen[:, :, i].T[..., None]) for port, i in channels.items())
@@ -144,7 +145,7 @@ def _of_rows(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
         by_place[_acts_on(row[0])].append(row)
     found = [one for place in ("disturbances", "readings") for one in _of_histories(evidence, by_place[place])]
     symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
-    equations, together = by_place["equations"], base.criteria.numerics.screening.columns
+    equations, together = by_place["equations"], COLUMNS
     for some in (equations[at : at + together] for at in range(0, len(equations), together)):
         found += _fingerprints(evidence, some, _white_of_equations(base, some, symbolic))
     return found
@@ -157,10 +158,10 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
     work grows in proportion to it, but not beyond the `length` of the event.
     """
     longest = max(record.duration for record in evidence.fit.flight.records)
-    numerics, edge = evidence.criteria.numerics.screening, evidence.criteria.screening.edge
-    step = numerics.onset_step if step is None else step
+    numerics = evidence.criteria.numerics.events
+    step = numerics.step if step is None else step
     wider = max(step, min(step * longest / numerics.fine_up_to, length))
-    return np.arange(edge, longest - edge, wider)
+    return np.arange(numerics.step, longest - numerics.step, wider)
 
 
 def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]:
@@ -172,7 +173,7 @@ def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]
 
 def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
     """The fingerprints of rows that are time histories by port."""
-    base, together = evidence.fit, evidence.criteria.numerics.screening.columns
+    base, together = evidence.fit, COLUMNS
     parts = [rows[at : at + together] for at in range(0, len(rows), together)]
     if len(rows) <= len(evidence.newton):  # one pass for each is less than one for each parameter and small term
 
@@ -324,7 +325,7 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
     """The fingerprints of time histories (N, R, nw) as those of an effect."""
     base, found = evidence.fit, []
     following = (_by_port(base.model.disturbances, one) for one in histories)
-    while some := list(islice(following, base.criteria.numerics.screening.columns)):
+    while some := list(islice(following, COLUMNS)):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(base, some))
     return found
 

@@ -228,8 +228,8 @@ def _most_likely(
 
 def _ratios(numerics: MissingInputNumerics) -> np.ndarray:
     """The variances that are tried, in units of the best-determined direction."""
-    first, last = np.log10(numerics.smallest_variance), np.log10(numerics.largest_variance)
-    return np.logspace(first, last, numerics.variances)
+    least, most = numerics.sizes
+    return np.geomspace(least, most, numerics.variances)
 
 
 def _prior_root(nodes: np.ndarray, tau: float) -> np.ndarray:

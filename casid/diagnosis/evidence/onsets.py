@@ -17,6 +17,7 @@ from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
 from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.filtering.kernel import SAMPLES
 from casid.model import operators
 from casid.model.causes import configuration_change
 from casid.model.station import coefficient
@@ -117,8 +118,9 @@ def _within(drops: np.ndarray, t: np.ndarray, evidence: Evidence) -> tuple[float
 def _looked_at(evidence: Evidence, name: str, onset: float, far: bool) -> np.ndarray:
     """Times [s] at which the profile of an onset is evaluated: `far`, the whole record; finer around the present."""
     record = next(r for r in evidence.fit.flight.records if r.name == name)
-    numerics, edge = evidence.criteria.numerics.events, evidence.criteria.screening.edge
-    near = onset + np.arange(-numerics.near, numerics.near + numerics.fine / 2, numerics.fine)
+    numerics = evidence.criteria.numerics.events
+    edge = numerics.step
+    near = onset + np.arange(-edge, edge + numerics.fine / 2, numerics.fine)
     everywhere = record.t[0] + onset_grid(evidence, numerics.coarse) if far else near
     times = np.union1d(np.round(near, 6), np.round(everywhere, 6))
     inside = times[(times >= record.t[0] + edge) & (times <= record.t[-1] - edge)]
@@ -194,8 +196,9 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
     """
     base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
     rows = [names.index(name) for name in one.onsets]
-    near, fine = evidence.criteria.numerics.events.near, evidence.criteria.numerics.events.fine
-    edge = evidence.criteria.screening.edge
+    numerics = evidence.criteria.numerics.events
+    near = edge = numerics.step
+    fine = numerics.fine
     sooner, later = (
         history(base, replace(one, onsets={record: onset + h for record, onset in one.onsets.items()}))
         for h in (-0.5 * fine, 0.5 * fine)
@@ -264,9 +267,9 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
-    criteria, powers = evidence.criteria.events, evidence.criteria.numerics.events.slow_polynomials
+    powers = evidence.criteria.numerics.events.slow_polynomials
     whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
-    acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > criteria.always]
+    acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > 0.5]  # most of it
     if not acting:
         return gates.sudden(np.inf, evidence.criteria)
     jump = Projection.shared(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
@@ -320,7 +323,7 @@ def _steps(
 ) -> list[list[_Steps]]:
     """For every duration and record the normal equations of the steps at these times after its first sample."""
     base, c = evidence.fit, len(coefficients)
-    since, together = base.batch.t - base.batch.t[0], evidence.criteria.numerics.screening.samples
+    since, together = base.batch.t - base.batch.t[0], SAMPLES
     names = [coefficient(name) for name in coefficients]
     stations = [base.model.disturbances.index(name) for name in names]
     shapes = [operators.transition(since.ravel(), o, d).reshape(since.shape) for d in durations for o in onsets]
@@ -378,7 +381,7 @@ def in_its_records(evidence: Evidence, one: Attached) -> Attached:
         return one
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
-    step, edge = criteria.numerics.events.gust_step, criteria.screening.edge
+    step, edge = criteria.numerics.events.gust_step, criteria.numerics.events.step
     prints = fingerprints(evidence, [effect], onset_grid(evidence, step, further.get("length", np.inf)))
     onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):

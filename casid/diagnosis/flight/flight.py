@@ -275,7 +275,7 @@ class Flight:
         edge = motion_edge(self.records)
         if not self.noise_by_fit or edge == 0.0:
             return self
-        spacing = 0.5 / (self.criteria.noise.band * edge)
+        spacing = 0.5 / (2.0 * edge)  # up to the octave above
         return replace(self, spacing=spacing, _regressors={})
 
     def with_noise_above(self, left: Sequence[Record]) -> Flight:
@@ -429,7 +429,7 @@ def _every(records: Sequence[Record], outputs: Sequence[str], edge: float, crite
 
     One if the motion is not known, or if a channel has another rate: the mean of its time would be another one.
     """
-    complete = all(np.isfinite(r[o]).mean() > criteria.noise.complete for r in records for o in outputs if o in r)
+    complete = all(np.isfinite(r[o]).mean() > 1.0 - criteria.noise.present for r in records for o in outputs if o in r)
     if edge == 0.0 or not complete:
         return 1
     needed = criteria.numerics.samples_per_cycle * edge

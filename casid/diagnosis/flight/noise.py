@@ -436,7 +436,7 @@ def held_share(fitted: FlightFit, *, named: bool = False) -> float:
     shares, stds, gains = surface_shares(fitted)
     criteria = fitted.criteria.input_timing
     clear = stds < criteria.step / 2
-    needed = min(criteria.surfaces, int(clear.sum()) if named else len(shares))
+    needed = min(2, int(clear.sum()) if named else len(shares))
     if clear.sum() < max(needed, 1):
         return fitted.flight.held
     share = float(np.clip(round(float(np.median(shares[clear])) / criteria.step) * criteria.step, -1.0, 1.0))

@@ -254,7 +254,7 @@ class Plant:
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
         """This plant with values of its parameters, and other records under its noise."""
         base, records = replace(self.base, nominal={**self.base.nominal, **values}), tuple(self.prepare(records))
-        smoothed = self.criteria.numerics.systems.smoothed
+        smoothed = self.criteria.numerics.fit.repeats
         paths = motions(base, records, self.sigma, smoothed) if self.build is None else {}
         return replace(
             self,
@@ -353,7 +353,7 @@ def plant_of(
         sigma=sigma,
         terms_of=library.terms(base) | library.further_terms(base),
         criteria=for_systems(criteria, float(np.median([record.duration for record in records]))),
-        paths=motions(base, records, sigma, criteria.numerics.systems.smoothed),
+        paths=motions(base, records, sigma, criteria.numerics.fit.repeats),
         effects=effects_of(library, base, ports, records, free, criteria.systems),
         sizes=PlantSizes(),
     )
@@ -363,7 +363,7 @@ def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
     by, wider = criteria.numerics.naming, criteria.numerics.systems.wider
-    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials", "terms")}
+    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials")}
     iterations, tolerance = criteria.numerics.fit.trial
     table = {"naming": more, "fit": {"trial": (wider * iterations, tolerance)}}
     return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": table})

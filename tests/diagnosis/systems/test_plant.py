@@ -86,7 +86,7 @@ def test_times_of_criteria_are_as_long_as_the_records() -> None:
     before, after = ({row.name: row for row in one.rows} for one in (Criteria(), in_time(Criteria(), 10.0)))
     moved = {name for name, row in before.items() if row.value != after[name].value}
     assert moved == {name for name, row in before.items() if row.unit == "s"}
-    assert np.allclose(after["screening.edge"].value, 10.0 * np.asarray(before["screening.edge"].value))
+    assert np.allclose(after["numerics.events.step"].value, 10.0 * np.asarray(before["numerics.events.step"].value))
 
 
 def test_a_system_in_hours_is_the_system_in_seconds() -> None:
