@@ -17,6 +17,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Solver
+from casid.estimation.strategy import usual_of
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.working import natural
 from casid.native.singular import singular_is
@@ -224,9 +225,10 @@ def bootstrap(
     if not fit.converged:
         raise EstimationError(f"bootstrap: the fit has not converged ({fit.status}); there is no model to draw from")
     found: list[Mapping[str, float] | None] = [None] * runs
-    if isinstance(solver, Automatic) and not input_noise and Together.takes(fit, method):
+    usual = usual_of(solver)
+    if usual is not None and not input_noise and Together.takes(fit, method):
         records = [drawn_records(fit, np.random.default_rng((seed, run)), {}) for run in range(runs)]
-        for run, estimates in enumerate(Together(fit, solver.tolerance).solved(records)):
+        for run, estimates in enumerate(Together(fit, usual.tolerance).solved(records)):
             if np.isfinite(estimates).all():
                 found[run] = natural(fit.problem, dict(zip(fit.parameters, estimates.tolist(), strict=True)))
     return collected(

@@ -23,7 +23,6 @@ import numpy as np
 
 from casid.analysis.relinearise import AtFit, relinearise
 from casid.errors import EstimationError, InputError, check_known
-from casid.estimation.cost import OutputError
 from casid.estimation.fit import Fit
 from casid.estimation.residual_colour import (
     BLOCKS,
@@ -70,7 +69,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
     name that is no input or a negative sigma, EstimationError for any cost but OutputError.
     """
     problem = fit.problem
-    if not isinstance(problem.cost, OutputError) or not problem.simulated:
+    if not problem.is_output_error or not problem.simulated:
         raise EstimationError(
             f"input_noise_errors: the fit minimised {type(problem.cost).__name__}; only OutputError is propagated"
         )

@@ -19,7 +19,7 @@ from casid.arguments import number, require
 from casid.errors import EstimationError, InputError
 from casid.estimation.constraints import LinearConstraint
 from casid.estimation.constraints import limit_parameter as limits_of
-from casid.estimation.cost import OutputError, RangeWeights
+from casid.estimation.cost import RangeWeights
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
 from casid.estimation.noise import Huber, StudentT
@@ -129,9 +129,9 @@ def negative_log_posterior(fit: Fit) -> float:
 def _check(fit: Fit, level: float, method: Transcription) -> None:
     if not 0.0 < number(level, "profile: level") < 1.0:
         raise InputError(f"profile: level is {level}; expected a probability inside (0, 1), like 0.95")
-    if not isinstance(fit.problem.cost, OutputError) or isinstance(fit.problem.noise, RangeWeights | StudentT | Huber):
+    if not fit.problem.is_output_error or isinstance(fit.problem.noise, RangeWeights | StudentT | Huber):
         raise EstimationError("profile: the cost is no likelihood; use OutputError with noise given or estimated")
-    if isinstance(method, MultipleShooting) and method.process_noise:
+    if getattr(method, "process_noise", None):
         raise EstimationError("profile: with soft defects the cost is no likelihood; use hard ones")
     if not fit.converged:
         raise EstimationError(f"profile: the fit has not converged ({fit.status}); an interval about it means nothing")

@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.arguments import given
 from casid.errors import EstimationError, InputError
-from casid.estimation.integration import Stepping, integrated, is_implicit
+from casid.estimation.integration import integrated
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.effort import Effort
 from casid.estimation.solvers.newton import is_found, to_second_order
@@ -19,7 +19,7 @@ from casid.estimation.solvers.solver import Outcome
 from casid.estimation.solvers.timed import Timed
 from casid.estimation.stretches import Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.dynamics import Dynamics
-from casid.estimation.transcriptions.transcription import MultipleShooting, SingleShooting, Transcription
+from casid.estimation.transcriptions.transcription import SingleShooting, Transcription, as_stepping, is_implicit
 
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
@@ -77,8 +77,8 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
     """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
     objective = build_objective(problem, method, solver.effort)
     outcome, fine = solver.minimise(objective), False
-    if isinstance(method, Stepping):
-        end = integrated(objective, outcome, method, solver)
+    if (stepping := as_stepping(method)) is not None:
+        end = integrated(objective, outcome, stepping, solver)
         objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
     objective, outcome = _freed(objective, outcome, solver)
     outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
@@ -121,7 +121,7 @@ def build_objective(problem: Problem, method: Transcription, effort: Effort | No
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     if problem.simulated:
         return Objective(problem, method.dynamics(problem), effort=effort)
-    if isinstance(method, MultipleShooting) and method.process_noise:
+    if getattr(method, "process_noise", None):
         raise EstimationError("solve: EquationError simulates nothing, so process noise has no place in it")
     return Objective(problem, None, effort=effort)
 

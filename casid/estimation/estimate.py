@@ -19,15 +19,14 @@ from casid.estimation.population import solved_with_population
 from casid.estimation.problem import Problem
 from casid.estimation.results import final_status
 from casid.estimation.robust import solved_robustly
-from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.starts import best_of
-from casid.estimation.strategy import Ending, ending
+from casid.estimation.strategy import Ending, ending, usual_of
 from casid.estimation.switching import without_switching
-from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
+from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription, is_implicit
 from casid.estimation.uncertainty import Uncertainty, uncertainty
 from casid.estimation.working import working
 from casid.native.compiler import compiling_until
@@ -102,30 +101,23 @@ def solve(
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
     check_part(solver, "minimise", "solver", "cs.GaussNewton()")
     clock = timed(solver, time.perf_counter())
+
+    def first(one: Problem) -> Fit:
+        return solve(one, method, clock.limited(), starts=starts, seed=seed)
+
+    def again(one: Problem) -> Fit:
+        return solve(one, method, clock.limited())
+
     if problem.spread:
-        return solved_with_population(
-            problem,
-            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
-            lambda one: solve(one, method, clock.limited()),
-        )
+        return solved_with_population(problem, first, again)
     if problem.noise_formulas:
-        return solved_with_formulas(
-            problem,
-            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
-            lambda one: solve(one, method, clock.limited()),
-        )
+        return solved_with_formulas(problem, first, again)
     if isinstance(problem.noise, StudentT | Huber):
-        return solved_robustly(
-            problem,
-            problem.noise,
-            lambda one: solve(one, method, clock.limited(), starts=starts, seed=seed),
-            lambda one: solve(one, method, clock.limited()),
-        )
+        return solved_robustly(problem, problem.noise, first, again)
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
-    quick = None
-    if isinstance(solver, Automatic) and not problem.path_constraints:
-        quick = GaussNewton(tolerance=solver.tolerance, iterations=_QUICK, seconds=solver.seconds)
+    usual = None if problem.path_constraints else usual_of(solver)
+    quick = usual and replace(usual, iterations=_QUICK, patient=True)
     tried = None if quick is None else lambda one: _solved(one, method, quick)
     return best_of(problem, starts, seed, lambda one: _solved(one, method, solver), tried)
 
@@ -192,7 +184,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         solver=outcome.solver,
         substeps=objective.layout.substeps if objective.dynamics is not None else 1,
         way="; ".join(filter(None, (end.remark, likelihood.without))),
-        implicit=bool(getattr(method, "implicit", False)) and objective.dynamics is not None,
+        implicit=is_implicit(method) and objective.dynamics is not None and outcome.point.points is None,
     )
 
 

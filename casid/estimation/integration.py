@@ -24,13 +24,11 @@ from casid.estimation.transcriptions.collocation import CONDENSED, LiftedColloca
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.steps import compiled, rates_function
-from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+from casid.estimation.transcriptions.transcription import Collocation, SingleShooting, Stepping
 
-Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
 EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
-_ORDER = 4  # of Runge and Kutta's method
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
@@ -60,7 +58,7 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
         return Integrated(objective=objective, outcome=outcome, method=method)
     solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
     found = _judged(_finely(objective, outcome, method, solver))
-    if found.outcome.converged or not isinstance(found.method, Collocation) or solver.left <= 0.0:
+    if found.outcome.converged or found.outcome.point.points is None or solver.left <= 0.0:
         return found
     other = _judged(_by_implicit_shooting(objective, method, solver))
     return other if _is_lower(other, found) else found
@@ -111,7 +109,7 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
         near = _is_motion(end.outcome) and needed <= _NEAR * steps
         steps = needed
         if steps > _MOST_STEPS:
-            if is_implicit(method):
+            if method.implicit:
                 break
             near, steps = end.outcome.converged, _steps_at_start(end.objective, solver)
             method = replace(method, implicit=True) if near else Collocation()
@@ -132,31 +130,37 @@ def _solved(objective: Objective, method: Stepping, solver: Timed) -> Integrated
 
 def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
     """The point on a finer mesh, with interior states on the polynomials of the coarser one."""
-    if isinstance(fine, LiftedCollocation) and isinstance(coarse, LiftedCollocation) and point.points is not None:
-        return replace(point, points=fine.refined(coarse, point.nodes, point.points))
-    return point
+    if point.points is None:
+        return point
+    return replace(point, points=_lifted(fine).refined(_lifted(coarse), point.nodes, point.points))
+
+
+def _lifted(dynamics: Dynamics | None) -> LiftedCollocation:
+    """The dynamics of a point with interior states."""
+    assert isinstance(dynamics, LiftedCollocation)
+    return dynamics
 
 
 def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solver: Timed) -> int:
     steps = objective.layout.substeps
     if not _is_motion(outcome):  # where it gave up is no place to judge the motion of the solution
-        if not is_implicit(finer):
+        if not finer.implicit:
             return max(_stable_steps(objective), _finite_steps(objective, replace(finer, substeps=None), solver))
         return max(_steps_at_start(objective, solver), steps if np.isfinite(outcome.value.cost) else 2 * steps)
-    if not outcome.converged and not is_implicit(finer) and _stable_steps(objective) > steps:
+    if not outcome.converged and not finer.implicit and _stable_steps(objective) > steps:
         return _stable_steps(objective)
     linear = outcome.linear
     if linear is None:
         with suppress(np.linalg.LinAlgError):
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
-        return steps if is_implicit(finer) else max(_stable_steps(objective), steps)
-    if is_implicit(finer) and _growing_steps(objective, outcome) > steps:
+        return steps if finer.implicit else max(_stable_steps(objective), steps)
+    if finer.implicit and _growing_steps(objective, outcome) > steps:
         return _growing_steps(objective, outcome)
     excess = _excess(*_integration_error(objective, outcome, linear, finer))
-    if not np.isfinite(excess) and is_implicit(finer):
+    if not np.isfinite(excess) and finer.implicit:
         return 2 * steps
-    return steps if excess < 1.0 else max(_steps_for(excess, steps, _order(finer)), steps + 1)
+    return steps if excess < 1.0 else max(_steps_for(excess, steps, finer.order), steps + 1)
 
 
 def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
@@ -179,19 +183,6 @@ def _is_motion(outcome: Outcome) -> bool:
     """Whether an end is a motion of the model, converged or not."""
     value = outcome.value
     return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < _SMALL_DEFECT)
-
-
-def is_implicit(method: Transcription) -> bool:
-    return isinstance(method, Collocation) or (
-        isinstance(method, SingleShooting | MultipleShooting) and method.implicit
-    )
-
-
-def _order(method: Transcription) -> int:
-    """With which power of the step the error falls."""
-    if isinstance(method, Collocation):
-        return 2 * method.degree - 1
-    return 5 if is_implicit(method) else _ORDER
 
 
 def _stable_steps(objective: Objective) -> int:
@@ -262,10 +253,10 @@ def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> 
     return carried if most <= len(alone) ** 2 * made else alone
 
 
-def doubt_of_steps(objective: Objective, outcome: Outcome, method: Transcription) -> str:
+def doubt_of_steps(objective: Objective, outcome: Outcome, method: Stepping | None) -> str:
     """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
     cannot be told."""
-    if not isinstance(method, Stepping) or not _is_judged(objective) or not _is_motion(outcome):
+    if method is None or not _is_judged(objective) or not _is_motion(outcome):
         return ""
     steps, linear = objective.layout.substeps, outcome.linear
     if linear is None:
@@ -273,7 +264,7 @@ def doubt_of_steps(objective: Objective, outcome: Outcome, method: Transcription
             linear = objective.linearise(outcome.point, outcome.value)
     if linear is None:
         return ""
-    if is_implicit(method) and (needed := _growing_steps(objective, outcome)) > steps:
+    if method.implicit and (needed := _growing_steps(objective, outcome)) > steps:
         return (
             f"implicit integration with {steps} step{'s' * (steps > 1)} per sample interval damps a motion that grows: "
             f"give substeps={needed} or more, or bounds of the parameters"
@@ -304,14 +295,14 @@ def _excess(off: float, cost: float) -> float:
 
 
 def _integration_error(
-    objective: Objective, outcome: Outcome, linear: Linearised, method: Transcription
+    objective: Objective, outcome: Outcome, linear: Linearised, method: Stepping
 ) -> tuple[float, float]:
     """|e|, and what e makes of the cost. By the motion with twice as many steps from the same nodes; `method` is the
     transcription with these."""
     value = outcome.value
     trajectory, (y, end) = value.trajectory, _with_half_steps(objective, outcome, method)
     assert trajectory is not None and linear.blocks is not None
-    power = 2.0 ** _order(method)
+    power = 2.0**method.order
     scale = power / (power - 1.0)  # of the difference, to the error
     direct, along = _directly(objective, value, scale * (y - trajectory.y))
     made = scale * (end - trajectory.end)
@@ -330,23 +321,17 @@ def _integration_error(
     return float(off), float(cost / worth)
 
 
-def _with_half_steps(objective: Objective, outcome: Outcome, method: Transcription) -> tuple[np.ndarray, np.ndarray]:
+def _with_half_steps(objective: Objective, outcome: Outcome, method: Stepping) -> tuple[np.ndarray, np.ndarray]:
     """y (K, L, o) and end (K, n) of segments from the same nodes; nothing else of the finer motion stays in memory."""
-    finer = method.dynamics(objective.problem)
-    if isinstance(finer, LiftedCollocation) and outcome.point.points is not None:
-        return _with_halves(objective, outcome, finer)
-    better = finer.trajectory(outcome.point.nodes, outcome.value.parameters[objective.layout.record])
-    return better.y[:, ::2].copy(), better.end
-
-
-def _with_halves(objective: Objective, outcome: Outcome, halves: LiftedCollocation) -> tuple[np.ndarray, np.ndarray]:
-    """y (K, L, o) and end (K, n) of segments whose every step of collocation is two half steps, from the same nodes."""
-    dynamics, value = objective.dynamics, outcome.value
-    assert isinstance(dynamics, LiftedCollocation) and outcome.point.points is not None
-    assert value.trajectory is not None
-    parameters = value.parameters[objective.layout.record]
-    made = dynamics.local_errors(outcome.point.nodes, outcome.point.points, parameters, halves)
-    return dynamics.carried(value.trajectory, parameters, made)
+    finer, point = method.dynamics(objective.problem), outcome.point
+    parameters = outcome.value.parameters[objective.layout.record]
+    if point.points is None:
+        better = finer.trajectory(point.nodes, parameters)
+        return better.y[:, ::2].copy(), better.end
+    dynamics = _lifted(objective.dynamics)
+    made = dynamics.local_errors(point.nodes, point.points, parameters, _lifted(finer))
+    assert outcome.value.trajectory is not None
+    return dynamics.carried(outcome.value.trajectory, parameters, made)
 
 
 def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarray) -> tuple[float, float]:
@@ -380,7 +365,7 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
     return found, found is carried
 
 
-def _steps_for(excess: float, substeps: int, power: int = _ORDER) -> int:
+def _steps_for(excess: float, substeps: int, power: int) -> int:
     """Steps per sample interval with which an error so many times too large should be small enough; a motion that ran
     off needs any number."""
     needed = _GROWTH * substeps * excess ** (1.0 / power) if math.isfinite(excess) else math.inf

@@ -182,6 +182,11 @@ class Problem:
         return (output, equation) if self.model.states else (0.0, output + equation)
 
     @property
+    def is_output_error(self) -> bool:
+        """Whether the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
+        return (float(self.cost.output_weight), float(self.cost.equation_weight)) == (1.0, 0.0)
+
+    @property
     def simulated(self) -> bool:
         """Whether a trajectory takes part in the cost."""
         return self.weights[0] > 0.0

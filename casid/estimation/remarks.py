@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.special import ndtri
 
-from casid.estimation.cost import OutputError, RangeWeights
+from casid.estimation.cost import RangeWeights
 from casid.estimation.fitted import ChannelFit, Estimate
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.problem import Problem
@@ -152,7 +152,7 @@ def _noise(fit: Any) -> Iterator[str]:
     if problem.noise is None or isinstance(problem.noise, str | RangeWeights | StudentT | Huber):
         return
     times = math.sqrt(max(2.0 * misfit, 0.0) / samples)
-    if times > _UNEXPLAINED and isinstance(problem.cost, OutputError):
+    if times > _UNEXPLAINED and problem.is_output_error:
         tried = "" if fit.starts is not None else ": solve(..., starts=20) tells"
         yield (
             f"the residuals are {times:.2g} times the given noise: the model cannot follow these data, or another "

@@ -27,15 +27,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
-from casid.estimation.integration import Stepping, doubt_of_steps, is_implicit
+from casid.estimation.integration import doubt_of_steps
 from casid.estimation.problem import Problem
 from casid.estimation.results import idle_parameters, ran_away
 from casid.estimation.solvers.gauss_newton import GaussNewton
-from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.status import Results, Stage, Status, out_of_time
 from casid.estimation.solvers.timed import Timed
-from casid.estimation.transcriptions.transcription import Collocation, MultipleShooting, SingleShooting, Transcription
+from casid.estimation.transcriptions.transcription import (
+    Collocation,
+    MultipleShooting,
+    Stepping,
+    Transcription,
+    as_stepping,
+    is_implicit,
+)
 
 # evaluations for each iteration that Automatic() may take: of damped steps, and of Newton's by parameter, of which as
 # many as steps of Gauss-Newton are never needed
@@ -65,32 +71,32 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
     if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
         attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
         end = replace(end, attempt=attempt)
-    doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, attempt.method)
+    doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, as_stepping(attempt.method))
     said = "" if attempt.outcome.status.stage is Stage.COARSE else doubt  # by the status already
     return replace(end, remark="; ".join(filter(None, (end.remark, said))), coarse=bool(doubt))
 
 
 def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
-    if not isinstance(method, SingleShooting | MultipleShooting | Collocation) or not problem.simulated:
+    asked, usual = as_stepping(method), usual_of(solver)
+    if asked is None or not problem.simulated or asked.process_noise:
         return Ending(attempt=attempted(problem, method, clock))
-    if isinstance(method, MultipleShooting) and method.process_noise:
-        return Ending(attempt=attempted(problem, method, clock))
-    quick, automatic, most = clock.with_solver(_quick(solver)), isinstance(solver, Automatic), math.inf
-    if isinstance(solver, Automatic):
-        most = solver.iterations * (_DAMPED + _NEWTON * len(problem.parameters))
+    # what judges and looks elsewhere is Gauss-Newton that gives up where it creeps
+    quick, automatic, most = clock.with_solver(usual or GaussNewton(patient=False)), usual is not None, math.inf
+    if usual is not None:
+        most = usual.iterations * (_DAMPED + _NEWTON * len(problem.parameters))
     first = attempted(problem, method, quick.allowed(most) if automatic else clock)
     if first.found and not first.doubtful and not _held(first):
         return Ending(attempt=first)
     if first.outcome.converged and idle_parameters(problem):  # no other start changes that
         return Ending(attempt=first)
-    best, agreed = _searched(problem, method, first, quick) if first.found or automatic else (first, False)
+    best, agreed = _searched(problem, asked, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
         # where the motion of the start has no end, it is collocation that goes on
         stays = np.isfinite(first.outcome.value.cost) or problem.model.period is not None
         last = attempted(problem, method if stays else Collocation(), clock.allowed(most))
-        best, agreed = _searched(problem, method, last, quick) if last.found else (_better(best, last), False)
+        best, agreed = _searched(problem, asked, last, quick) if last.found else (_better(best, last), False)
     if best.found and best is not first and not agreed and best.doubtful:  # judged by its own point, not by the way
-        best, agreed = _searched(problem, method, best, quick)
+        best, agreed = _searched(problem, asked, best, quick)
     if not automatic and best is not first:
         return Ending(attempt=_with_status(first, _another(_found_elsewhere(best, first))))
     if best.found and not agreed and best.is_slow and best.stretches.contradict:
@@ -103,9 +109,9 @@ _CONTRADICTED = "short stretches of the records are explained far better than th
 _REMEDY = "use solve(..., starts=20), or MultipleShooting(interval=1) from another start"
 
 
-def _quick(solver: Solver) -> Solver:
-    """What judges and looks elsewhere: Gauss-Newton that gives up where it creeps."""
-    return solver.usual if isinstance(solver, Automatic) else GaussNewton(patient=False)
+def usual_of(solver: Solver) -> GaussNewton | None:
+    """The Gauss-Newton that a solver with several methods begins with; None of one that does as it says."""
+    return getattr(solver, "usual", None)
 
 
 def _held(attempt: Attempt) -> bool:
@@ -114,7 +120,7 @@ def _held(attempt: Attempt) -> bool:
     return bool(problem.path_constraints) or bool(np.abs(attempt.outcome.limit_multipliers).max(initial=0.0) > 0.0)
 
 
-def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> tuple[Attempt, bool]:
+def _searched(problem: Problem, method: Stepping, first: Attempt, quick: Timed) -> tuple[Attempt, bool]:
     """The most likely of a first end and those from other starts, and whether another start came to the same."""
     best, agreed = first, False
     for other, apart in _others(problem, method, first, quick):
@@ -129,7 +135,7 @@ def _searched(problem: Problem, method: Transcription, first: Attempt, quick: Ti
     return best, agreed
 
 
-def _others(problem: Problem, method: Transcription, first: Attempt, quick: Timed) -> Iterator[tuple[Attempt, bool]]:
+def _others(problem: Problem, method: Stepping, first: Attempt, quick: Timed) -> Iterator[tuple[Attempt, bool]]:
     """Attempts from other starts, each made when it is asked for, as long as there is time, and whether their start
     does not depend on where the first ended."""
     fine = _fine(problem, method, is_implicit(first.method))
@@ -150,15 +156,14 @@ def _others(problem: Problem, method: Transcription, first: Attempt, quick: Time
             own = quick.allowed(_TRIED)
             yield attempted(replace(problem, start=start), fine, own), theta is stretched or stretched is None
     between_samples = problem.feedback is None and problem.model.period is None
-    if not isinstance(method, Collocation) and between_samples and quick.left > 0.0:
+    if fine is not method and between_samples and quick.left > 0.0:
         yield attempted(problem, Collocation(), quick.allowed(_TRIED)), True
 
 
-def _fine(problem: Problem, method: Transcription, implicit: bool) -> Transcription:
+def _fine(problem: Problem, method: Stepping, implicit: bool) -> Stepping:
     """With a state at every sample; the same integration as was asked for, by `implicit` steps where it took them."""
     if isinstance(method, Collocation):
         return method
-    assert isinstance(method, SingleShooting | MultipleShooting)
     most = max(len(record) for record in problem.records)
     return MultipleShooting(interval=-(-most // _NODES), substeps=method.substeps, implicit=method.implicit or implicit)
 
@@ -192,8 +197,8 @@ def _with_status(attempt: Attempt, status: Status) -> Attempt:
 
 def _found_elsewhere(best: Attempt, first: Attempt) -> str:
     where = f"with {type(best.method).__name__}"
-    if isinstance(best.method, MultipleShooting):
-        where += f"(interval={best.method.interval})"
+    if interval := getattr(best.method, "interval", None):
+        where += f"(interval={interval})"
     gain = first.misfit - best.misfit
     if not first.found or not np.isfinite(gain):
         return f"{where}, after {type(first.method).__name__} had found nothing"
@@ -202,7 +207,7 @@ def _found_elsewhere(best: Attempt, first: Attempt) -> str:
 
 def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -> Ending:
     """The start where its simulation is more likely than what was found."""
-    if isinstance(end.attempt.method, Stepping) and is_implicit(end.attempt.method):
+    if is_implicit(end.attempt.method):
         method = end.attempt.method  # the same integration of both
     objective = build_objective(problem, method)
     point = objective.start()

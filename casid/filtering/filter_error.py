@@ -20,7 +20,6 @@ import scipy
 
 from casid.arguments import require
 from casid.errors import EstimationError, check_known, unknown
-from casid.estimation.cost import OutputError
 from casid.estimation.guess import with_guess
 from casid.estimation.problem import Problem, check_plain
 from casid.estimation.solvers.identified import lost_along
@@ -298,7 +297,7 @@ def predict(
 def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSystem:
     model = problem.model
     independent = problem.noise is None or isinstance(problem.noise, Mapping)
-    if not isinstance(problem.cost, OutputError) or not independent or problem.constraints:
+    if not problem.is_output_error or not independent or problem.constraints:
         raise EstimationError(
             "filter_error: takes OutputError, independent noise by maximum likelihood or given, no constraints"
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from casid.arguments import number, numbers_by_name, require, whole
 from casid.errors import EstimationError, InputError
@@ -18,6 +18,7 @@ from casid.estimation.transcriptions.shooting import Shooting
 from casid.model.system import check_continuous
 
 _STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
+_EXPLICIT_ORDER, _IMPLICIT_ORDER = 4, 2 * _STAGES - 1  # of Runge and Kutta's method, and of Radau's
 
 
 class Transcription(Protocol):
@@ -55,10 +56,16 @@ class SingleShooting:
 
     substeps: int | None = None
     implicit: bool = False
+    process_noise: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "SingleShooting")
         require(self.implicit, bool, "SingleShooting: implicit", "implicit=True")
+
+    @property
+    def order(self) -> int:
+        """With which power of the step the error of the integration falls."""
+        return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
@@ -124,6 +131,11 @@ class MultipleShooting:
         for name, intensity in numbers_by_name(noise, "MultipleShooting: process_noise").items():
             number(intensity, f"MultipleShooting: process noise of '{name}'", positive=True)
 
+    @property
+    def order(self) -> int:
+        """With which power of the step the error of the integration falls."""
+        return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
+
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of `interval` samples.
 
@@ -179,11 +191,18 @@ class Collocation:
 
     degree: int = 3
     substeps: int | None = None
+    implicit: ClassVar[bool] = True
+    process_noise: ClassVar[None] = None
 
     def __post_init__(self) -> None:
         _check_substeps(self.substeps, "Collocation")
         if whole(self.degree, "Collocation: degree") > 9:
             raise InputError(f"Collocation: degree is {self.degree}; expected 1 to 9")
+
+    @property
+    def order(self) -> int:
+        """With which power of the step the error of the integration falls."""
+        return 2 * self.degree - 1
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of some samples, whose states are unknowns all the same.
@@ -208,6 +227,19 @@ class Collocation:
             )
         layout = build_layout(problem, CONDENSED, self.substeps or 1)
         return LiftedCollocation(problem.model, problem.free_index, layout, self.degree)
+
+
+Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
+
+
+def as_stepping(method: Transcription) -> Stepping | None:
+    """The transcription, if it is one that chooses its steps; None for one of a user's own."""
+    return method if isinstance(method, Stepping) else None
+
+
+def is_implicit(method: Transcription) -> bool:
+    """Whether every step of its integration is an equation."""
+    return bool(getattr(method, "implicit", False))
 
 
 def _check_substeps(substeps: int | None, where: str) -> None:
