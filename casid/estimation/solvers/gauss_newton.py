@@ -1,8 +1,9 @@
-"""Gauss-Newton on the structured problem: full steps where the filter allows, damping where it does not."""
+"""Gauss-Newton on the structured problem: one iteration, and a search by a filter with full steps where that allows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -65,7 +66,8 @@ class GaussNewton:
         objective
             Of the problem as it is transcribed.
         """
-        return _Iteration(objective, self).run()
+        iteration = Iteration(objective, Clock(self.seconds, objective), self.tolerance)
+        return iteration.run(FilterSearch(iteration), self.iterations, patient=self.patient)
 
 
 _DEFECT = 1e-8
@@ -75,82 +77,76 @@ _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated wi
 _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
 
 
-class _Iteration:
-    """State of one minimisation."""
+class Search(Protocol):
+    """Finds the next point of an iteration."""
 
-    def __init__(self, objective: Objective, solver: GaussNewton) -> None:
-        self.objective, self.solver = objective, solver
-        self.clock = Clock(solver.seconds, objective)
+    relaxing: bool  # whether the noise follows the residuals
+
+    def advance(self, at: Iteration, linear: Linearised) -> Status | None:
+        """Move to a better point by the linearisation at the present one; a status when that ends the iteration."""
+        ...
+
+
+class Iteration:
+    """State of one minimisation from the objective's start: its point with value and linearisation."""
+
+    def __init__(self, objective: Objective, clock: Clock, tolerance: float) -> None:
+        self.objective, self.clock, self.tolerance = objective, clock, tolerance
         self.point = objective.start()
         self.value = objective.value(self.point)
-        self.damping = 0.0
-        self.filter: list[tuple[float, float]] = []
-        self.widest = 100 * max(self.value.violation(), 1.0)
-        self.estimate_noise = not objective.noise.levels.fixed
-        self.near = self.relaxing = False  # near enough to the solution for residuals to be noise
-        self.noise_change = np.inf if self.estimate_noise else 0.0
-        self.stationarity = np.inf
-        self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
-        self.attracted = False
-        self.course: list[float] = []  # stationarity of all iterations
-        self.multipliers = np.zeros(len(objective.limits))
         self.linear: Linearised | None = None
+        self.multipliers = np.zeros(len(objective.limits))
+        self.noise_change = 0.0 if objective.noise.levels.fixed else np.inf
+        self.stationarity, self.attracted = np.inf, False
+        self.course: list[float] = []  # stationarity of all iterations
 
-    def run(self) -> Outcome:
-        if not np.isfinite(self.value.cost):
-            return self._outcome(DIVERGES, 0)
-        for iteration in range(1, self.solver.iterations + 1):
-            status = self._iterate()
-            if status is not None:
-                return self._outcome(status, iteration)
-            if not self.solver.patient and self._creeps():
-                return self._outcome(CREEPS, iteration)
-            if self.clock.is_up():
-                return self._outcome(self.clock.status, iteration)
-        return self._outcome(out_of_steps(self.solver.iterations), iteration)
+    def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
+        """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status."""
+        count, status = 0, None if np.isfinite(self.value.cost) else DIVERGES
+        while status is None:
+            count += 1
+            status = self._advanced(search)
+            if status is None and not patient and self._creeps():
+                status = CREEPS
+            elif status is None and self.clock.is_up():
+                status = self.clock.status
+            elif status is None and count >= iterations:
+                status = out_of_steps(count, kind)
+        return Outcome(
+            point=self.point,
+            value=self.value,
+            status=status,
+            iterations=count,
+            stationarity=float(self.stationarity),
+            limit_multipliers=self.multipliers,
+            linear=self.linear,
+            attracted=self.attracted,
+        )
 
-    def _iterate(self) -> Status | None:
-        """One linearisation and accepted step; a status when that ends the iteration."""
+    def _advanced(self, search: Search) -> Status | None:
+        """One linearisation and what the search makes of it."""
         objective = self.objective
-        if self.near and not self.relaxing:
-            self.relaxing = True
-            self.filter.clear()  # its costs were those at the former noise
         try:
-            if self.relaxing:
+            if search.relaxing:
                 self.value, self.noise_change = objective.relaxed(self.point, self.value)
             self.linear = linear = objective.linearise(self.point, self.value)
         except np.linalg.LinAlgError as error:
             return status_of(error)
         self.value = objective.reweighed(self.point, self.value, linear.noise)
-        undamped: SolverStep | None = None
-        while True:
-            try:
-                step = objective.step(self.point, self.value, linear, self.damping, self.relaxing)
-            except np.linalg.LinAlgError as error:
-                if not self._more_damping():
-                    return status_of(error)
-                continue
-            undamped = undamped or step
-            if self._judge(step):
-                return CONVERGED
-            found = self._search(step)
-            if found is not None:
-                break
-            if not self._more_damping():
-                if objective.negligible(undamped, self.value, _ROUNDED) and self.value.worst() < _DEFECT:
-                    return CONVERGED  # what is left of the step is rounding
-                if not step.feasible:
-                    return INFEASIBLE
-                return NO_DESCENT
-            if self.clock.is_late():
-                return self.clock.status
-        whole = found[2] == 1.0 and self.damping < _WHOLE
-        self.before, self.attracted = self.stationarity if whole else 0.0, self.attracted and whole
-        self.point, self.value = found[:2]
-        self.linear = None
-        self.multipliers = step.limit_multipliers
-        self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
-        return None
+        return search.advance(self, linear)
+
+    def move(self, point: Point, value: ObjectiveValue) -> None:
+        """Go to another point."""
+        self.point, self.value, self.linear = point, value, None
+
+    def is_solution(self, step: SolverStep) -> bool:
+        """Whether the step is negligible against the noise, that has settled, and constraints are met."""
+        still = self.objective.negligible(step, self.value, self.tolerance)
+        return still and self.noise_change < 10 * self.tolerance and self.value.worst() < _DEFECT
+
+    def is_rounding(self, step: SolverStep) -> bool:
+        """Whether what is left of a step that finds no descent is rounding."""
+        return self.objective.negligible(step, self.value, _ROUNDED) and self.value.worst() < _DEFECT
 
     def _creeps(self) -> bool:
         """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
@@ -161,71 +157,95 @@ class _Iteration:
         if min(last[0], last[-1]) == 0.0:
             return True
         rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
-        return rate >= 1.0 or np.log(self.solver.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
+        return rate >= 1.0 or np.log(self.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
+
+
+class FilterSearch:
+    """Full steps where the filter allows, halved ones and damping where it does not.
+
+    The filter is that of Waechter and Biegler (Math. Program. 106, 2006). Cost and violation are not added up: a merit
+    function that does refuses good steps along curved constraints.
+    """
+
+    def __init__(self, at: Iteration) -> None:
+        self.damping = 0.0
+        self.filter: list[tuple[float, float]] = []
+        self.widest = 100 * max(at.value.violation(), 1.0)
+        self.relaxing = False  # near enough to the solution for residuals to be noise
+        self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
+
+    def advance(self, at: Iteration, linear: Linearised) -> Status | None:
+        """As of `Search`."""
+        undamped: SolverStep | None = None
+        relaxing = self.relaxing
+        while True:
+            try:
+                step = at.objective.step(at.point, at.value, linear, self.damping, relaxing)
+            except np.linalg.LinAlgError as error:
+                if not self._more_damping():
+                    return status_of(error)
+                continue
+            undamped = undamped or step
+            self._look(at, step)
+            if self.damping < _WHOLE and at.is_solution(step):
+                at.multipliers = step.limit_multipliers
+                return CONVERGED
+            found = self._found(at, step, relaxing)
+            if found is not None:
+                break
+            if not self._more_damping():
+                if at.is_rounding(undamped):
+                    return CONVERGED
+                return NO_DESCENT if step.feasible else INFEASIBLE
+            if at.clock.is_late():
+                return at.clock.status
+        point, value, length = found
+        whole = length == 1.0 and self.damping < _WHOLE
+        self.before, at.attracted = at.stationarity if whole else 0.0, at.attracted and whole
+        at.move(point, value)
+        at.multipliers = step.limit_multipliers
+        self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
+        if self.relaxing and not relaxing:
+            self.filter.clear()  # its costs were those at the former noise
+        return None
 
     def _more_damping(self) -> bool:
         self.damping = max(10 * self.damping, 1e-8)
         return self.damping < 1e6
 
-    def _judge(self, step: SolverStep) -> bool:
-        """Whether the point is a solution: the step is negligible against the noise, constraints are met."""
+    def _look(self, at: Iteration, step: SolverStep) -> None:
+        """How near the solution is."""
         length = np.sqrt(max(step.curvature, 0.0))
-        self.stationarity = self.objective.length(step, self.value)
-        self.attracted |= bool(self.stationarity < 0.5 * self.before)
-        if self.estimate_noise and self.value.worst() < 1e-3:
-            self.near |= bool(
-                length < _NEAR * np.sqrt(2 * self.value.cost) or length < 1e-6 * self.value.noise.levels.size
-            )
-        still = self.objective.negligible(step, self.value, self.solver.tolerance)
-        settled = self.noise_change < 10 * self.solver.tolerance
-        if still and settled and self.value.worst() < _DEFECT and self.damping < _WHOLE:
-            self.multipliers = step.limit_multipliers
-            return True
-        return False
+        at.stationarity = at.objective.length(step, at.value)
+        at.attracted |= bool(at.stationarity < 0.5 * self.before)
+        if not at.objective.noise.levels.fixed and at.value.worst() < 1e-3:
+            near = length < _NEAR * np.sqrt(2 * at.value.cost) or length < 1e-6 * at.value.noise.levels.size
+            self.relaxing |= bool(near)
 
-    def _search(self, step: SolverStep) -> tuple[Point, ObjectiveValue, float] | None:
-        """The longest of the halved steps that the filter accepts, and its share of the whole.
+    def _found(self, at: Iteration, step: SolverStep, relaxing: bool) -> tuple[Point, ObjectiveValue, float] | None:
+        """The longest of the halved steps that the filter accepts, and its share of the whole."""
 
-        The filter is that of Waechter and Biegler (Math. Program. 106, 2006). Cost and violation are not added up: a
-        merit function that does refuses good steps along curved constraints.
-        """
-        cost, violation = self._cost(self.value), self.value.violation()
-        rounding = 1e-11 * max(abs(self.value.cost), abs(cost))
-        length = 1.0
-        for _ in range(14):
-            point = moved(self.point, step, length)
-            value = self.objective.value(point, self.value.noise)
-            new_violation = value.violation()
-            new_cost = self._cost(value)
-            if np.isfinite(new_cost) and np.isfinite(new_violation):
-                # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
-                by_cost = -length * step.slope > step.price * violation
-                if by_cost:
-                    better = new_cost <= cost + 1e-4 * length * step.slope + rounding
-                else:
-                    fallen = new_cost <= cost - 1e-4 * step.price * violation + rounding
-                    better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
-                if better and new_violation <= self.widest and self._passes(new_violation, new_cost - rounding):
-                    if not by_cost:
-                        self.filter.append((violation, cost))
-                    return point, value, length
-            length *= 0.5
+        def cost_of(value: ObjectiveValue) -> float:
+            return at.objective.likelihood_cost(value) if relaxing else value.cost
+
+        cost, violation = cost_of(at.value), at.value.violation()
+        rounding = 1e-11 * max(abs(at.value.cost), abs(cost))
+        for length in 0.5 ** np.arange(14):
+            point = moved(at.point, step, length)
+            value = at.objective.value(point, at.value.noise)
+            new_violation, new_cost = value.violation(), cost_of(value)
+            if not (np.isfinite(new_cost) and np.isfinite(new_violation)):
+                continue
+            # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
+            by_cost = -length * step.slope > step.price * violation
+            if by_cost:
+                better = new_cost <= cost + 1e-4 * length * step.slope + rounding
+            else:
+                fallen = new_cost <= cost - 1e-4 * step.price * violation + rounding
+                better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
+            passes = all(new_violation < v or new_cost - rounding < c for v, c in self.filter)
+            if better and new_violation <= self.widest and passes:
+                if not by_cost:
+                    self.filter.append((violation, cost))
+                return point, value, float(length)
         return None
-
-    def _cost(self, value: ObjectiveValue) -> float:
-        return self.objective.likelihood_cost(value) if self.relaxing else value.cost
-
-    def _passes(self, violation: float, cost: float) -> bool:
-        return all(violation < v or cost < c for v, c in self.filter)
-
-    def _outcome(self, status: Status, iterations: int) -> Outcome:
-        return Outcome(
-            point=self.point,
-            value=self.value,
-            status=status,
-            iterations=iterations,
-            stationarity=float(self.stationarity),
-            limit_multipliers=self.multipliers,
-            linear=self.linear,
-            attracted=self.attracted,
-        )

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.solvers.damped import DampedIteration
-from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.damped import DampedSearch
+from casid.estimation.solvers.gauss_newton import GaussNewton, Iteration
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
 from casid.estimation.solvers.nlp import is_programmable
@@ -111,8 +111,10 @@ class Automatic:
             judged = _Newton(objective, self, outcome, begin + self.seconds).run()
             return judged if judged.status.result in (Results.CONVERGED, Results.NO_MINIMUM) else outcome
         if outcome.status.stage is not Stage.CREEPING:  # there it is the whole curvature that is missing
-            damped = DampedIteration(objective, self.tolerance, _DAMPED * self.iterations, begin + self.seconds).run()
-            outcome = _better(objective, outcome, damped)
+            clock = Clock(begin + self.seconds - time.perf_counter(), objective)
+            damped = Iteration(objective, clock, self.tolerance)
+            steps = _DAMPED * self.iterations
+            outcome = _better(objective, outcome, damped.run(DampedSearch(), steps, "damped iterations"))
         if outcome.converged and not is_found(objective, outcome):
             return outcome
         outcome = _Newton(objective, self, outcome, begin + self.seconds).run()

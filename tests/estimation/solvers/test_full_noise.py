@@ -22,8 +22,9 @@ from casid.estimation import (
 )
 from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.full_noise import full_noise, moments_of
-from casid.estimation.solvers.gauss_newton import _Iteration
+from casid.estimation.solvers.gauss_newton import FilterSearch, Iteration
 from casid.estimation.solvers.levels import noise_levels
+from casid.estimation.solvers.timed import Clock
 from casid.filtering.filter_error import filter_error
 from casid.model.system import define_model
 from casid.records.record import Record
@@ -145,13 +146,17 @@ def test_a_step_of_the_coordinates_of_the_noise_is_one_standard_deviation(noise)
 @pytest.mark.parametrize("holes", [False, True])
 def test_the_likelihood_descends_from_one_relaxation_to_the_next(holes):
     given = Problem(short_period(), [measured(2, holes)], free=["*"], start=START, noise="full")
-    iteration = _Iteration(build_objective(given, MultipleShooting(interval=10)), PRECISE)
-    costs, status = [], None
-    while status is None:
-        status = iteration._iterate()
-        if iteration.relaxing and iteration.value.worst() < 1e-9:
-            costs.append(iteration.objective.likelihood_cost(iteration.value))
-    assert status.converged and len(costs) >= 4
+    objective, costs = build_objective(given, MultipleShooting(interval=10)), []
+
+    class Noted(FilterSearch):
+        def advance(self, at, linear):
+            relaxed, status = self.relaxing, super().advance(at, linear)
+            if relaxed and at.value.worst() < 1e-9:
+                costs.append(objective.likelihood_cost(at.value))
+            return status
+
+    iteration = Iteration(objective, Clock(PRECISE.seconds, objective), PRECISE.tolerance)
+    assert iteration.run(Noted(iteration), PRECISE.iterations).converged and len(costs) >= 4
     assert (np.diff(costs) < 1e-9 * abs(costs[0])).all(), costs
 
 
