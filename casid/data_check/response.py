@@ -308,10 +308,9 @@ class Response:
 
     def axial(self, records: Sequence[Read]) -> float:
         """Log marginal likelihood of the file's derivatives by what varies along the body x axis."""
-        sums = [one for one in map(self._axial, records) if one is not None]
-        if not sums:
+        total = self._along(records)
+        if total is None:
             return 0.0
-        total = reduce(add, sums)
         noise = float(np.sqrt(max(total.left, self._criteria.least**2 * total.yy / total.samples)))
         values = self._along_x()
         row = Row(
@@ -323,6 +322,20 @@ class Response:
         )
         found = log_evidence(total, row, noise, self._criteria, self._criteria.minor)
         return found - total.samples * float(np.log(noise))  # of other axes by its own noise
+
+    def left_along_x(self, records: Sequence[Read]) -> tuple[float, float]:
+        """What the derivatives of the file leave of the force along the body x axis, and what varies of it: sums of
+        squares."""
+        total = self._along(records)
+        if total is None:
+            return 0.0, 0.0
+        values = np.array([*(value for *_, value in self._along_x()), 0.0])
+        return float(total.yy - 2.0 * values @ total.Xy + values @ total.XX @ values), total.yy
+
+    def _along(self, records: Sequence[Read]) -> Squares | None:
+        """The sums of all records along the body x axis."""
+        sums = [one for one in map(self._axial, records) if one is not None]
+        return reduce(add, sums) if sums else None
 
     def _lift_slope(self) -> float:
         """Size of what a force along x has by alpha^2, which files often lack: lift times the angle."""

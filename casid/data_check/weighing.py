@@ -185,10 +185,14 @@ class Weighing:
 
     def _agrees(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> bool:
         """Whether another meaning of a file brings it most of the way to what the records say: a file that is wrong all
-        over is less wrong in many a unit."""
+        over is less wrong in many a unit. Along other axes it leaves less than half of what it leaves as it stands, and
+        of what varies."""
         meant = Response(meaning.corrected(given), self._criteria)
+        if isinstance(meaning, ForceAxes):
+            (as_it_stands, varies), (left, _) = as_given.left_along_x(reads), meant.left_along_x(reads)
+            return left < 0.5 * min(as_it_stands, varies)
         off, left = (one.likeliest(reads) - one.likelihood(reads) for one in (as_given, meant))
-        return isinstance(meaning, ForceAxes) or left < max(0.5 * off, self._criteria.said)
+        return left < max(0.5 * off, self._criteria.said)
 
     def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> float:
         """Log likelihood ratio of another meaning of a file: of its derivatives, its trim, and the moment that is left.

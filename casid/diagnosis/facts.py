@@ -232,18 +232,20 @@ class Parameter:
     name: str
     unit: str
     a_priori: float  # its value as given; 0 if there is none
-    # refitted, refitted_std: its estimate with the structure as given, and the standard deviation (Cramer-Rao)
-    refitted: float
-    refitted_std: float
-    extended: float  # extended, extended_std: the same in the extended model
-    extended_std: float
+    refitted: float  # its estimate with the structure as given
+    extended: float  # its estimate in the extended model
+    cramer_rao: tuple[float, float]  # standard deviations of both if the structure were exact and the noise white
     flight: FlightValue  # its value according to the records alone, with a corrected standard deviation
 
     def to_dict(self) -> dict[str, Any]:
         return {
             "unit": self.unit,
             "a_priori": self.a_priori,
-            "refitted": {"value": self.refitted, "std": self.refitted_std},
-            "extended": {"value": self.extended, "std": self.extended_std},
+            "refitted": {"value": self.refitted, "std_cramer_rao": self.cramer_rao[0]},
+            "extended": {
+                "value": self.extended,
+                "std": self.flight.fitted_std,
+                "std_cramer_rao": self.cramer_rao[1],
+            },
             "flight": {"value": self.flight.value, "std": self.flight.std, "told": self.flight.determined},
         }

@@ -72,7 +72,7 @@ def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Flight) 
         if one.flight.determined:
             continue
         stated = relative * abs(one.a_priori)
-        own = 1.0 / one.extended_std**2 - (1.0 / stated**2 if stated > 0.0 else 0.0)  # without the file's own word
+        own = 1.0 / one.cramer_rao[1] ** 2 - (1.0 / stated**2 if stated > 0.0 else 0.0)  # without the file's own word
         by_noise = own**-0.5 if own > 0.0 else np.inf
         yield Untold(name=one.name, given=one.a_priori, stated=stated, by_noise=by_noise, corrected=one.flight.std)
     for name, value in flight.aircraft.derivatives.items():

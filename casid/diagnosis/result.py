@@ -347,9 +347,8 @@ class Diagnosis:
                 unit=units.get(name, ""),
                 a_priori=a_priori.get(name, 0.0),
                 refitted=before[name],
-                refitted_std=before.std(name),
                 extended=after[name],
-                extended_std=after.std(name),
+                cramer_rao=(before.std(name), after.std(name)),
                 flight=self.flight[name],
             )
             for name in names

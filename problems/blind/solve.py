@@ -48,7 +48,10 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
     return {
         **{
             name: document[name]
-            for name in ("verdict", "sentence", "causes", "minor", "contradicted", "smallest_detectable", "decisions")
+            for name in (
+                *("verdict", "sentence", "causes", "minor", "contradicted", "parameters"),
+                *("smallest_detectable", "decisions"),
+            )
         },
         **{name: document[name] for name in ("explanations", "believed", "nothing")},
         "entered": dict(found.entered),

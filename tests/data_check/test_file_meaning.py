@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +89,13 @@ def test_forces_along_other_axes_are_told(case: str) -> None:
     assert not cs.check(flight.records, flight.aircraft).doubts
     (found,) = cs.check(flight.records, wrongly(ForceAxes(stated="wind"), flight.aircraft)).doubts
     assert found.parameter == "force derivatives"
+
+
+@pytest.mark.parametrize("raw", ["", ".raw"])
+def test_force_axes_are_not_told_where_neither_explains_the_force(known_faults_data: Path, raw: str) -> None:
+    """Lateral manoeuvres, in which the force along x hardly follows the angle of attack: the file is right."""
+    records = [cs.read_record(known_faults_data / f"totter_f1_{flight}{raw}.csv") for flight in ("017", "014")]
+    assert not cs.check(records, known_faults_data / "totter_f1_017.toml").doubts
 
 
 def test_stability_axes_are_told_at_an_angle_of_attack() -> None:

@@ -51,13 +51,14 @@ class FlightValue:
     value: float
     std: float
     determined: bool
+    fitted_std: float = math.nan  # corrected 1-sigma of the fitted value, to which the prior of the file contributes
     at_middle: tuple[float, float] | None = None
 
     def nearest(self, given: float) -> FlightValue:
         """By the slope that is nearer to what the file states, in its own deviations."""
         if self.at_middle is None:
             return self
-        other = FlightValue(value=self.at_middle[0], std=self.at_middle[1], determined=self.determined)
+        other = replace(self, value=self.at_middle[0], std=self.at_middle[1])
         return min((self, other), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
 
@@ -83,11 +84,12 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
         if otherwise is not None:
             corrected = math.hypot(corrected, otherwise[slot.name] - value)
         if not (variance > 0.0 and from_records > 0.0):
-            found[slot.name] = FlightValue(value=value, std=math.inf, determined=False)
+            found[slot.name] = FlightValue(value=value, std=math.inf, determined=False, fitted_std=corrected)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
         determined = from_records > fit.flight.criteria.given.from_records
-        one = FlightValue(value=own, std=corrected / from_records, determined=determined)
+        std = corrected / from_records
+        one = FlightValue(value=own, std=std, determined=determined, fitted_std=corrected)
         found[slot.name] = replace(one, at_middle=_at_middle(evidence, lines[i], one, bends.get(slot.name, {})))
     return found
 
