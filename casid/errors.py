@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 
 _LONGEST = 2000  # characters of a message
@@ -76,3 +77,15 @@ def check_known(what: str, names: Iterable[str], valid: Collection[str], where: 
     for name in names:
         if name not in valid:
             raise unknown(what, name, valid, where)
+
+
+@contextmanager
+def noting(failed: list[str] | None, what: str) -> Iterator[None]:
+    """A block that draws, and notes its error in `failed`: a picture must not cost the results. Without a list it is
+    raised."""
+    try:
+        yield
+    except Exception as error:  # whatever a library, or the data of a stranger, may raise
+        if failed is None:
+            raise
+        failed.append(f"{what}: {type(error).__name__}: {' '.join(str(error).split())}")

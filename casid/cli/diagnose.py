@@ -176,7 +176,7 @@ def _write(
             diagnosis = diagnosed(report=stage)
             diagnosis.write(folder / "diagnosis.json")
             results(diagnosis, folder)
-            (folder / "report.html").write_text(unfinished(diagnosis), encoding="utf-8")
+            (folder / "report.html").write_text(unfinished(diagnosis.sentence), encoding="utf-8")
             write_provenance(made_with, folder / "run.json")
         stage("report")
         started = time.perf_counter()

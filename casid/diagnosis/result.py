@@ -15,6 +15,7 @@ from casid.design.next_flight import NextFlights, Setting, Untold, next_flights
 from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.document import Document, Unexplained
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
@@ -31,8 +32,19 @@ from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.turbulence import Turbulence
 from casid.diagnosis.left_open import questions, untold
 from casid.diagnosis.part import OfAircraft, OfSystem
-from casid.diagnosis.shown import Gusts, History, ShownCause, gusts_of, histories_of, shown_of
-from casid.errors import InputError, unknown
+from casid.diagnosis.shown import (
+    alike_of,
+    detectable_of,
+    drawn_cause,
+    gusts_of,
+    histories_of,
+    reported,
+    simulated_of,
+    suspects_of,
+    titled,
+    tried_of,
+)
+from casid.errors import InputError, noting, unknown
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.numbers import digits
@@ -44,6 +56,14 @@ if TYPE_CHECKING:
 
 SCHEMA = "casid.diagnosis/4"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
+_SIMULATIONS = (
+    *("as_given", "refitted", "extended"),
+    *("held_out_as_given", "held_out_refitted", "held_out_extended"),
+)
+_IN_BOTH = (
+    *("verdict", "headline", "sentence", "opening", "values_told", "best", "no_cause", "not_judged", "data"),
+    *("contradicted", "parameters", "flight", "trace", "budget", "rms_ratio", "criteria", "seconds"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -267,28 +287,6 @@ class Diagnosis:
         """
         return shapes_of(self.extended.fit, self.held_out_extended.fit, self.unexplained, self.criteria.given.worse)
 
-    def shown(self, cause: Cause) -> ShownCause:
-        """Compute what the figures of a cause show.
-
-        Parameters
-        ----------
-        cause
-            One of `causes`.
-        """
-        before = {one.station: one for one in self.missing_before}
-        return shown_of(cause, self.bare, (self.as_given, self.extended), before.get(cause.effect.enters or ""))
-
-    def histories(self, missing: MissingInput) -> tuple[History, ...]:
-        """Time histories of a latent input that no cause explains, record by record.
-
-        Parameters
-        ----------
-        missing
-            One of `unexplained`.
-        """
-        fit = self.refitted.fit
-        return tuple(histories_of(fit if missing.concerns(fit.batch.names) else self.held_out_extended.fit, missing))
-
     @property
     def untold(self) -> tuple[Untold, ...]:
         """Numbers of an aircraft file that the records do not tell."""
@@ -307,10 +305,69 @@ class Diagnosis:
         unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
         return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
 
-    @property
-    def gusts(self) -> Gusts | None:
-        """Reconstructed moving air of the most turbulent record; None in calm air."""
-        return gusts_of(self.extended.fit)
+    def document(self) -> Document:
+        """Everything that a page shows, in words, numbers and arrays; takes some seconds, of which the design of next
+        flights is most. What cannot be computed is noted in it."""
+        failed, most = list[str](), self.criteria.numerics.naming.listed
+        known = {one.name: one for one in self.bare.flight.effects}
+        before = {one.station: one for one in self.missing_before}
+        views = (self.as_given, self.extended)
+        causes, gusts, shapes, following = [], None, tuple[Shape, ...](), NextFlights()
+        for number, cause in enumerate(self.causes):
+            drawn = reported(cause)
+            with noting(failed, cause.name):
+                drawn = drawn_cause(cause, self.bare, views, before) if number < most else drawn
+            causes.append(drawn)
+        with noting(failed, "moving air"):
+            gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
+        with noting(failed, "shapes"):
+            shapes = self.shapes
+        with noting(failed, "next flight"):
+            following = self.next_flights()
+        least, of_aeroplane = self.criteria.given.from_records, self.of_aeroplane
+        return Document(
+            **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(),
+            name=self.part.name,
+            source=self.part.source,
+            witness=self.part.witness,
+            aircraft=self.part.file if isinstance(self.part, OfAircraft) else None,
+            moved=tuple(one.sentence for one in (*self.moved, *self.combinations)),
+            left=self.claim("nothing that matters is left").because,
+            causes=tuple(causes),
+            minor=tuple(reported(one) for one in self.minor),
+            explanations=tuple((tuple(titled(name, known) for name in some), p) for some, p in self.explanations),
+            tried=tuple(tried_of(self.rounds)),
+            alike=alike_of(self.rounds),
+            missing_before={one.station: one.gain for one in self.missing_before},
+            missing_after={one.station: one.gain for one in self.missing_after},
+            unexplained=tuple(self._shown(one) for one in self.unexplained),
+            shapes=shapes,
+            suspects=tuple(suspects_of(self.kinematic)),
+            turbulent=self.turbulence.named,
+            gusts=gusts,
+            detectable=tuple(detectable_of(known.values(), self.detectable)),
+            next_flights=following,
+            limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
+            failed=tuple(failed),
+        )
+
+    def _simulated(self) -> dict[str, Any]:
+        """The simulations by their names; two of one view are one."""
+        views = {name: getattr(self, name) for name in _SIMULATIONS}
+        made = {id(view): simulated_of(view) for view in views.values()}
+        return {name: made[id(view)] for name, view in views.items()}
+
+    def _shown(self, missing: MissingInput) -> Unexplained:
+        """A latent input that no cause explains, with its time histories."""
+        fit = self.refitted.fit
+        fitted = missing.concerns(fit.batch.names)
+        return Unexplained(
+            station=missing.station,
+            called=missing.called,
+            fitted=fitted,
+            probability=self.entered.get(missing.station),
+            histories=tuple(histories_of(fit if fitted else self.held_out_extended.fit, missing)),
+        )
 
     @property
     def is_extended(self) -> bool:

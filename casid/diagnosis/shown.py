@@ -1,84 +1,149 @@
-"""What the figures of causes and of missing inputs show, as arrays: all fits and linearisations for a page are here."""
+"""Arrays and words of a document: all linearisations for a page are here."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.document import Answer, Detectable, Gusts, History, ReportedCause, Simulated, Suspect, Term, Tried
+from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, response
-from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.evidence.screening import Candidate, Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import without
+from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.kinematics.turbulence import WIND
 from casid.errors import InputError
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.causes import configuration_change, group_channels
+from casid.model.effect import Effect
+from casid.model.effects import effect_named
 from casid.model.terms import parse_term
+from casid.model.vocabulary import title_of
 from casid.records.record import Record
 from casid.signals import SURFACES
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class History:
-    """A latent input in one record: times of its nodes [s], mean and 1-sigma there, and what the named causes put
-    there at these times (zero where none was named)."""
-
-    record: str
-    t: np.ndarray
-    mean: np.ndarray
-    sigma: np.ndarray
-    named: np.ndarray
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Term:
-    """The missing coefficient beside the term that was named."""
-
-    # record -> (nodes, 3): the variable, the coefficient less the changes of the other derivatives, its 1-sigma
-    points: Mapping[str, np.ndarray]
-    variable: str  # the variable of the term; the term itself if it has several
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Answer:
-    """Frequency response of flight at a cause, and the same of the simulations as given and extended (None where they
-    give none)."""
-
-    flight: FrequencyResponse
-    given: np.ndarray | None
-    extended: np.ndarray
+def simulated_of(view: View, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)) -> Simulated:
+    """The simulation of a view; `bands` are edges of bands of frequency [Hz], of which those that the records hold
+    are kept."""
+    fit, model = view.fit, view.fit.model
+    records = tuple(fit.flight.records)
+    fastest = 0.5 / max(record.dt for record in records)
+    edges = np.array([edge for edge in bands if edge < fastest])
+    of_aircraft = isinstance(fit.flight, Flight)
+    return Simulated(
+        records=records,
+        outputs=tuple(model.outputs),
+        inputs=tuple(model.inputs),
+        units={} if of_aircraft else {name: model.units.get(name, "") for name in model.outputs},
+        channels=view.channels,
+        output=view.simulated.output,
+        residual=view.simulated.residual,
+        white=fit.white,
+        samples=view.samples,
+        bands=edges,
+        energy=view.band_energy(edges),
+    )
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ShownCause:
-    """What the figures of a cause show; None or empty for what it does not have.
+def reported(cause: Cause, **curves: Any) -> ReportedCause:
+    """A cause in words and numbers, with its `curves`."""
+    own = {one.name for one in fields(ReportedCause)} - {"enters", "regressor", "stochastic"}
+    effect = cause.effect
+    return ReportedCause(
+        **{name: getattr(cause, name) for name in own if hasattr(cause, name)},
+        enters=effect.enters or "",
+        regressor=effect.regressor,
+        stochastic=effect.stochastic,
+        **curves,
+    )
 
-    onsets  record -> times of onset [s] and the statistic of the cause if it began then
+
+def drawn_cause(
+    cause: Cause, bare: FlightFit, views: tuple[View, View], missing: Mapping[str, MissingInput]
+) -> ReportedCause:
+    """A cause with what its figures show.
+
+    bare     the model that the latent inputs were added to
+    views    simulations of the fitted records, as given and extended
+    missing  the latent inputs by port, before any cause was named
     """
-
-    term: Term | None
-    onsets: Mapping[str, tuple[np.ndarray, np.ndarray]]
-    answer: Answer | None
-    histories: tuple[History, ...]
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Gusts:
-    """Moving air of the most turbulent record: port -> reconstructed velocity [m/s] at the times of the record."""
-
-    record: Record
-    velocity: Mapping[str, np.ndarray]
+    if cause.effect.stochastic:
+        return reported(cause)
+    extended, there = views[1].fit, missing.get(cause.effect.enters or "")
+    named = None if there is None else named_series(bare, extended, there)
+    return reported(
+        cause,
+        shape=None if there is None or named is None else _term(extended, cause, there, named),
+        onsets=_onsets(extended, cause),
+        answer=_answer(cause, *views),
+        histories=() if there is None else tuple(histories_of(extended, there, named)),
+    )
 
 
-def gusts_of(fit: FlightFit) -> Gusts | None:
-    """Reconstruct the moving air of a turbulent flight by the filter's smoother."""
+def tried_of(rounds: Sequence[Round]) -> Iterator[Tried]:
+    """The causes that were fitted, round by round."""
+    for number, round_ in enumerate(rounds, 1):
+        for place, trial in enumerate(round_.trials):
+            yield Tried(
+                round=number,
+                name=trial.candidate.name,
+                title=title_of(trial.effect),
+                key=trial.effect.key,
+                value=trial.candidate.attached.values["value"],
+                unit=trial.effect.unit,
+                statistic=trial.gain.raw,
+                named=place == 0 and round_.named,
+                refuted=trial.refuted,
+                meaningful=trial.meaningful,
+            )
+
+
+def alike_of(rounds: Sequence[Round]) -> tuple[tuple[str, ...], np.ndarray]:
+    """Titles of the causes fitted in the first round, and |cos| between their fingerprints."""
+    trials = [one for one in rounds[0].trials if one.fingerprint.size] if rounds else []
+    if not trials:
+        return (), np.zeros((0, 0))
+    prints = np.stack([one.fingerprint for one in trials], axis=1).astype(float)
+    prints /= np.maximum(np.linalg.norm(prints, axis=0), 1e-300)
+    return tuple(title_of(one.effect) for one in trials), np.abs(prints.T @ prints)
+
+
+def suspects_of(candidates: Iterable[Candidate]) -> Iterator[Suspect]:
+    """The causes that the kinematics judged."""
+    for one in candidates:
+        effect = one.attached.effect
+        yield Suspect(
+            title=title_of(effect), kind=effect.kind, value=one.value, unit=effect.unit, statistic=one.statistic
+        )
+
+
+def detectable_of(effects: Iterable[Effect], sizes: Mapping[str, float]) -> Iterator[Detectable]:
+    """The smallest detectable sizes by cause; a set of coefficients has no one size."""
+    known = {effect.name: effect for effect in effects if not effect.members}
+    for name, size in sizes.items():
+        if (effect := known.get(name)) is not None:
+            label = " ".join(part for part in (effect.target, effect.term or "", effect.variant) if part)
+            yield Detectable(kind=effect.kind, label=label, size=size, unit=effect.unit, limit=effect.limit)
+
+
+def titled(name: str, effects: Mapping[str, Effect]) -> str:
+    """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
+    effect = effects[name] if name in effects else effect_named(name)
+    return f"{title_of(effect)} ({effect.variant})" if effect.variant else title_of(effect)
+
+
+def gusts_of(fit: FlightFit, sigma: float) -> Gusts | None:
+    """Reconstruct the moving air of a turbulent flight by the filter's smoother; `sigma` is the named velocity."""
     # behind them stand the rotation of the air, and noise of inputs that passed through an effect
     stations = [station for station in fit.noise.coloured if station in WIND]
     if not stations:
@@ -86,24 +151,7 @@ def gusts_of(fit: FlightFit) -> Gusts | None:
     gusts, records = fit.motion.coloured[..., : len(stations)], fit.flight.records
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(records)]))
     velocity = {station: gusts[: len(records[r]), r, i] for i, station in enumerate(stations)}
-    return Gusts(record=records[r], velocity=velocity)
-
-
-def shown_of(cause: Cause, bare: FlightFit, views: tuple[View, View], missing: MissingInput | None) -> ShownCause:
-    """Compute what the figures of a cause show.
-
-    bare     the model that the latent inputs were added to
-    views    simulations of the fitted records, as given and extended
-    missing  the latent input at its port, before it was named
-    """
-    extended = views[1].fit
-    named = None if missing is None else named_series(bare, extended, missing)
-    return ShownCause(
-        term=None if missing is None or named is None else _term(extended, cause, missing, named),
-        onsets=_onsets(extended, cause),
-        answer=_answer(cause, *views),
-        histories=() if missing is None else tuple(histories_of(extended, missing, named)),
-    )
+    return Gusts(record=records[r], velocity=velocity, sigma=sigma)
 
 
 def histories_of(fit: FlightFit, missing: MissingInput, named: np.ndarray | None = None) -> Iterator[History]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from casid.diagnosis.document import Document
 from casid.diagnosis.facts import Parameter
-from casid.diagnosis.result import Diagnosis
 from casid.records.record import Record
 from casid.report.style import (
     BASELINE,
@@ -44,10 +44,10 @@ class Compared:
     against: bool
 
 
-def compared(diagnosis: Diagnosis) -> list[Compared]:
+def compared(document: Document) -> list[Compared]:
     """Every number of the file, those that flight contradicts first, and last what these records do not tell."""
-    against = [one.parameter for one in diagnosis.contradicted]
-    found = sorted(diagnosis.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
+    against = [one.parameter for one in document.contradicted]
+    found = sorted(document.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
     return [_in_words(one, one.name in against) for one in found]
 
 
@@ -77,12 +77,12 @@ def _in_words(one: Parameter, against: bool) -> Compared:
     )
 
 
-def derivatives(diagnosis: Diagnosis) -> Picture | None:
+def derivatives(document: Document) -> Picture | None:
     """Deviation of flight from the file in per cent, with its 1-sigma, contradicted numbers first; None where there is
     nothing to be drawn."""
-    against = [one.parameter for one in diagnosis.contradicted]
+    against = [one.parameter for one in document.contradicted]
     told = [
-        one for one in diagnosis.parameters if one.flight.determined and one.a_priori and math.isfinite(one.flight.std)
+        one for one in document.parameters if one.flight.determined and one.a_priori and math.isfinite(one.flight.std)
     ]
     order = sorted(told, key=lambda one: (_rank(one.name, against), -abs(_deviation(one))))[:_MOST]
     if not order:
@@ -90,8 +90,8 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
     with settings():
         figure = blank(_ROW * len(order) + 1.3)
         ax = figure.subplots()
-        states = diagnosis.aircraft.relative_uncertainty if diagnosis.of_aeroplane else 0.0
-        stated = 100.0 * (states or diagnosis.criteria.prior.unstated)
+        states = document.aircraft.relative_uncertainty if document.aircraft and document.of_aeroplane else 0.0
+        stated = 100.0 * (states or document.criteria.prior.unstated)
         ax.axvspan(-stated, stated, color=NOISE, lw=0)
         ax.axvline(0.0, color=MEASURED, lw=1.0)
         for y, one in enumerate(order):
@@ -118,7 +118,7 @@ def derivatives(diagnosis: Diagnosis) -> Picture | None:
         for label, one in zip(ax.get_yticklabels(), order, strict=True):
             label.set_fontweight("bold" if one.name in against else "normal")
         ax.grid(axis="y", color=FAINT, lw=0.3)
-        of, witness = diagnosis.part.source, diagnosis.part.witness
+        of, witness = document.source, document.witness
         ax.set_xlabel(f"{witness} against the {of} [% of the {of}'s number]")
     worst = next((one for one in order if one.name in against), order[0])
     return Picture(
@@ -161,9 +161,9 @@ _POINTS = 400  # of a record in one panel
 _OUTSIDE = 0.02  # part of the held-out samples beyond the fitted range that is told
 
 
-def _records(diagnosis: Diagnosis) -> tuple[Sequence[Record], Sequence[Record]]:
+def _records(document: Document) -> tuple[Sequence[Record], Sequence[Record]]:
     """As they were judged: fitted, and held out."""
-    return diagnosis.refitted.fit.flight.records, diagnosis.held_out_refitted.fit.flight.records
+    return document.refitted.records, document.held_out_refitted.records
 
 
 def _all(records: Sequence[Record], name: str) -> np.ndarray:
@@ -173,9 +173,9 @@ def _all(records: Sequence[Record], name: str) -> np.ndarray:
     return values[np.isfinite(values)]
 
 
-def envelope_table(diagnosis: Diagnosis) -> ReportTable:
+def envelope_table(document: Document) -> ReportTable:
     """Ranges of what was flown, in fitted and in held-out records; what of the latter lies outside is marked."""
-    fitted, held = _records(diagnosis)
+    fitted, held = _records(document)
     rows = []
     for name in _QUANTITIES:
         seen, unseen = _all(fitted, name), _all(held, name)
@@ -202,9 +202,9 @@ def _range(values: np.ndarray) -> str:
     return f"{digits(low, places)} to {digits(high, places)}"
 
 
-def envelope(diagnosis: Diagnosis) -> Picture | None:
+def envelope(document: Document) -> Picture | None:
     """Pairs of quantities as they were flown; None where no pair was measured."""
-    fitted, held = _records(diagnosis)
+    fitted, held = _records(document)
     pairs = [pair for pair in _PAIRS if all(any(name in r for r in fitted) for name in pair)]
     if not pairs:
         return None

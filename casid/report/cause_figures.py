@@ -6,12 +6,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.document import Document, History, ReportedCause
 from casid.diagnosis.given.shape import Shape
-from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.shown import Answer, History, ShownCause
 from casid.frequency.response import FrequencyResponse
+from casid.model.station import Station
 from casid.model.terms import parse_term
 from casid.report.history_figures import AS_GIVEN, telling_window, worst_record
 from casid.report.response_figures import draw_gain_and_phase, frequency_axis
@@ -36,15 +34,15 @@ _STEPS = 11
 _MAX_RECORDS = 3
 
 
-def shape(cause: Cause, shown: ShownCause) -> Picture | None:
+def shape(cause: ReportedCause) -> Picture | None:
     """The reconstructed missing coefficient against the regressor of the named term, with the named curve over it.
 
     None for a cause that is no aerodynamic term.
     """
-    term, regressor = shown.term, cause.effect.regressor
+    term, regressor = cause.shape, cause.regressor
     if regressor is None or term is None:
         return None
-    where = place(cause.effect.enters or "")
+    where = place(cause.enters)
     label, scale = _abscissa(term.variable)
     figure = blank(4.4)
     ax = figure.subplots()
@@ -118,11 +116,10 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
         )
 
 
-def missing_history(
-    missing: MissingInput, histories: Sequence[History], curve: bool, name: str = "missing_history"
-) -> Picture:
-    """A reconstructed input in time with its ±2σ band; with `curve`, what the named causes put there."""
-    wind = missing.place.kind == "wind"
+def missing_history(station: str, histories: Sequence[History], curve: bool, name: str = "missing_history") -> Picture:
+    """A reconstructed input at a port in time with its ±2σ band; with `curve`, what the named causes put there."""
+    at = Station.at(station)
+    wind = at.kind == "wind"
     chosen = _liveliest(histories)
     figure = blank(1.75 * len(chosen) + 0.7)
     axes = figure.subplots(len(chosen), 1, squeeze=False, sharey=True)[:, 0]
@@ -134,10 +131,10 @@ def missing_history(
             ax.plot(one.t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_title(one.record, loc="left")
-        ax.set_ylabel("[m/s]" if wind else f"missing {missing.place.name}")
+        ax.set_ylabel("[m/s]" if wind else f"missing {at.name}")
         ax.set_xlabel("time t [s]" if one is chosen[-1] else "")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
-    where, entering = place(missing.station), "at the" if missing.place.kind == "reading" else "as"
+    where, entering = place(station), "at the" if at.kind == "reading" else "as"
     return Picture(
         name=name,
         figure=figure,
@@ -151,12 +148,12 @@ def missing_history(
     )
 
 
-def wind(diagnosis: Diagnosis) -> Picture | None:
+def wind(document: Document) -> Picture | None:
     """The moving air of a turbulent record: its components by the filter's smoother, and the r.m.s. that was named."""
-    sigma, gusts = diagnosis.turbulence.sigma, diagnosis.gusts
+    gusts = document.gusts
     if gusts is None:
         return None
-    record, count = gusts.record, len(gusts.velocity)
+    record, count, sigma = gusts.record, len(gusts.velocity), gusts.sigma
     figure = blank(1.6 * count + 0.7)
     axes = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for ax, (station, velocity) in zip(axes, gusts.velocity.items(), strict=True):
@@ -229,11 +226,11 @@ def _centred(curve: np.ndarray, mean: np.ndarray, wind: bool) -> np.ndarray:
 _MAX_ONSETS = 4
 
 
-def onset(cause: Cause, shown: ShownCause) -> Picture | None:
+def onset(cause: ReportedCause) -> Picture | None:
     """Statistic of the cause over its time of onset, record by record, from the model that did not have it yet."""
-    if not cause.onset_s or not shown.onsets:
+    if not cause.onset_s or not cause.onsets:
         return None
-    profiles = shown.onsets
+    profiles = cause.onsets
     records = [name for name in profiles if name in cause.onset_s][:_MAX_ONSETS]
     figure = blank(1.6 * len(records) + 0.7)
     axes = figure.subplots(len(records), 1, squeeze=False)[:, 0]
@@ -265,24 +262,27 @@ _LEAST = 10  # usable frequencies, fewer of which are no diagram
 _SHOWN = 8.0  # s of a time history
 
 
-def cause_response(diagnosis: Diagnosis, cause: Cause, answer: Answer | None) -> Picture | None:
+def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
     """Gain and phase of flight, of the file as given and of the extended model, beside their time histories; None where
     the records give no response with enough coherence."""
+    answer = cause.answer
     if answer is None or answer.flight.usable.sum() < _LEAST:
         return None
-    models = {AS_GIVEN: answer.given, diagnosis.best: answer.extended}
+    models = {AS_GIVEN: answer.given, document.best: answer.extended}
     shown = {name: response for name, response in models.items() if response is not None}
-    return _drawn(diagnosis, cause, answer.flight, shown)
+    return _drawn(document, cause, answer.flight, shown)
 
 
-def _drawn(diagnosis: Diagnosis, cause: Cause, flight: FrequencyResponse, models: dict[str, np.ndarray]) -> Picture:
+def _drawn(
+    document: Document, cause: ReportedCause, flight: FrequencyResponse, models: dict[str, np.ndarray]
+) -> Picture:
     figure = blank(4.4, WIDE)
     axes = figure.subplots(2, 2, width_ratios=[1.15, 1.0])
     draw_gain_and_phase(axes[0, 0], axes[1, 0], flight, models)
     axes[0, 0].sharex(axes[1, 0])
     axes[0, 0].tick_params(labelbottom=False)
     frequency_axis(axes[:, 0], flight)
-    _histories(axes[0, 1], axes[1, 1], diagnosis, flight)
+    _histories(axes[0, 1], axes[1, 1], document, flight)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
     name = pretty(cause.title)
     since = " Only what was flown from the onset on is in it." if cause.onset_s else ""
@@ -298,16 +298,16 @@ def _drawn(diagnosis: Diagnosis, cause: Cause, flight: FrequencyResponse, models
     )
 
 
-def _histories(top, bottom, diagnosis: Diagnosis, flight: FrequencyResponse) -> None:
+def _histories(top, bottom, document: Document, flight: FrequencyResponse) -> None:
     """The reading above, the surface below, in the most informative part of a record."""
-    before, after = diagnosis.as_given, diagnosis.extended
+    before, after = document.as_given, document.extended
     r = worst_record(before, [flight.output])
-    record = before.fit.flight.records[r]
+    record = before.records[r]
     part = telling_window(before, after, [flight.output], r, _SHOWN)
     t, (factor, _) = record.t[part], channel_scale(flight.output)
     top.plot(t, factor * record[flight.output][part], color=MEASURED, lw=2.6, alpha=0.35)
     for view, colour, dash in ((before, BASELINE, "--"), (after, EXTENDED, "-")):
-        series = view.simulated.output[part, r, view.fit.model.outputs.index(flight.output)]
+        series = view.output[part, r, view.outputs.index(flight.output)]
         top.plot(t, factor * series, dash, color=colour, lw=1.3)
     bottom.plot(t, channel_scale(flight.input)[0] * record[flight.input][part], color=MEASURED, lw=1.2)
     for ax, channel in ((top, flight.output), (bottom, flight.input)):

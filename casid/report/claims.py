@@ -6,8 +6,7 @@ import re
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.document import Document
 from casid.report.words import digits, place, pretty, probability_in_words, with_std
 
 # a figure of a cause or of what is unexplained is named with the number of that behind it, from the second on
@@ -58,13 +57,13 @@ def numbered(name: str, number: int) -> str:
     return name if number == 1 else f"{name}-{number}"
 
 
-def claims(diagnosis: Diagnosis, figures: Collection[str]) -> dict[str, list[Claim]]:
+def claims(document: Document, figures: Collection[str]) -> dict[str, list[Claim]]:
     """Claims under `data`, `values`, `causes` and `unexplained`; `figures` are the names of those that there are."""
     found = {
-        "data": list(_data(diagnosis)),
-        "values": list(_values(diagnosis)),
-        "causes": list(_causes(diagnosis)),
-        "unexplained": list(_unexplained(diagnosis)),
+        "data": list(_data(document)),
+        "values": list(_values(document)),
+        "causes": list(_causes(document)),
+        "unexplained": list(_unexplained(document)),
     }
     return {kind: [_with_figures(one, figures) for one in some] for kind, some in found.items()}
 
@@ -73,24 +72,24 @@ def _with_figures(claim: Claim, figures: Collection[str]) -> Claim:
     return replace(claim, figures=tuple(name for name in claim.figures if name in figures))
 
 
-def _data(diagnosis: Diagnosis) -> Iterator[Claim]:
-    for number, one in enumerate(diagnosis.data, 1):
+def _data(document: Document) -> Iterator[Claim]:
+    for number, one in enumerate(document.data, 1):
         head = f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}"
         yield Claim(anchor=about_data(number), head=head, text=pretty(one.sentence), figures=("check",))
 
 
-def _values(diagnosis: Diagnosis) -> Iterator[Claim]:
-    for one in diagnosis.contradicted:
+def _values(document: Document) -> Iterator[Claim]:
+    for one in document.contradicted:
         if one.impossible:
             text = one.sentence
         else:
-            part, flown = diagnosis.part, with_std(one.flight, one.std, "1")
-            text = f"{one.parameter}: {digits(one.given)} in the {part.source}, {flown} by {part.witness}"
+            flown = with_std(one.flight, one.std, "1")
+            text = f"{one.parameter}: {digits(one.given)} in the {document.source}, {flown} by {document.witness}"
         yield Claim(anchor=about_value(one.parameter), head=one.parameter, text=pretty(text), figures=("derivatives",))
 
 
-def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
-    for number, one in enumerate(diagnosis.causes, 1):
+def _causes(document: Document) -> Iterator[Claim]:
+    for number, one in enumerate(document.causes, 1):
         own = tuple(numbered(name, number) for name in _OF_A_CAUSE)
         alike = [pretty(o["title"]) for o in one.indistinguishable_from]
         also = f", or {' or '.join(alike)}" if alike else ""
@@ -102,24 +101,20 @@ def _causes(diagnosis: Diagnosis) -> Iterator[Claim]:
             figures=(
                 *own,
                 *_IN_GENERAL,
-                *(("ladder",) if _was_tried(diagnosis, one) else ()),
+                *(("ladder",) if any(trial.key == one.key for trial in document.tried) else ()),
                 *(("ambiguity",) if alike else ()),
             ),
             probability=one.probability,
         )
 
 
-def _was_tried(diagnosis: Diagnosis, cause: Cause) -> bool:
-    return any(trial.effect.key == cause.key for round_ in diagnosis.rounds for trial in round_.trials)
-
-
-def _unexplained(diagnosis: Diagnosis) -> Iterator[Claim]:
-    for number, one in enumerate(diagnosis.unexplained, 1):
+def _unexplained(document: Document) -> Iterator[Claim]:
+    for number, one in enumerate(document.unexplained, 1):
         (own, general), where = _OF_THE_UNEXPLAINED, one.called or place(one.station)
         yield Claim(
             anchor=about_unexplained(number),
             head=f"unexplained at {where}",
-            text=f"Something enters at {where} that {diagnosis.no_cause} explains",
+            text=f"Something enters at {where} that {document.no_cause} explains",
             figures=(numbered(own, number), general),
-            probability=diagnosis.entered.get(one.station),
+            probability=one.probability,
         )

@@ -14,9 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.engine.trial import Trial
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.document import Document, Tried
 from casid.report.style import (
     ALERT,
     BASELINE,
@@ -29,7 +27,7 @@ from casid.report.style import (
     blank,
     powers_of_ten,
 )
-from casid.report.words import EVIDENCE, effect_name, label, place, quantity
+from casid.report.words import EVIDENCE, label, place, pretty, quantity
 
 _MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
 _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
@@ -42,32 +40,28 @@ _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
 )
 
 
-def ladder(diagnosis: Diagnosis) -> Picture | None:
+def ladder(document: Document) -> Picture | None:
     """Evidence for every cause that was fitted, round by round, and of the named ones on held-out records."""
-    rows = [
-        (number, trial, i == 0 and r.named)
-        for number, r in enumerate(diagnosis.rounds, 1)
-        for i, trial in enumerate(r.trials)
-    ]
+    rows = document.tried
     if not rows:
         return None
-    several = sum(bool(r.trials) for r in diagnosis.rounds) > 1
+    several = len({one.round for one in rows}) > 1
     figure = blank(0.34 * len(rows) + 1.7)
     ax = figure.subplots()
     held_out, faces = [], []
-    for y, (_, trial, named) in enumerate(rows):
-        faces.append(_face(trial, named))
-        ax.barh(y, max(trial.gain.raw, 1.0), 0.7, **faces[-1])
-        held = _held_out(diagnosis, trial) if named else None
+    for y, trial in enumerate(rows):
+        faces.append(_face(trial))
+        ax.barh(y, max(trial.statistic, 1.0), 0.7, **faces[-1])
+        held = _held_out(document, trial) if trial.named else None
         if held is not None and held > 0:
             held_out.append(held)
             ax.plot(held, y, "D", color=BASELINE, mec="white", ms=8, zorder=3)
-    asked = diagnosis.criteria.naming
+    asked = document.criteria.naming
     ax.axvline(asked.gain, color=MEASURED, ls=":", lw=1.2)
     ax.set_xscale("log")
     powers_of_ten(ax.xaxis)
-    ax.set_xlim(1.0, 3.0 * max(100.0, *(t.gain.raw for _, t, _ in rows), *held_out))
-    ax.set_yticks(range(len(rows)), [label(_row_name(n, t, several)) for n, t, _ in rows])
+    ax.set_xlim(1.0, 3.0 * max(100.0, *(one.statistic for one in rows), *held_out))
+    ax.set_yticks(range(len(rows)), [label(_row_name(one, several)) for one in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("likelihood-ratio statistic (log scale)")
@@ -78,7 +72,7 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
         words.append("the same on held-out records")
     handles.append(Line2D([], [], color=MEASURED, ls=":"))
     figure.legend(handles, [*words, "least statistic for a name"], loc="outside upper center", ncols=2)
-    best, name = rows[0], effect_name(rows[0][1].effect)
+    best, name = rows[0], pretty(rows[0].title)
     return Picture(
         name="ladder",
         figure=figure,
@@ -90,50 +84,39 @@ def ladder(diagnosis: Diagnosis) -> Picture | None:
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is {name} with "
-        f"{best[1].gain.raw:.0f}.",
+        f"{best.statistic:.0f}.",
     )
 
 
-def _face(trial: Trial, named: bool) -> dict[str, Any]:
+def _face(trial: Tried) -> dict[str, Any]:
     if trial.refuted:
         return _FACES["refuted by kinematics"]
     if not trial.meaningful:
         return _FACES["too small to matter, or implausible"]
-    return _FACES["named" if named else "fitted, explains less"]
+    return _FACES["named" if trial.named else "fitted, explains less"]
 
 
-def _row_name(number: int, trial: Trial, several: bool) -> str:
-    one = trial.candidate.attached
-    size = quantity(one.values["value"], one.effect.unit)
-    return f"{f'{number}. ' if several else ''}{effect_name(one.effect)} ({size})"
+def _row_name(one: Tried, several: bool) -> str:
+    return f"{f'{one.round}. ' if several else ''}{pretty(one.title)} ({quantity(one.value, one.unit)})"
 
 
-def _held_out(diagnosis: Diagnosis, trial: Trial) -> float | None:
+def _held_out(document: Document, trial: Tried) -> float | None:
     """2 Δ ln L on the held-out records of the cause that this trial became."""
-    effect = trial.effect
-    cause = next((c for c in named_or_minor(diagnosis) if (c.kind, c.target, c.term) == effect.key), None)
-    view = diagnosis.held_out_extended
+    cause = next((c for c in (*document.causes, *document.minor) if c.key == trial.key), None)
     if cause is None or cause.held_out_gain is None:
         return None
-    return 2.0 * cause.held_out_gain * view.samples
+    return 2.0 * cause.held_out_gain * document.held_out_extended.samples
 
 
-def named_or_minor(diagnosis: Diagnosis) -> tuple[Cause, ...]:
-    """All causes of the verdict, minor ones behind."""
-    return (*diagnosis.causes, *diagnosis.minor)
-
-
-def missing(diagnosis: Diagnosis) -> Picture:
+def missing(document: Document) -> Picture:
     """Likelihood-ratio statistics of latent inputs at the ports where they are largest, before naming and after."""
-    before = {m.station: m.gain for m in diagnosis.missing_before}
-    after = {m.station: m.gain for m in diagnosis.missing_after}
-    fitted = diagnosis.extended.fit.batch.names
-    unexplained = [m.station for m in diagnosis.unexplained if m.concerns(fitted)][:1]
+    before, after = document.missing_before, document.missing_after
+    unexplained = [one.station for one in document.unexplained if one.fitted][:1]
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
     ax = figure.subplots()
-    extended = bool(diagnosis.causes)
+    extended = bool(document.causes)
     y, height = np.arange(len(order)), 0.38 if extended else 0.7
     ax.barh(
         y - (height / 2 if extended else 0),
@@ -169,19 +152,18 @@ def missing(diagnosis: Diagnosis) -> Picture:
     )
 
 
-def kinematic(diagnosis: Diagnosis) -> Picture | None:
+def kinematic(document: Document) -> Picture | None:
     """|z| of the strongest fault of every instrument, forces left free; None where kinematics cannot be checked."""
     best: dict[str, tuple[float, str]] = {}
-    for candidate in diagnosis.kinematic:
-        effect = candidate.attached.effect
-        key = effect_name(effect).split(":")[0] if ":" in effect_name(effect) else effect_name(effect)
-        fault = effect.kind.replace("sensor_", "").replace("_", " ") if ":" in effect_name(effect) else ""
-        z = math.sqrt(max(candidate.statistic, 0.0))
+    for one in document.suspects:
+        key, of_an_instrument, _ = pretty(one.title).partition(":")
+        fault = one.kind.replace("sensor_", "").replace("_", " ") if of_an_instrument else ""
+        z = math.sqrt(max(one.statistic, 0.0))
         if z > best.get(key, (-1.0, ""))[0]:
-            best[key] = (z, f"{fault} {quantity(candidate.value, effect.unit)}".strip())
+            best[key] = (z, f"{fault} {quantity(one.value, one.unit)}".strip())
     if not best:
         return None
-    limit = math.sqrt(diagnosis.criteria.significance.search)
+    limit = math.sqrt(document.criteria.significance.search)
     everyone = sorted(best, key=lambda k: -best[k][0])
     order = everyone[:_MOST_INSTRUMENTS]
     figure = blank(0.29 * len(order) + 1.2)
@@ -211,7 +193,7 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
     drawn = f" The {len(order)} with the largest |z| are drawn." if len(order) < len(everyone) else ""
     note = (
         " They were scored in air as turbulent as the verdict says."
-        if diagnosis.turbulence.named
+        if document.turbulent
         else " One fault shows in its neighbours as well; the strongest is the likeliest."
         if any(over)
         else ""
@@ -228,26 +210,21 @@ def kinematic(diagnosis: Diagnosis) -> Picture | None:
     )
 
 
-_EDGES = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz
 _MOST = 1e4
 _BAR = 0.04  # height of the scale of colours over that of the panels
 
 
-def heatmap(diagnosis: Diagnosis) -> Picture | None:
+def heatmap(document: Document) -> Picture | None:
     """Channel by frequency, before and after."""
-    fit = diagnosis.refitted.fit
-    fastest = 0.5 / max(record.dt for record in fit.flight.records)
-    edges = np.array([e for e in _EDGES if e < fastest])
-    views = [("file as given", diagnosis.as_given), (diagnosis.best, diagnosis.extended)]
-    outputs = fit.model.outputs
+    edges, outputs = document.as_given.bands, document.as_given.outputs
+    views = [("file as given", document.as_given), (document.best, document.extended)]
     figure = blank(0.27 * len(outputs) + 1.8)
     grid = figure.add_gridspec(2, len(views), height_ratios=(1.0, _BAR))
     axes = [figure.add_subplot(grid[0, k]) for k in range(len(views))]
     image, energies = None, []
     for ax, (title, view) in zip(axes, views, strict=True):
-        ratio = view.band_energy(edges)
-        energies.append(ratio)
-        image = ax.imshow(np.clip(ratio, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
+        energies.append(view.energy)
+        image = ax.imshow(np.clip(view.energy, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
         ax.set_title(title)
         ax.set_yticks(range(len(outputs)), outputs if ax is axes[0] else [""] * len(outputs))
         ax.set_xticks(np.arange(len(edges)) - 0.5, [f"{e:g}" for e in edges], rotation=0, fontsize=8.5)
@@ -270,15 +247,12 @@ def heatmap(diagnosis: Diagnosis) -> Picture | None:
     )
 
 
-def ambiguity(diagnosis: Diagnosis) -> Picture | None:
+def ambiguity(document: Document) -> Picture | None:
     """|cos| between the fingerprints of the causes fitted in the first round; None for fewer than two."""
-    trials = [t for t in diagnosis.rounds[0].trials if t.fingerprint.size] if diagnosis.rounds else []
-    if len(trials) < 2:
+    titles, cosine = document.alike
+    if len(titles) < 2:
         return None
-    prints = np.stack([trial.fingerprint for trial in trials], axis=1).astype(float)
-    prints /= np.maximum(np.linalg.norm(prints, axis=0), 1e-300)
-    cosine = np.abs(prints.T @ prints)
-    names = [effect_name(t.effect) for t in trials]
+    names = [pretty(one) for one in titles]
     figure = blank(0.42 * len(names) + 1.7)
     ax = figure.subplots()
     ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from casid.diagnosis.flight.noise import View
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.document import Document, Simulated
 from casid.records.record import Record
 from casid.report import estimate_figures
 from casid.report.style import (
@@ -53,8 +52,8 @@ class Piece:
     record: Record
     begin: float
     number: int
-    before: View
-    after: View
+    before: Simulated
+    after: Simulated
     held: bool
 
     @property
@@ -63,44 +62,44 @@ class Piece:
         return self.record.t - self.record.t[0] + self.begin
 
 
-def tracks(diagnosis: Diagnosis) -> list[Picture]:
+def tracks(document: Document) -> list[Picture]:
     """One picture for each plane of motion that was measured."""
-    pieces = _pieces(diagnosis)
+    pieces = _pieces(document)
     with settings():
-        found = [_plane(diagnosis, name, pieces) for name in PLANES]
+        found = [_plane(document, name, pieces) for name in PLANES]
     return [picture for picture in found if picture is not None]
 
 
-def _pieces(diagnosis: Diagnosis) -> list[Piece]:
+def _pieces(document: Document) -> list[Piece]:
     """Fitted records, then held-out ones, as many as the axis has room for: held-out ones first, then those that the
     file as given simulates worst."""
     views = (
-        (diagnosis.as_given, diagnosis.extended, False),
-        (diagnosis.held_out_as_given, diagnosis.held_out_extended, True),
+        (document.as_given, document.extended, False),
+        (document.held_out_as_given, document.held_out_extended, True),
     )
     every = [(before, after, r, held) for before, after, held in views for r in range(len(before.records))]
     chosen, room = set(), _LONGEST
     for k in sorted(range(len(every)), key=lambda k: (not every[k][3], -_wrong(every[k][0], every[k][2]))):
-        length = every[k][0].fit.flight.records[every[k][2]].duration
+        length = every[k][0].records[every[k][2]].duration
         if length <= room or not chosen:
             chosen.add(k)
             room -= length
     found, begin = [], 0.0
     for before, after, r, held in (every[k] for k in sorted(chosen)):
-        record = before.fit.flight.records[r]
+        record = before.records[r]
         found.append(Piece(record=record, begin=begin, number=r, before=before, after=after, held=held))
         begin += record.duration + _APART
     return found
 
 
-def _wrong(view: View, r: int) -> float:
-    noise = np.array([view.channels[o].noise for o in view.fit.model.outputs])
-    return float(np.nanmean(np.minimum(np.abs(view.simulated.residual[:, r] / noise), 1e3)))
+def _wrong(view: Simulated, r: int) -> float:
+    noise = np.array([view.channels[o].noise for o in view.outputs])
+    return float(np.nanmean(np.minimum(np.abs(view.residual[:, r] / noise), 1e3)))
 
 
-def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture | None:
+def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture | None:
     surfaces, channels = PLANES[plane]
-    measured = diagnosis.as_given.fit.model.outputs
+    measured = document.as_given.outputs
     shown = [name for name in channels if name in measured]
     inputs = [name for name in surfaces if any(name in one.record for one in pieces)]
     if not shown:
@@ -110,8 +109,8 @@ def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture
     heights = [_INPUT_ROW] * len(inputs) + [_ROW] * len(shown)
     axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
     for axis, name in zip(axes, rows, strict=True):
-        _mark(axis, name, pieces, diagnosis)
-        (_input if name in inputs else _output)(axis, name, pieces, diagnosis)
+        _mark(axis, name, pieces, document)
+        (_input if name in inputs else _output)(axis, name, pieces, document)
         factor, unit = channel_scale(name)
         axis.set_ylabel(f"{name}\n[{unit}]", rotation=0, ha="right", va="center", fontsize=9)
         axis.tick_params(labelsize=8.5)
@@ -130,7 +129,7 @@ def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture
     axes[-1].set_xlabel("time, records one after the other [s]")
     lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
     handles, labels = [*lines.values(), Patch(color=_HELD)], [*lines, "held out: no fit has seen it"]
-    if any(_left_out(diagnosis, name, one.record.name) for name in rows for one in pieces):
+    if any(_left_out(document, name, one.record.name) for name in rows for one in pieces):
         handles, labels = [*handles, Patch(color=ALERT, alpha=0.4)], [*labels, "samples left out"]
     figure.legend(handles, labels, loc="outside upper center", ncols=3)
     names = ", ".join(one.record.name for one in pieces)
@@ -141,30 +140,30 @@ def _plane(diagnosis: Diagnosis, plane: str, pieces: Sequence[Piece]) -> Picture
         title=f"Before and after: {plane} motion in all channels",
         caption=(
             f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
-            f"{diagnosis.best}. What the blue line still misses of the grey one is not explained."
+            f"{document.best}. What the blue line still misses of the grey one is not explained."
         ),
-        alt=f"Time histories of {', '.join(rows)} in {names}: measured, by the file as given, by the {diagnosis.best}.",
+        alt=f"Time histories of {', '.join(rows)} in {names}: measured, by the file as given, by the {document.best}.",
         wide=True,
     )
 
 
-def _mark(axis: Axes, name: str, pieces: Sequence[Piece], diagnosis: Diagnosis) -> None:
+def _mark(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
     """Shade what was held out, and what was left out of this channel."""
     for one in pieces:
         if one.held:
             axis.axvspan(one.begin, one.begin + one.record.duration, color=_HELD, lw=0)
-        for low, high in _left_out(diagnosis, name, one.record.name):
+        for low, high in _left_out(document, name, one.record.name):
             shift = one.begin - one.record.t[0]
             axis.axvspan(low + shift, high + shift, color=ALERT, alpha=0.4, lw=0)
 
 
-def _left_out(diagnosis: Diagnosis, name: str, record: str) -> list[tuple[float, float]]:
+def _left_out(document: Document, name: str, record: str) -> list[tuple[float, float]]:
     """Intervals [s] of a channel in a record that take no part."""
-    found = [one for one in diagnosis.data if name in one.target.split("+") and one.handled == "excluded"]
+    found = [one for one in document.data if name in one.target.split("+") and one.handled == "excluded"]
     return [interval for one in found for interval in one.intervals_s.get(record, ())]
 
 
-def _input(axis: Axes, name: str, pieces: Sequence[Piece], diagnosis: Diagnosis) -> None:
+def _input(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
     factor = channel_scale(name)[0]
     for k, one in enumerate(pieces):
         if name in one.record:
@@ -172,13 +171,13 @@ def _input(axis: Axes, name: str, pieces: Sequence[Piece], diagnosis: Diagnosis)
             axis.plot(one.t[thin], factor * one.record[name][thin], color=EXPLAINED, lw=1.2, label="" if k else "input")
 
 
-def _output(axis: Axes, name: str, pieces: Sequence[Piece], diagnosis: Diagnosis) -> None:
+def _output(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
     factor, low, high = channel_scale(name)[0], np.inf, -np.inf
     for k, one in enumerate(pieces):
-        n, i, thin = len(one.record), one.before.fit.model.outputs.index(name), _thin(one.t, pieces)
+        n, i, thin = len(one.record), one.before.outputs.index(name), _thin(one.t, pieces)
         t, read = one.t[thin], factor * one.record[name]
-        before, after = (factor * view.simulated.output[:n, one.number, i] for view in (one.before, one.after))
-        words = ("measured", "file as given", diagnosis.best) if k == 0 else ("", "", "")
+        before, after = (factor * view.output[:n, one.number, i] for view in (one.before, one.after))
+        words = ("measured", "file as given", document.best) if k == 0 else ("", "", "")
         axis.plot(t, read[thin], color="#BDBDBD", lw=3.2, label=words[0])
         axis.plot(t, before[thin], "--", color=BASELINE, lw=1.1, label=words[1])
         axis.plot(t, after[thin], color=EXTENDED, lw=1.1, label=words[2])
@@ -209,34 +208,34 @@ _WINDOW = 14.0  # s
 _RECORDS = 4  # held-out records of a system that are drawn
 
 
-def misfit(view: View) -> dict[str, float]:
+def misfit(view: Simulated) -> dict[str, float]:
     """Channel -> r.m.s. of the free simulation's residual over the instrument's noise."""
     return {name: c.rms / c.noise for name, c in view.channels.items()}
 
 
-def telling_channels(before: View, after: View, count: int) -> list[str]:
+def telling_channels(before: Simulated, after: Simulated, count: int) -> list[str]:
     """The channels whose innovations lose most from the file as given to the extended model."""
-    outputs = before.fit.model.outputs
-    drop = np.sum(before.fit.white**2 - after.fit.white**2, axis=(0, 1))
+    outputs = before.outputs
+    drop = np.sum(before.white**2 - after.white**2, axis=(0, 1))
     return [outputs[i] for i in np.argsort(-drop)[:count]]
 
 
-def histories(diagnosis: Diagnosis) -> Picture:
+def histories(document: Document) -> Picture:
     """Measured, as given and by the best model in one held-out record."""
-    before, after = diagnosis.held_out_as_given, diagnosis.held_out_extended
+    before, after = document.held_out_as_given, document.held_out_extended
     old, new = misfit(before), misfit(after)
     channels = sorted(old, key=lambda o: new[o] - old[o])[:3]
     r = worst_record(before, channels)
-    record = before.fit.flight.records[r]
+    record = before.records[r]
     window = telling_window(before, after, channels, r)
     figure = blank(1.75 * len(channels) + 0.6)
     axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, channel in zip(axes, channels, strict=True):
-        i, (factor, _) = before.fit.model.outputs.index(channel), channel_scale(channel)
+        i, (factor, _) = before.outputs.index(channel), channel_scale(channel)
         t = record.t[window]
         ax.plot(t, factor * record[channel][window], color="#C4C4C4", lw=4.5, label="measured")
-        ax.plot(t, factor * before.simulated.output[window, r, i], "--", color=BASELINE, label=AS_GIVEN)
-        ax.plot(t, factor * after.simulated.output[window, r, i], color=EXTENDED, label=diagnosis.best)
+        ax.plot(t, factor * before.output[window, r, i], "--", color=BASELINE, label=AS_GIVEN)
+        ax.plot(t, factor * after.output[window, r, i], color=EXTENDED, label=document.best)
         ax.set_ylabel(channel_axis(channel))
         ax.set_title(label_of(channel), loc="left")
         ax.margins(x=0.01)
@@ -255,26 +254,26 @@ def histories(diagnosis: Diagnosis) -> Picture:
         title=f"Flown again: record {record.name}, which no fit has seen",
         caption=(
             "Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
-            f"from the state that fits the first seconds best, and by the {diagnosis.best}. {part}The channels that "
+            f"from the state that fits the first seconds best, and by the {document.best}. {part}The channels that "
             "differ most."
         ),
         alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
-        f"and by the {diagnosis.best}.",
+        f"and by the {document.best}.",
     )
 
 
-def flown_again(diagnosis: Diagnosis) -> Iterator[Picture]:
+def flown_again(document: Document) -> Iterator[Picture]:
     """Every output and input of a system in the first held-out records: measured, and by the three models."""
     views = {
-        "as given": diagnosis.held_out_as_given,
-        "re-estimated": diagnosis.held_out_refitted,
-        "extended": diagnosis.held_out_extended,
+        "as given": document.held_out_as_given,
+        "re-estimated": document.held_out_refitted,
+        "extended": document.held_out_extended,
     }
-    for r, record in enumerate(diagnosis.held_out_as_given.fit.flight.records[:_RECORDS]):
-        model = diagnosis.held_out_as_given.fit.model
-        outputs = [name for name in model.outputs if name in record]
-        at, inputs = [model.outputs.index(name) for name in outputs], {name: record[name] for name in model.inputs}
-        flown = {label: view.simulated.output[: len(record), r][:, at] for label, view in views.items()}
+    for r, record in enumerate(document.held_out_as_given.records[:_RECORDS]):
+        view = document.held_out_as_given
+        outputs = [name for name in view.outputs if name in record]
+        at, inputs = view.index(outputs), {name: record[name] for name in view.inputs}
+        flown = {label: view.output[: len(record), r][:, at] for label, view in views.items()}
         curves = {label: one if np.isfinite(one).all() else np.full_like(one, np.nan) for label, one in flown.items()}
         picture = estimate_figures.histories(
             record.name, record.t, outputs, record.matrix(outputs), curves, inputs=inputs
@@ -289,13 +288,13 @@ def flown_again(diagnosis: Diagnosis) -> Iterator[Picture]:
         )
 
 
-def telling_window(before: View, after: View, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:
+def telling_window(before: Simulated, after: Simulated, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:
     """The seconds of record r in which the simulations differ most, or without an extension, miss most."""
-    record = before.fit.flight.records[r]
-    index = [before.fit.model.outputs.index(c) for c in channels]
+    record = before.records[r]
+    index = [before.outputs.index(c) for c in channels]
     noise = np.array([before.channels[c].noise for c in channels])
-    wrong = _within(before.simulated.residual[: len(record), r, :][:, index] / noise)
-    outputs = [_within(view.simulated.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
+    wrong = _within(before.residual[: len(record), r, :][:, index] / noise)
+    outputs = [_within(view.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
     moved = outputs[0] - outputs[1]
     size = np.sum((moved if moved.any() else wrong) ** 2, axis=1)
     count = int(seconds / record.dt)
@@ -306,12 +305,12 @@ def telling_window(before: View, after: View, channels: list[str], r: int, secon
     return slice(start, start + count)
 
 
-def worst_record(view: View, channels: list[str]) -> int:
+def worst_record(view: Simulated, channels: list[str]) -> int:
     """The record in which these channels are furthest from their simulation, in units of the noise."""
-    index = [view.fit.model.outputs.index(c) for c in channels]
+    index = [view.outputs.index(c) for c in channels]
     noise = np.array([view.channels[c].noise for c in channels])
-    seen = np.isfinite(view.simulated.residual[..., index])
-    total = np.sum(_within(view.simulated.residual[..., index] / noise) ** 2, axis=(0, 2))
+    seen = np.isfinite(view.residual[..., index])
+    total = np.sum(_within(view.residual[..., index] / noise) ** 2, axis=(0, 2))
     return int(np.argmax(total / np.maximum(seen.sum(axis=(0, 2)), 1)))
 
 
@@ -320,25 +319,25 @@ def _within(values: np.ndarray) -> np.ndarray:
     return np.clip(np.nan_to_num(values, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED), -_DEPARTED, _DEPARTED)
 
 
-def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str = "residuals") -> Picture:
+def residuals(document: Document, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before (re-estimated where causes were found: what new values explain
     does not point to a cause), what the causes explain of it, and what is left."""
-    before, after = diagnosis.refitted if diagnosis.causes else diagnosis.as_given, diagnosis.extended
-    wrong_by = "re-estimated model" if diagnosis.causes else AS_GIVEN
+    before, after = document.refitted if document.causes else document.as_given, document.extended
+    wrong_by = "re-estimated model" if document.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)
     r = worst_record(before, channels)
-    record = before.fit.flight.records[r]
+    record = before.records[r]
     n = len(record)
     figure = blank(1.85 * len(channels) + 0.7)
     axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
     for ax, channel in zip(axes, channels, strict=True):
-        i, noise = before.fit.model.outputs.index(channel), before.channels[channel].noise
-        wrong = smooth(before.simulated.residual[:n, r, i] / noise, record.dt)
+        i, noise = before.outputs.index(channel), before.channels[channel].noise
+        wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
         ax.plot(record.t, wrong, color=BASELINE, label=f"error of the {wrong_by}")
-        explained = smooth((after.simulated.output - before.simulated.output)[:n, r, i] / noise, record.dt)
-        left = smooth(after.simulated.residual[:n, r, i] / noise, record.dt)
-        ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {diagnosis.best}")
+        explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
+        left = smooth(after.residual[:n, r, i] / noise, record.dt)
+        ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {document.best}")
         ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
         ax.set_title(f"{label_of(channel)} {channel}", loc="left")
         ax.set_ylabel("residual / σ")
@@ -354,5 +353,5 @@ def residuals(diagnosis: Diagnosis, channels: list[str] | None = None, name: str
             "is noise."
         ),
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
-        f"{diagnosis.best} explains of them, and what is left.",
+        f"{document.best} explains of them, and what is left.",
     )

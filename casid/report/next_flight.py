@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.design.level_flight import Limits
 from casid.design.next_flight import Exciting, Question, Separating
-from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.document import Document
 from casid.records.record import Record
 from casid.report.claims import numbered
 from casid.report.design_figures import designed_histories, separated
@@ -42,9 +42,9 @@ class NextFlights:
     beyond: tuple[str, ...]
 
 
-def next_flights(diagnosis: Diagnosis) -> NextFlights:
+def next_flights(document: Document) -> NextFlights:
     """A proposal for the first question that a manoeuvre can answer, within the limits of what the records flew."""
-    found = diagnosis.next_flights()
+    found = document.next_flights
     proposals = [
         _separating(number, one) if isinstance(one, Separating) else _exciting(number, one)
         for number, one in enumerate(found.flights, 1)
@@ -107,13 +107,11 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
     )
 
 
-def limited(diagnosis: Diagnosis) -> ReportTable:
+def limited(document: Document) -> ReportTable:
     """Numbers that the motion would tell, were noise the only thing that is unknown: flying more of it is no help."""
-    least = diagnosis.criteria.given.from_records
     rows = tuple(
         Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected)))
-        for one in diagnosis.untold
-        if not one.unmoved(least)
+        for one in document.limited
     )
     return ReportTable(
         head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "corrected 1σ"),

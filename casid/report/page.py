@@ -12,9 +12,9 @@ from types import MappingProxyType
 from typing import Any
 
 from casid.arguments import require
-from casid.diagnosis.cause import Cause
-from casid.diagnosis.part import OfAircraft
+from casid.diagnosis.document import Document, ReportedCause
 from casid.diagnosis.result import Diagnosis
+from casid.errors import noting
 from casid.native.threads import single_threaded
 from casid.records.readers import write_record
 from casid.report import tables
@@ -37,7 +37,7 @@ from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import rotors_from_above
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
-from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, noting, render
+from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
 from casid.report.words import digits
 
 _SAME = 0.005  # a change that is no per cent
@@ -53,14 +53,14 @@ class Gained:
     better: str
 
 
-def gained(diagnosis: Diagnosis) -> Gained:
+def gained(document: Document) -> Gained:
     """Of the open-loop simulation, from the file as given to the best model."""
-    ratio, labels = diagnosis.rms_ratio, diagnosis.budget.labels
+    ratio, labels = document.rms_ratio, document.budget.labels
     errors = ", ".join(
         f"{one.record}{' (held out)' if one.held_out else ''} {_multiple(one.as_given)} → {_multiple(one.left)}"
-        for one in diagnosis.budget.by_record
+        for one in document.budget.by_record
     )
-    gusts = " Gusts are new in every record, so that its error need not shrink." if diagnosis.turbulence.named else ""
+    gusts = " Gusts are new in every record, so that its error need not shrink." if document.turbulent else ""
 
     def told(channels: Sequence[str]) -> str:
         return ", ".join(
@@ -68,7 +68,7 @@ def gained(diagnosis: Diagnosis) -> Gained:
         )
 
     return Gained(
-        by_record=f"Times the noise as given, and with the {diagnosis.best}: {errors}.{gusts}",
+        by_record=f"Times the noise as given, and with the {document.best}: {errors}.{gusts}",
         worse=told([o for o in ratio if ratio[o] > 1.0 + _SAME]),
         better=told([o for o in ratio if ratio[o] < 1.0 - _SAME]),
     )
@@ -78,34 +78,39 @@ def _multiple(ratio: float) -> str:
     return digits(ratio, 2) if math.isfinite(ratio) else "∞"
 
 
-_MOST = 3  # causes, and places where something is unexplained, that have pictures of their own
+_MOST = 3  # places where something is unexplained that have pictures of their own
 
 
-def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str, Picture]:
+def pictures(document: Document, failed: list[str] | None = None) -> dict[str, Picture]:
     """Name -> picture, the one most convincing for this verdict first. Those that cannot be drawn are added to `failed`
     with the error; without such a list it is raised."""
-    ladder_, ambiguity_ = partial(ladder, diagnosis), partial(ambiguity, diagnosis)
-    budget_, derivatives_ = partial(budget, diagnosis.budget), partial(derivatives, diagnosis)
-    if not diagnosis.of_aeroplane:
-        file = diagnosis.part.file if isinstance(diagnosis.part, OfAircraft) else None
-        above = [partial(rotors_from_above, diagnosis, file)] if file is not None else []
-        makers = [*above, budget_, partial(flown_again, diagnosis), ladder_, ambiguity_, derivatives_]
-    else:
+    ladder_, ambiguity_ = partial(ladder, document), partial(ambiguity, document)
+    budget_, derivatives_ = partial(budget, document.budget), partial(derivatives, document)
+    if not document.of_aeroplane:
         makers = [
-            *(partial(_of_cause_numbered, diagnosis, n) for n in range(1, 1 + len(diagnosis.causes[:_MOST]))),
-            partial(_of_the_unexplained, diagnosis),
+            partial(rotors_from_above, document),
             budget_,
-            partial(tracks, diagnosis),
-            partial(histories, diagnosis),
-            partial(residuals, diagnosis),
-            partial(heatmap, diagnosis),
+            partial(flown_again, document),
             ladder_,
             ambiguity_,
-            partial(missing, diagnosis),
-            partial(kinematic, diagnosis),
-            partial(check_figure, diagnosis.data, *_before_and_after(diagnosis)),
             derivatives_,
-            partial(envelope, diagnosis),
+        ]
+    else:
+        makers = [
+            *(partial(_of_cause_numbered, document, n) for n in range(1, 1 + len(document.causes))),
+            partial(_of_the_unexplained, document),
+            budget_,
+            partial(tracks, document),
+            partial(histories, document),
+            partial(residuals, document),
+            partial(heatmap, document),
+            ladder_,
+            ambiguity_,
+            partial(missing, document),
+            partial(kinematic, document),
+            partial(check_figure, document.data, *_before_and_after(document)),
+            derivatives_,
+            partial(envelope, document),
         ]
     table = dict[str, Picture]()
     with settings():
@@ -114,14 +119,14 @@ def pictures(diagnosis: Diagnosis, failed: list[str] | None = None) -> dict[str,
                 found = make()
                 several = [found] if isinstance(found, Picture) or found is None else list(found)
                 table |= {picture.name: picture for picture in several if picture is not None}
-    lead = _lead(diagnosis, table) if diagnosis.of_aeroplane else next(iter(table), "")
+    lead = _lead(document, table) if document.of_aeroplane else next(iter(table), "")
     return {name: table[name] for name in dict.fromkeys([lead, *table]) if name in table}
 
 
-def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
+def _lead(document: Document, table: dict[str, Picture]) -> str:
     """Name of the picture that comes first: the channels in engineering units, of the plane in which the error as given
     is largest."""
-    channels = diagnosis.budget.channels
+    channels = document.budget.channels
     error = {
         f"tracks_{plane}": max((channels[name].as_given for name in names if name in channels), default=0.0)
         for plane, (_, names) in PLANES.items()
@@ -129,36 +134,34 @@ def _lead(diagnosis: Diagnosis, table: dict[str, Picture]) -> str:
     return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
 
 
-def _of_cause_numbered(diagnosis: Diagnosis, number: int) -> Iterator[Picture]:
+def _of_cause_numbered(document: Document, number: int) -> Iterator[Picture]:
     """Pictures of one of the strongest causes, named with its number."""
-    for picture in _of_cause(diagnosis, diagnosis.causes[number - 1]):
+    for picture in _of_cause(document, document.causes[number - 1]):
         if picture is not None:
             yield replace(picture, name=numbered(picture.name, number))
 
 
-def _of_cause(diagnosis: Diagnosis, cause: Cause) -> Iterable[Picture | None]:
-    if cause.effect.stochastic:
-        yield wind(diagnosis)
+def _of_cause(document: Document, cause: ReportedCause) -> Iterable[Picture | None]:
+    if cause.stochastic:
+        yield wind(document)
         return
-    shown = diagnosis.shown(cause)
-    yield shape(cause, shown)
-    yield onset(cause, shown)
-    yield cause_response(diagnosis, cause, shown.answer)
-    if shown.histories:
-        (found,) = (one for one in diagnosis.missing_before if one.station == cause.effect.enters)
-        yield missing_history(found, shown.histories, curve=True)
+    yield shape(cause)
+    yield onset(cause)
+    yield cause_response(document, cause)
+    if cause.histories:
+        yield missing_history(cause.enters, cause.histories, curve=True)
 
 
-def _of_the_unexplained(diagnosis: Diagnosis) -> Iterator[Picture]:
-    for number, one in enumerate(diagnosis.unexplained[:_MOST], 1):
-        yield missing_history(one, diagnosis.histories(one), curve=False, name=numbered("unexplained", number))
-    yield from unexplained_shapes(diagnosis.shapes)
+def _of_the_unexplained(document: Document) -> Iterator[Picture]:
+    for number, one in enumerate(document.unexplained[:_MOST], 1):
+        yield missing_history(one.station, one.histories, curve=False, name=numbered("unexplained", number))
+    yield from unexplained_shapes(document.shapes)
 
 
-def _before_and_after(diagnosis: Diagnosis):
+def _before_and_after(document: Document):
     """Records as they were recorded, and as they were judged."""
-    recorded = (*diagnosis.as_given.fit.flight.records, *diagnosis.held_out_as_given.fit.flight.records)
-    judged = (*diagnosis.refitted.fit.flight.records, *diagnosis.held_out_refitted.fit.flight.records)
+    recorded = (*document.as_given.records, *document.held_out_as_given.records)
+    judged = (*document.refitted.records, *document.held_out_refitted.records)
     return recorded, judged
 
 
@@ -209,7 +212,9 @@ class Section:
 
 
 @single_threaded()
-def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[str, Any] | None = None) -> list[str]:
+def write_report(
+    diagnosis: Diagnosis | Document, folder: str | Path, made_with: Mapping[str, Any] | None = None
+) -> list[str]:
     """Write the page of a diagnosis into a folder.
 
     These are `report.html`, `report_figures/*.svg` and, of an aircraft, `next_flight*.csv`.
@@ -217,7 +222,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     Parameters
     ----------
     diagnosis
-        Of `diagnose`.
+        Of `diagnose`, or the document of one.
     folder
         Where the files go; it is made when it does not exist.
     made_with
@@ -231,7 +236,7 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     Raises
     ------
     InputError
-        For what is no diagnosis.
+        For what is no document.
 
     Examples
     --------
@@ -239,23 +244,26 @@ def write_report(diagnosis: Diagnosis, folder: str | Path, made_with: Mapping[st
     >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
-    require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)")
+    if isinstance(diagnosis, Document):
+        document = diagnosis
+    else:
+        document = require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)").document()
     made_with = provenance() if made_with is None else made_with
-    following, failed = NextFlights(proposals=(), beyond=()), list[str]()
+    following, failed = NextFlights(proposals=(), beyond=()), list(document.failed)
     with noting(failed, "next flight"):
-        following = next_flights(diagnosis)
-    shown = pictures(diagnosis, failed) | {one.picture.name: one.picture for one in following.proposals}
+        following = next_flights(document)
+    shown = pictures(document, failed) | {one.picture.name: one.picture for one in following.proposals}
     drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
     for one in following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    page = render("report.html", _context(diagnosis, drawn, made_with) | {"following": following, "failed": failed})
+    page = render("report.html", _context(document, drawn, made_with) | {"following": following, "failed": failed})
     (Path(folder) / "report.html").write_text(page, encoding="utf-8")
     return failed
 
 
-def unfinished(diagnosis: Diagnosis) -> str:
+def unfinished(sentence: str) -> str:
     """The page while its figures are drawn, so that no page of an earlier diagnosis stands beside new results."""
-    verdict = f"<p>{escape(diagnosis.sentence)}</p>"
+    verdict = f"<p>{escape(sentence)}</p>"
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
@@ -275,33 +283,33 @@ def _place(name: str, places: Sequence[str]) -> tuple[int, str]:
 
 
 def _context(
-    diagnosis: Diagnosis, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
+    document: Document, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
 ) -> dict[str, Any]:
     """All that the templates ask for."""
-    claimed = claims(diagnosis, drawn)
+    claimed = claims(document, drawn)
     figures = figures_of(drawn, _by_figure(claimed))
     return {
-        "name": diagnosis.part.name,
-        "of_aircraft": diagnosis.of_aeroplane,
-        "colour": COLOURS[diagnosis.verdict],
-        "account": diagnosis.opening,
-        "headline": _headline(diagnosis),
-        "shares": shares(diagnosis),
+        "name": document.name,
+        "of_aircraft": document.of_aeroplane,
+        "colour": COLOURS[document.verdict],
+        "account": document.opening,
+        "headline": _headline(document),
+        "shares": shares(document),
         "claims": claimed,
         "claim_of": {one.anchor: one for some in claimed.values() for one in some},
-        "values_told": diagnosis.values_told,
-        "moved": [one.sentence for one in (*diagnosis.moved, *diagnosis.combinations)],
-        "gained": gained(diagnosis),
-        "not_judged": diagnosis.not_judged,
-        "facts": _facts(diagnosis),
+        "values_told": document.values_told,
+        "moved": document.moved,
+        "gained": gained(document),
+        "not_judged": document.not_judged,
+        "facts": _facts(document),
         "figures": figures,
         "lead": next(iter(figures.values()), None),
-        "sections": _sections(diagnosis, figures),
-        "tables": _tables(diagnosis, made_with),
-        "trace": diagnosis.trace,
-        "minor": [one.sentence for one in diagnosis.minor],
-        "left": diagnosis.claim("nothing that matters is left").because,
-        "remarks": tables.remarks(diagnosis),
+        "sections": _sections(document, figures),
+        "tables": _tables(document, made_with),
+        "trace": document.trace,
+        "minor": [one.sentence for one in document.minor],
+        "left": document.left,
+        "remarks": tables.remarks(document),
     }
 
 
@@ -314,54 +322,54 @@ def _by_figure(claimed: Mapping[str, Sequence[Claim]]) -> dict[str, list[tuple[s
     return found
 
 
-def _sections(diagnosis: Diagnosis, figures: Mapping[str, Figure]) -> list[Section]:
+def _sections(document: Document, figures: Mapping[str, Figure]) -> list[Section]:
     """A section that is of figures alone is left out where it has none, and one of aircraft for other systems."""
     rest = list(figures.items())[1:]
     every = [
         Section(
             anchor=anchor,
-            title=title.format(source=diagnosis.part.source),
+            title=title.format(source=document.source),
             template=template,
             figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
         )
         for anchor, (title, template, names) in _SECTIONS.items()
-        if diagnosis.of_aeroplane or anchor not in _OF_AIRCRAFT
+        if document.of_aeroplane or anchor not in _OF_AIRCRAFT
     ]
     return [one for one in every if one.figures or one.template != "figures.html"]
 
 
-def _tables(diagnosis: Diagnosis, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    of_aircraft = {"envelope": envelope_table, "limited": limited} if diagnosis.of_aeroplane else {}
-    return {name: make(diagnosis) for name, make in of_aircraft.items()} | {
-        "held_out": tables.channels(diagnosis.held_out_as_given, diagnosis.held_out_extended, diagnosis.best),
-        "fitted": tables.channels(diagnosis.as_given, diagnosis.extended, diagnosis.best),
-        "causes": tables.causes(diagnosis),
-        "alternatives": tables.alternatives(diagnosis),
-        "findings": tables.findings(diagnosis.data),
-        "derivatives": tables.derivatives(diagnosis),
-        "not_judged": tables.not_judged(diagnosis),
-        "unseen": tables.unseen(diagnosis),
-        "seconds": tables.seconds(diagnosis),
+def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
+    of_aircraft = {"envelope": envelope_table, "limited": limited} if document.of_aeroplane else {}
+    return {name: make(document) for name, make in of_aircraft.items()} | {
+        "held_out": tables.channels(document.held_out_as_given, document.held_out_extended, document.best),
+        "fitted": tables.channels(document.as_given, document.extended, document.best),
+        "causes": tables.causes(document),
+        "alternatives": tables.alternatives(document),
+        "findings": tables.findings(document.data),
+        "derivatives": tables.derivatives(document),
+        "not_judged": tables.not_judged(document),
+        "unseen": tables.unseen(document),
+        "seconds": tables.seconds(document),
         "made_with": tables.made_with(made_with),
     }
 
 
-def _headline(diagnosis: Diagnosis) -> Headline:
+def _headline(document: Document) -> Headline:
     """Several causes become a list, and what follows them the sentence."""
-    rest, told = diagnosis.headline, []
-    for cause in diagnosis.causes:
+    rest, told = document.headline, []
+    for cause in document.causes:
         if cause.statement in rest:
             rest = rest.replace(cause.statement, "", 1)
             told.append(cause.statement)
-    badge = diagnosis.verdict.capitalize()
+    badge = document.verdict.capitalize()
     if len(told) < 2:
-        return Headline(badge=badge, causes=(), sentence=diagnosis.headline)
+        return Headline(badge=badge, causes=(), sentence=document.headline)
     return Headline(badge=badge, causes=tuple(told), sentence=rest.strip())
 
 
-def _facts(diagnosis: Diagnosis) -> str:
-    view, held = diagnosis.refitted, diagnosis.held_out_as_given
-    fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.fit.flight.records)
-    unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.fit.flight.records)
+def _facts(document: Document) -> str:
+    view, held = document.refitted, document.held_out_as_given
+    fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.records)
+    unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.records)
     count = f"{view.samples:,}".replace(",", " ")
     return f"Fitted: {fitted}. Held out: {unseen}. {len(view.channels)} measured channels, {count} readings."

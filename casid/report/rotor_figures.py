@@ -7,28 +7,24 @@ import math
 import numpy as np
 from matplotlib.patches import Circle
 
-from casid.diagnosis.result import Diagnosis
-from casid.model.aircraft import Aircraft
+from casid.diagnosis.document import Document
 from casid.model.rotors import acting, effectiveness, thrust_of
 from casid.model.station import control
 from casid.report.style import BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank, settings
 from casid.report.words import digits
 
 
-def _thrusts(aircraft: Aircraft) -> set[str]:
-    """The ports at which the thrust of one rotor enters."""
-    return {control(thrust_of(name)) for name in (aircraft.rotors.names if aircraft.rotors else ())}
-
-
-def rotors_from_above(diagnosis: Diagnosis, aircraft: Aircraft) -> Picture | None:
+def rotors_from_above(document: Document) -> Picture | None:
     """The rotors in a top view, with the thrust that the file makes of their commands and what flight says of it."""
-    rotors, named = aircraft.rotors, {c.target: c for c in diagnosis.causes if c.effect.enters in _thrusts(aircraft)}
+    rotors = document.aircraft.rotors if document.aircraft else None
     if rotors is None:
         return None
-    records = diagnosis.as_given.fit.flight.records
+    thrusts = {control(thrust_of(name)) for name in rotors.names}  # the ports at which the thrust of a rotor enters
+    named = {one.target: one for one in document.causes if one.enters in thrusts}
+    records = document.as_given.records
     places = np.array([(one.position[1], one.position[0]) for one in rotors.each])
     size = max(float(np.max(np.hypot(*places.T))), 1e-6)
-    against = {one.parameter for one in diagnosis.contradicted}
+    against = {one.parameter for one in document.contradicted}
     told, low, high = [], np.inf, -np.inf
     with settings():
         figure = blank(4.6)
@@ -36,7 +32,7 @@ def rotors_from_above(diagnosis: Diagnosis, aircraft: Aircraft) -> Picture | Non
         for (x, y), one in zip(places, rotors.each, strict=True):
             thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
             mean, name = one.effectiveness * float(np.mean(thrust)), effectiveness(one.name)
-            says = diagnosis.flight[name]
+            says = document.flight[name]
             cause = named.get(one.name)
             value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
             changed, wide = 100.0 * value, 100.0 * std

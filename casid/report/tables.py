@@ -8,17 +8,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from casid.data_check.reading import Finding
-from casid.diagnosis.cause import NAMED, Cause
-from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.noise import View
-from casid.diagnosis.result import Diagnosis
-from casid.model.effects import effect_named
+from casid.diagnosis.cause import NAMED
+from casid.diagnosis.document import Document, ReportedCause, Simulated
 from casid.model.vocabulary import KINDS
 from casid.report.aircraft_figures import compared
 from casid.report.claims import about_cause, about_data, about_value
 from casid.report.style import channel_scale
 from casid.report.templating import ReportTable, Row
-from casid.report.words import digits, effect_name, pretty, probability_in_words, quantity, with_std
+from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations told one by one
 
@@ -36,26 +33,19 @@ class Share:
         return probability_in_words(self.probability)
 
 
-def shares(diagnosis: Diagnosis) -> list[Share]:
+def shares(document: Document) -> list[Share]:
     """The most probable explanations and all others together; none where there are no probabilities."""
-    told = [Share(what=_said(names, diagnosis), probability=p) for names, p in diagnosis.explanations[:_TOLD]]
+    told = [Share(what=_said(names), probability=p) for names, p in document.explanations[:_TOLD]]
     told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
     rest = 1.0 - sum(one.probability for one in told)
     return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
 
 
-def _said(names: Sequence[str], diagnosis: Diagnosis) -> str:
-    return " and ".join(title(name, diagnosis) for name in names) if names else "nothing that matters is missing"
+def _said(titles: Sequence[str]) -> str:
+    return " and ".join(map(pretty, titles)) if titles else "nothing that matters is missing"
 
 
-def title(name: str, diagnosis: Diagnosis) -> str:
-    """Short name of a cause from its name in tables: "actuator_lag(delta_e)" -> "elevator: actuator lag"."""
-    considered = {one.name: one for one in diagnosis.bare.flight.effects}
-    effect = considered[name] if name in considered else effect_named(name)
-    return f"{effect_name(effect)} ({effect.variant})" if effect.variant else effect_name(effect)
-
-
-def causes(diagnosis: Diagnosis) -> ReportTable:
+def causes(document: Document) -> ReportTable:
     """The named causes, strongest first."""
     rows = tuple(
         Row(
@@ -75,7 +65,7 @@ def causes(diagnosis: Diagnosis) -> ReportTable:
             ),
             claim=about_cause(number),
         )
-        for number, c in enumerate(diagnosis.causes, 1)
+        for number, c in enumerate(document.causes, 1)
     )
     head = (
         "cause",
@@ -93,7 +83,7 @@ def _in_one_line(text: str) -> str:
     return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def _where(cause: Cause) -> str:
+def _where(cause: ReportedCause) -> str:
     if cause.onset_s:
         ends = {record: f" until {low:.1f}–{high:.1f} s" for record, (low, high) in (cause.end_s or {}).items()}
         return ", ".join(
@@ -102,21 +92,20 @@ def _where(cause: Cause) -> str:
     return ", ".join(cause.records)
 
 
-def _held(cause: Cause) -> str:
+def _held(cause: ReportedCause) -> str:
     if cause.held_out_gain is None:
         return "an event: judged in its record"
     return f"{2.0 * cause.held_out_gain:+.3f}".replace("-", "−")
 
 
-def channels(before: View, after: View, best: str) -> ReportTable:
+def channels(before: Simulated, after: Simulated, best: str) -> ReportTable:
     """Quality of fit per channel, by the file as given and by the `best` model; r.m.s. in the unit that a person
     reads."""
     quantities = ("r.m.s. error", "Theil", "R²", "whiteness p")
     rows = []
     for name, old in before.channels.items():
         new = after.channels[name]
-        own = not isinstance(before.fit.flight, Flight)
-        factor, unit = (1.0, before.fit.model.units.get(name, "")) if own else channel_scale(name)
+        factor, unit = (1.0, before.units[name]) if before.units else channel_scale(name)
         pairs = [
             (factor * old.rms, factor * new.rms, digits),
             (old.theil, new.theil, _three),
@@ -129,7 +118,7 @@ def channels(before: View, after: View, best: str) -> ReportTable:
     return ReportTable(
         head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
         rows=tuple(rows),
-        caption=f"Open-loop simulation of {', '.join(before.fit.flight.names)}. Theil: 0 perfect, 1 useless. R²: share "
+        caption=f"Open-loop simulation of {', '.join(before.names)}. Theil: 0 perfect, 1 useless. R²: share "
         "of the variance explained. Whiteness: Ljung–Box on the innovations; small p means that something systematic "
         "is left.",
         numeric=True,
@@ -168,25 +157,23 @@ def _when(one: Finding) -> str:
     return "; ".join(f"{r} {a:.1f}–{b:.1f} s" for r, parts in one.intervals_s.items() for a, b in parts)
 
 
-def not_judged(diagnosis: Diagnosis) -> ReportTable:
+def not_judged(document: Document) -> ReportTable:
     """What these records leave open, and why."""
-    rows = tuple(Row(cells=(one.what, one.because)) for one in diagnosis.not_judged)
+    rows = tuple(Row(cells=(one.what, one.because)) for one in document.not_judged)
     return ReportTable(head=("not judged", "because"), rows=rows, caption="What these records leave open")
 
 
-def alternatives(diagnosis: Diagnosis) -> ReportTable:
+def alternatives(document: Document) -> ReportTable:
     """Every cause that was fitted and not named, and the gate that it failed."""
-    decided = {(one.cause, one.round): one for one in diagnosis.trace.decisions}
+    decided = {(one.cause, one.round): one for one in document.trace.decisions}
     rows = []
-    for number, round_ in enumerate(diagnosis.rounds, 1):
-        for trial in round_.trials:
-            one = trial.candidate.attached
-            decision = decided.get((trial.candidate.name, number))
-            if decision is None or decision.outcome == NAMED:
-                continue
-            why = decision.failed[0].words if decision.failed else decision.outcome
-            size = quantity(one.values["value"], one.effect.unit)
-            rows.append(Row(cells=(effect_name(one.effect), str(number), size, digits(trial.gain.raw), why)))
+    for one in document.tried:
+        decision = decided.get((one.name, one.round))
+        if decision is None or decision.outcome == NAMED:
+            continue
+        why = decision.failed[0].words if decision.failed else decision.outcome
+        size = quantity(one.value, one.unit)
+        rows.append(Row(cells=(pretty(one.title), str(one.round), size, digits(one.statistic), why)))
     return ReportTable(
         head=("cause", "round", "fitted size", "likelihood-ratio statistic, 2 ln L", "why it was not named"),
         rows=tuple(rows),
@@ -194,21 +181,16 @@ def alternatives(diagnosis: Diagnosis) -> ReportTable:
     )
 
 
-def unseen(diagnosis: Diagnosis) -> ReportTable:
+def unseen(document: Document) -> ReportTable:
     """Smallest effect of every kind that these records would have shown; what would have to be larger than anything
     plausible cannot be seen in them."""
-    effects = {effect.name: effect for effect in diagnosis.bare.flight.effects}
     seen: dict[str, list[str]] = {}
     blind: dict[str, list[str]] = {}
-    for name, size in diagnosis.detectable.items():
-        effect = effects.get(name)
-        if effect is None or effect.members:
-            continue  # a set of coefficients has no one size
-        label = " ".join(part for part in (effect.target, effect.term or "", effect.variant) if part)
-        if size > effect.limit:
-            blind.setdefault(effect.kind, []).append(label or "it")
+    for one in document.detectable:
+        if one.size > one.limit:
+            blind.setdefault(one.kind, []).append(one.label or "it")
         else:
-            seen.setdefault(effect.kind, []).append(f"{label} {quantity(size, effect.unit)}".strip())
+            seen.setdefault(one.kind, []).append(f"{one.label} {quantity(one.size, one.unit)}".strip())
     rows = tuple(
         Row(
             cells=(
@@ -220,7 +202,7 @@ def unseen(diagnosis: Diagnosis) -> ReportTable:
         for kind in dict.fromkeys([*KINDS, *seen, *blind])
         if kind in seen or kind in blind
     )
-    sigmas = diagnosis.criteria.significance.detectable
+    sigmas = document.criteria.significance.detectable
     return ReportTable(
         head=("kind", "smallest that would have been found", "not detectable in these records"),
         rows=rows,
@@ -229,10 +211,10 @@ def unseen(diagnosis: Diagnosis) -> ReportTable:
     )
 
 
-def seconds(diagnosis: Diagnosis) -> ReportTable:
+def seconds(document: Document) -> ReportTable:
     """Wall time per stage."""
-    total = sum(diagnosis.seconds.values())
-    rows = [Row(cells=(stage, f"{s:.1f}")) for stage, s in diagnosis.seconds.items()]
+    total = sum(document.seconds.values())
+    rows = [Row(cells=(stage, f"{s:.1f}")) for stage, s in document.seconds.items()]
     rows.append(Row(cells=("together", f"{total:.1f}")))
     return ReportTable(head=("stage", "s"), rows=tuple(rows), caption="Wall time")
 
@@ -250,16 +232,15 @@ def made_with(facts: Mapping[str, Any]) -> ReportTable:
     return ReportTable(head=("", ""), rows=tuple(Row(cells=cells) for cells in rows), caption="Made with")
 
 
-def remarks(diagnosis: Diagnosis) -> list[str]:
+def remarks(document: Document) -> list[str]:
     """What the reader of the records remarked, record by record."""
-    held = diagnosis.held_out_as_given
-    records = [*diagnosis.refitted.fit.flight.records, *held.fit.flight.records]
+    records = (*document.refitted.records, *document.held_out_as_given.records)
     return [f"{r.name}: {note}" for r in records for note in r.notes]
 
 
-def derivatives(diagnosis: Diagnosis) -> ReportTable:
+def derivatives(document: Document) -> ReportTable:
     """Every number as given, by the records, and how far the two are apart; contradicted ones first."""
-    of, witness = diagnosis.part.source, diagnosis.part.witness
+    of, witness = document.source, document.witness
     rows = tuple(
         Row(
             cells=(
@@ -273,19 +254,19 @@ def derivatives(diagnosis: Diagnosis) -> ReportTable:
             claim=about_value(one.name) if one.against else "",
             marked=one.against,
         )
-        for one in compared(diagnosis)
+        for one in compared(document)
     )
     return ReportTable(
         head=(
             "parameter",
-            "aircraft file" if diagnosis.of_aeroplane else of,
+            "aircraft file" if document.of_aeroplane else of,
             f"{witness} ± 1σ",
             "deviation",
             "in σ",
             "",
         ),
         rows=rows,
-        caption=f"{'Derivatives per rad. ' if diagnosis.of_aeroplane else ''}{witness.capitalize()}: estimates from "
+        caption=f"{'Derivatives per rad. ' if document.of_aeroplane else ''}{witness.capitalize()}: estimates from "
         "the records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and "
         f"differences between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the "
         f"{of} states, or a tenth where it states none, and beyond 3σ.",

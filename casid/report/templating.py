@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from casid.errors import noting
 from casid.report.interactive import data_of, library, licence
 from casid.report.style import Picture
 from casid.report.words import pretty
@@ -71,18 +71,6 @@ class Figure:
     def anchor(self) -> str:
         """What a link to it names."""
         return f"figure-{self.picture.name}"
-
-
-@contextmanager
-def noting(failed: list[str] | None, what: str) -> Iterator[None]:
-    """A block that draws, and notes its error in `failed`: a picture must not cost the results. Without a list it is
-    raised."""
-    try:
-        yield
-    except Exception as error:  # whatever matplotlib, or the data of a stranger, may raise
-        if failed is None:
-            raise
-        failed.append(f"{what}: {type(error).__name__}: {' '.join(str(error).split())}")
 
 
 def drawn_into(

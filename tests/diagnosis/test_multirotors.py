@@ -36,7 +36,7 @@ def test_a_weak_rotor_is_named_with_its_size():
     assert ("rotor_effectiveness", "m4") in {(one.kind, one.target) for one in found.causes}
     named = next(one for one in found.causes if one.target == "m4")
     assert named.value == pytest.approx(-0.3, abs=0.04)
-    assert f"m4 {100.0 * named.value:+.0f} per cent" in pictures(found)["rotors"].alt
+    assert f"m4 {100.0 * named.value:+.0f} per cent" in pictures(found.document())["rotors"].alt
 
 
 @pytest.mark.slow

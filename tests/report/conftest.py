@@ -11,6 +11,7 @@ from small_flight import NAMES, aircraft_file, records
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.document import Document
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.result import Diagnosis
 from casid.report.folder import provenance
@@ -24,8 +25,13 @@ def diagnosis() -> Diagnosis:
 
 
 @pytest.fixture(scope="session")
-def shown(diagnosis: Diagnosis) -> dict[str, Picture]:
-    return pictures(diagnosis)
+def document(diagnosis: Diagnosis) -> Document:
+    return diagnosis.document()
+
+
+@pytest.fixture(scope="session")
+def shown(document: Document) -> dict[str, Picture]:
+    return pictures(document)
 
 
 @pytest.fixture(scope="session")
@@ -34,16 +40,16 @@ def drawn(shown: dict[str, Picture]) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="session")
-def folder(diagnosis: Diagnosis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(diagnosis: Diagnosis, document: Document, tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("report")
     diagnosis.write(place / "diagnosis.json")
     diagnosis.extended_aircraft.write(place / "extended.toml")
-    write_report(diagnosis, place, provenance(seed=3))
+    write_report(document, place, provenance(seed=3))
     return place
 
 
 @pytest.fixture(scope="session")
-def wrong_in_all(diagnosis: Diagnosis) -> Diagnosis:
+def wrong_in_all(diagnosis: Diagnosis) -> Document:
     """With a fault of the data, a contradicted value and something unexplained beside the cause."""
     history = {
         name: (t, 0.02 * np.sin(t), 0.001 + 0.0 * t) for name, (t, _, _) in diagnosis.missing_after[0].history.items()
@@ -67,4 +73,4 @@ def wrong_in_all(diagnosis: Diagnosis) -> Diagnosis:
         impossible=False,
         sentence="Cl_p.",
     )
-    return replace(diagnosis, data=(stuck,), contradicted=(against,), unexplained=(loud,))
+    return replace(diagnosis, data=(stuck,), contradicted=(against,), unexplained=(loud,)).document()

@@ -7,7 +7,9 @@ from dataclasses import replace
 import pytest
 
 from casid.diagnosis.cause import Cause
+from casid.diagnosis.document import Document
 from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.shown import drawn_cause
 from casid.model.effect import Effect
 from casid.model.effects import effect_named
 from casid.report.cause_figures import cause_response
@@ -15,8 +17,8 @@ from casid.report.page import write_report
 from casid.report.style import Picture
 
 
-def drawn(diagnosis: Diagnosis, named: Cause) -> Picture | None:
-    return cause_response(diagnosis, named, diagnosis.shown(named).answer)
+def drawn(diagnosis: Diagnosis, document: Document, named: Cause) -> Picture | None:
+    return cause_response(document, drawn_cause(named, diagnosis.bare, (diagnosis.as_given, diagnosis.extended), {}))
 
 
 def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None) -> Cause:
@@ -33,25 +35,25 @@ def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None
         ("dead_zone(delta_e)", "q to delta_e"),
     ],
 )
-def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, name: str, shown: str) -> None:
-    picture = drawn(diagnosis, cause(diagnosis, effect_named(name)))
+def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, document: Document, name: str, shown: str) -> None:
+    picture = drawn(diagnosis, document, cause(diagnosis, effect_named(name)))
     assert picture is not None and shown in picture.alt
     gain, _, phase, _ = picture.figure.axes
     assert len(gain.get_lines()) == len(phase.get_lines()) == 4  # flight twice, file as given, extended model
     assert b"<svg" in picture.svg()
 
 
-def test_an_aerodynamic_term_has_none(diagnosis: Diagnosis) -> None:
-    assert drawn(diagnosis, diagnosis.causes[0]) is None
+def test_an_aerodynamic_term_has_none(diagnosis: Diagnosis, document: Document) -> None:
+    assert drawn(diagnosis, document, diagnosis.causes[0]) is None
 
 
-def test_an_effectiveness_is_drawn_from_its_onset_on(diagnosis: Diagnosis) -> None:
+def test_an_effectiveness_is_drawn_from_its_onset_on(diagnosis: Diagnosis, document: Document) -> None:
     """Too short a rest is no record, and there is no diagram of it."""
     late = {name: (7.0, 7.4) for name in diagnosis.extended.records}
     change = effect_named("effectiveness_change(delta_e)")
-    assert drawn(diagnosis, cause(diagnosis, change, -0.3, late)) is None
+    assert drawn(diagnosis, document, cause(diagnosis, change, -0.3, late)) is None
     early = {name: (0.1, 0.2) for name in diagnosis.extended.records}
-    picture = drawn(diagnosis, cause(diagnosis, change, -0.3, early))
+    picture = drawn(diagnosis, document, cause(diagnosis, change, -0.3, early))
     assert picture is not None and "onset" in picture.caption
 
 

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import pickle
 import re
 import shutil
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,14 +16,21 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from small_flight import HIDDEN, aircraft_file, records
 
+from casid.diagnosis.document import Document
+from casid.diagnosis.engine.trial import Trial
+from casid.diagnosis.evidence.evidence import Evidence
+from casid.diagnosis.evidence.screening import Candidate
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.shown import onset_profiles
+from casid.diagnosis.shown import detectable_of, onset_profiles, titled
 from casid.keeping import load
 from casid.model.causes import actuator_lag, effectiveness_change, gust, input_delay, sensor_bias
 from casid.model.dynamics import aircraft_model
+from casid.model.effect import Effect
+from casid.model.effects import effect_named
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
 from casid.report.claims import claims
@@ -36,20 +45,22 @@ from casid.report.words import digits, percent, pretty, quantity, with_std
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
-def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(diagnosis: Diagnosis) -> None:
+def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(
+    diagnosis: Diagnosis, document: Document
+) -> None:
     ratios = diagnosis.to_dict()["gain"]["held_out"]["rms_ratio"]
     before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
     assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
-    told = gained(diagnosis)
+    told = gained(document)
     assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f}\u00a0%".replace("-", "−") in told.better
     lost = {o: replace(after[o], rms=k * before[o].rms) for k, o in ((3.0, "p"), (5.0, "V"))}
     view = replace(diagnosis.held_out_extended, channels={**after, **lost})
-    worse = gained(replace(diagnosis, held_out_extended=view)).worse
+    worse = gained(replace(document, rms_ratio=replace(diagnosis, held_out_extended=view).rms_ratio)).worse
     assert worse.replace("\u00a0", " ").startswith("true airspeed +400 %, roll rate +200 %")
 
 
 def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first(
-    diagnosis: Diagnosis, wrong_in_all: Diagnosis
+    diagnosis: Diagnosis, wrong_in_all: Document
 ) -> None:
     rows = derivatives(wrong_in_all).rows
     assert sorted(row.cells[0] for row in rows) == sorted(one.name for one in diagnosis.parameters)
@@ -58,24 +69,23 @@ def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first
     assert sum(row.cells[2] == "not identifiable from these records" for row in rows) == untold
 
 
-def test_a_size_beyond_anything_plausible_is_not_detectable(diagnosis: Diagnosis) -> None:
+def test_a_size_beyond_anything_plausible_is_not_detectable(document: Document) -> None:
     """The limit of a bias of an angle is 10 deg: 0.1 rad can be found, 4.85 rad cannot."""
-    found = replace(diagnosis, detectable={"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1})
+    sizes = {"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1}
+    found = replace(document, detectable=tuple(detectable_of(map(effect_named, sizes), sizes)))
     (row,) = unseen(found).rows
     assert row.cells == ("sensor bias", "phi 5.7 deg", "theta")
 
 
-def test_explanations_stand_side_by_side_and_add_up(diagnosis: Diagnosis) -> None:
-    told = [(("actuator_lag(delta_e)",), 0.97), (("input_delay(delta_e)",), 0.02), ((), 0.001)]
-    found = shares(replace(diagnosis, explanations=tuple(told)))
+def test_explanations_stand_side_by_side_and_add_up(document: Document) -> None:
+    told = [((titled("actuator_lag(delta_e)", {}),), 0.97), ((titled("input_delay(delta_e)", {}),), 0.02), ((), 0.001)]
+    found = shares(replace(document, explanations=tuple(told)))
     said = ["elevator: actuator lag", "elevator: input delay", "other explanations"]
     assert [one.what for one in found] == said and [one.percent for one in found] == ["97 %", "2 %", "1 %"]
-    assert shares(replace(diagnosis, explanations=())) == []
+    assert shares(replace(document, explanations=())) == []
 
 
-def test_channels_are_drawn_in_all_records_with_what_was_left_out(
-    diagnosis: Diagnosis, wrong_in_all: Diagnosis
-) -> None:
+def test_channels_are_drawn_in_all_records_with_what_was_left_out(diagnosis: Diagnosis, wrong_in_all: Document) -> None:
     """Measured lines are the records, one after the other; the frozen second is shaded on its own channel alone."""
     pictures_ = {one.name: one for one in tracks(wrong_in_all)}
     assert set(pictures_) == {"tracks_longitudinal", "tracks_lateral"}
@@ -127,16 +137,16 @@ def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Pictu
     assert np.polyfit(parabola, y, 1)[0] == pytest.approx(1.0, abs=0.35)
 
 
-def test_without_a_cause_the_page_shows_the_simulation(diagnosis: Diagnosis) -> None:
-    view, held = diagnosis.refitted, diagnosis.held_out_refitted
-    plain = replace(diagnosis, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after=())
+def test_without_a_cause_the_page_shows_the_simulation(document: Document) -> None:
+    view, held = document.refitted, document.held_out_refitted
+    plain = replace(document, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after={})
     names = list(pictures(plain))
     assert names[0].startswith("tracks_") and "shape" not in names and "budget" in names
 
 
-def test_what_stays_unexplained_has_a_figure(diagnosis: Diagnosis, wrong_in_all: Diagnosis) -> None:
+def test_what_stays_unexplained_has_a_figure(wrong_in_all: Document) -> None:
     """An input as large as the rolling moment itself, at the station of the rolling moment."""
-    plain = replace(wrong_in_all, verdict="unexplained", causes=(), extended=diagnosis.refitted)
+    plain = replace(wrong_in_all, verdict="unexplained", causes=(), extended=wrong_in_all.refitted)
     assert "rolling moment Cl" in pictures(plain)["unexplained"].title
 
 
@@ -154,6 +164,24 @@ def test_onset_profile_peaks_where_the_surface_failed() -> None:
     cause = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.4}, onsets={record.name: 1.0})
     t, statistic = onset_profiles(fit(flight, [], flight.noise()), cause)[record.name]
     assert t[np.argmax(statistic)] == pytest.approx(failed, abs=0.3)
+
+
+def parts_of(value: object, seen: set[int]) -> Iterator[object]:
+    """A value and all that it holds."""
+    if id(value) in seen or isinstance(value, (str, bytes, np.ndarray, type)):
+        return
+    seen.add(id(value))
+    yield value
+    inside = list(value.items()) if isinstance(value, Mapping) else list(value) if isinstance(value, Collection) else []
+    for one in (*inside, *getattr(value, "__dict__", {}).values()):
+        yield from parts_of(one, seen)
+
+
+def test_a_document_has_no_fit_in_it_and_is_drawn_from_a_file(document: Document, drawn: dict[str, bytes]) -> None:
+    held = {type(one) for part in vars(document).values() for one in parts_of(part, set())}
+    assert not held & {FlightFit, Evidence, Effect, Attached, Candidate, Trial}
+    again = pictures(pickle.loads(pickle.dumps(document)))
+    assert {name: picture.svg() for name, picture in again.items()} == drawn
 
 
 # -- words and numbers -------------------------------------------------------------------------------------------------
@@ -206,7 +234,7 @@ def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, drawn: dict[s
     found = load(tmp_path / "found.casid")
     assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
     assert found.extended_aircraft == diagnosis.extended_aircraft
-    assert {name: picture.svg() for name, picture in pictures(found).items()} == drawn
+    assert {name: picture.svg() for name, picture in pictures(found.document()).items()} == drawn
 
 
 def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnosis) -> None:
@@ -215,7 +243,7 @@ def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnos
     lag = actuator_lag("delta_r")
     alike = {"kind": lag.kind, "target": lag.target, "term": None, "title": title_of(lag), "value": 0.05}
     cause = replace(diagnosis.causes[0], effect=input_delay("delta_r"), value=0.05, indistinguishable_from=(alike,))
-    ambiguous = replace(diagnosis, causes=(cause,), contradicted=())
+    ambiguous = replace(diagnosis, causes=(cause,), contradicted=()).document()
     (claim,) = claims(ambiguous, {"ambiguity"})["causes"]
     assert claim.text.endswith("or rudder: actuator lag") and claim.figures == ("ambiguity",)
     first, *_ = next_flights(ambiguous).proposals
@@ -232,14 +260,14 @@ def test_what_no_manoeuvre_separates_is_said(diagnosis: Diagnosis) -> None:
     bias = sensor_bias("q")
     alike = {"kind": bias.kind, "target": bias.target, "term": None, "title": title_of(bias), "value": 0.001}
     cause = replace(diagnosis.causes[0], effect=gust("z"), value=1.0, indistinguishable_from=(alike,))
-    found = next_flights(replace(diagnosis, causes=(cause,), contradicted=()))
+    found = next_flights(replace(diagnosis, causes=(cause,), contradicted=()).document())
     assert "no manoeuvre can bring it about" in found.beyond[0]
     assert not any("--separate" in one.command for one in found.proposals)
 
 
-def test_the_kinematic_check_says_how_many_bars_it_draws(diagnosis: Diagnosis) -> None:
+def test_the_kinematic_check_says_how_many_bars_it_draws(document: Document) -> None:
     """The instruments of its title, or the number of those that are drawn."""
-    picture = kinematic(diagnosis)
+    picture = kinematic(document)
     assert picture is not None
     (cleared, among) = map(int, re.findall(r"\d+", picture.title))
     drawn = len(picture.figure.axes[0].patches)
@@ -247,6 +275,6 @@ def test_the_kinematic_check_says_how_many_bars_it_draws(diagnosis: Diagnosis) -
     assert drawn == among or str(drawn) in re.findall(r"\d+", picture.caption)
 
 
-def test_a_cause_has_one_statistic_in_text_and_report(diagnosis: Diagnosis) -> None:
-    (row,) = [row.cells for row in causes(diagnosis).rows]
+def test_a_cause_has_one_statistic_in_text_and_report(diagnosis: Diagnosis, document: Document) -> None:
+    (row,) = [row.cells for row in causes(document).rows]
     assert f"{diagnosis.causes[0].statistic:.0f}" in row and f"statistic {row[4]}" in str(diagnosis)

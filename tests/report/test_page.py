@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from small_flight import HIDDEN, NAMES
 
+from casid.diagnosis.document import Document
 from casid.diagnosis.given.scope import NotJudged
-from casid.diagnosis.part import OfAircraft
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -174,7 +174,7 @@ def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judg
     assert "Cm: alpha²" in page[at[2] : at[3]]
 
 
-def test_every_claim_has_a_figure_that_links_back_to_it(wrong_in_all: Diagnosis, tmp_path: Path) -> None:
+def test_every_claim_has_a_figure_that_links_back_to_it(wrong_in_all: Document, tmp_path: Path) -> None:
     """Data, values, causes and the unexplained: from the statement to a figure, and from that to the statement."""
     write_report(wrong_in_all, tmp_path, provenance(seed=0))
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -190,21 +190,21 @@ def test_every_claim_has_a_figure_that_links_back_to_it(wrong_in_all: Diagnosis,
 
 
 def test_a_picture_that_fails_is_noted_and_costs_nothing_else(
-    diagnosis: Diagnosis, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    document: Document, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object) -> Picture:
         raise ValueError("no such axes")
 
     monkeypatch.setattr("casid.report.page.heatmap", broken)
-    failed = write_report(diagnosis, tmp_path, provenance(seed=0))
+    failed = write_report(document, tmp_path, provenance(seed=0))
     assert len(failed) == 1 and "ValueError: no such axes" in failed[0]
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "no such axes" in page and 'id="figure-budget"' in page and 'id="figure-heatmap"' not in page
 
 
 def test_a_name_with_markup_is_only_text(
-    diagnosis: Diagnosis,
-    wrong_in_all: Diagnosis,
+    document: Document,
+    wrong_in_all: Document,
     shown: dict[str, Picture],
     drawn: dict[str, bytes],
     tmp_path: Path,
@@ -217,8 +217,7 @@ def test_a_name_with_markup_is_only_text(
     evil = "<script>alert(1)</script> & $gain {{ 7 * 7 }}"
     stuck = replace(wrong_in_all.data[0], records=(evil,), sentence=f"In {evil}.")
     open_ = NotJudged(what=evil, because=evil)
-    part = OfAircraft(file=replace(diagnosis.aircraft, name=evil), extended=diagnosis.extended_aircraft)
-    named = replace(diagnosis, part=part, data=(stuck,), not_judged=(open_,))
+    named = replace(document, name=evil, data=(stuck,), not_judged=(open_,))
     write_report(named, tmp_path, provenance(seed=0) | {"command": ["casid", "diagnose", evil]})
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     escaped = "&lt;script&gt;alert(1)&lt;/script&gt; &amp; $gain {{ 7 * 7 }}"
