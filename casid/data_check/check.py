@@ -333,4 +333,5 @@ def _of_alternative(weighed: Weighed, count: int, undo: bool) -> Finding:
         odds=math.exp(weighed.log_odds),
         sentence=sentence + words.handled_as(one.kind, one.value, rivals, undo, weighed.refused, weighed.log_odds),
         indistinguishable_from=tuple({"kind": r.kind, "target": r.target} for r in weighed.rivals),
+        title=described(one),
     )

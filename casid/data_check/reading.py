@@ -282,6 +282,7 @@ class Finding:
     sentence: str
     odds: float | None = None
     indistinguishable_from: tuple[Mapping[str, str], ...] = ()
+    title: str = ""  # in a few words, where others are as good an explanation
 
     @property
     def puts_in_doubt(self) -> bool:

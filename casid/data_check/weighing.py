@@ -115,7 +115,8 @@ class Weighing:
                 gains += [self._gains(a) for a in self._frames() if a.target == "body"]
                 best = self._best(gains)
             if best is not None and best.alternative.channels & {*FORCES, "V", "alpha", "beta"}:
-                best = self._best(self._by_the_file([*gains, *(self._gains(a) for a in self._places())]))
+                gains += [self._gains(a) for a in self._places()]
+                best = _beside(self._best(self._by_the_file([*gains])), self._best(gains))
             if best is None:
                 break
             told = self._or_else_the_record(best, INSTRUMENT_ERRORS)
@@ -402,6 +403,18 @@ class Weighing:
     def _concerned(self, alternative: Alternative, gains: Sequence[float]) -> tuple[str, ...]:
         everywhere = alternative.kind in INSTRUMENT_ERRORS or min(gains) > -self._criteria.against
         return tuple(n for n, g in zip(self.names, gains, strict=True) if everywhere or g > self._criteria.against)
+
+
+def _beside(best: Weighed | None, by_motion: Weighed | None) -> Weighed | None:
+    """The best alternative, with the error of an instrument that physics without aerodynamics puts first among its
+    rivals: derivatives of a file are known too poorly to settle that. Where other records are well, these know them."""
+    if best is None or by_motion is None or by_motion.alternative.kind not in INSTRUMENT_ERRORS:
+        return best
+    if best.records != by_motion.records:
+        return best
+    first = by_motion.alternative
+    told = best.alternative == first or first in best.rivals
+    return best if told else replace(best, rivals=(*best.rivals, first))
 
 
 def _mean_alpha(reads: Sequence[Read]) -> float:

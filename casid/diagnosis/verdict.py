@@ -6,13 +6,13 @@ has impossible numbers, or if the extended model fails on the held-out records. 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims, sentences
-from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Trace
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace
 from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
 from casid.diagnosis.gates import refused_by_the_data
@@ -59,6 +59,7 @@ def concluded(
     data        findings of the data check
     doubts      numbers of the file that are impossible
     """
+    found = replace(found, causes=tuple(_or_the_data(one, data) for one in found.causes))
     facts = facts_of(found, against, factors, not_judged, data, doubts)
     verdict, account = verdict_of(facts), claims.account(facts)
     if facts.at_fault:
@@ -108,6 +109,7 @@ def facts_of(
     names = {one.parameter for one in against}
     factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}
+    causes = {(one.kind, one.target) for one in found.causes}
     fit, given, criteria = found.extended.fit, found.part.values, found.criteria
     changed = changed_values(fit, given, found.flight, criteria.prior.unstated)
     facts = Facts(
@@ -116,7 +118,7 @@ def facts_of(
         budget=found.budget,
         criteria=criteria.given,
         listed=criteria.numerics.naming.listed,
-        at_fault=tuple(one for one in data if one.puts_in_doubt),
+        at_fault=tuple(one for one in data if one.puts_in_doubt and not _is_told_by(one, causes)),
         corrected=tuple(one for one in data if one.handled != "reported"),
         impossible=tuple(map(impossible, doubts)),
         causes=found.causes,
@@ -132,6 +134,31 @@ def facts_of(
     attached = {one.effect.key for one in fit.attached}
     minor = tuple(one for one in found.minor if one.key in attached or claims.visible(one, facts))
     return replace(facts, causes=tuple(claims.stated(one, facts) for one in found.causes), minor=minor)
+
+
+def _is_told_by(finding: Finding, named: Collection[tuple[str, str]]) -> bool:
+    """Whether nothing was corrected, and one of the `named` causes, (kind, target), is as good an explanation."""
+    others = {(one["kind"], one["target"]) for one in finding.indistinguishable_from}
+    return finding.handled == "reported" and not others.isdisjoint(named)
+
+
+def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
+    """The cause with the faults of the data that explain the same, and for which nothing was corrected, in its set."""
+    others = [
+        {
+            "kind": one.kind,
+            "target": one.target,
+            "term": one.term,
+            "title": one.title,
+            "value": one.value,
+            "unit": one.unit,
+            "gain": cause.statistic,
+            "probability": None,
+        }
+        for one in data
+        if _is_told_by(one, {(cause.kind, cause.target)})
+    ]
+    return replace(cause, indistinguishable_from=(*cause.indistinguishable_from, *others)) if others else cause
 
 
 def _unexplained(found: Diagnosis) -> Iterator[str]:

@@ -79,8 +79,8 @@ def aircraft_of(flown: Flown) -> Aircraft:
 def _besides(flown: Flown) -> tuple[Hidden, ...]:
     """What is true of strips beside what was hidden: weather, and the terms that a linear file lacks."""
     terms = []
-    # A tail in the slipstream of its propeller, whose thrust hardly varies apart from speed.
-    slipstream = (("Cm", "Tc"), ("Cm", "delta_e*Tc"), ("Cn", "Tc"), ("Cn", "delta_r*Tc"))
+    # What stands in the slipstream of a propeller, whose thrust hardly varies apart from speed.
+    slipstream = (("CD", "Tc"), ("Cm", "Tc"), ("Cm", "delta_e*Tc"), ("Cn", "Tc"), ("Cn", "delta_r*Tc"))
     for coefficient, term in (*flown.curved, *(slipstream if flown.plane.propellers else ())):
         if term.endswith("dot"):
             terms.append(Hidden(kind="unsteady_aero", target=coefficient, value=0.0))

@@ -30,6 +30,7 @@ _RATE_HZ = 50
 _AIR_EVERY = (2, 3, 5)  # samples from one reading of the air data to the next
 _ATTEMPTS = 12
 _MOST = {"phi": 1.0, "theta": 0.5, "alpha": 0.2, "beta": 0.25}  # rad from trim, beyond which nobody flies on
+_STOPS = 0.6  # rad: no surface goes farther
 _SHAPES = {
     "3211": ((1.0, 3.0), (-1.0, 2.0), (1.0, 1.0), (-1.0, 1.0)),
     "doublet": ((1.0, 1.5), (-1.0, 1.5)),
@@ -139,7 +140,10 @@ def _within(level: Trim, log: Mapping[str, np.ndarray], durations: Sequence[floa
     phi, theta, _ = angles_of(np.moveaxis(log["x"][:, 6:10], 1, 0))
     beside = {"phi": phi, "theta": theta - level.alpha, "alpha": log["alpha"] - level.alpha, "beta": log["beta"]}
     ends = [round(duration / STEP_S) + 1 for duration in durations]
-    return all(np.abs(x[:end, i]).max() < _MOST[name] for name, x in beside.items() for i, end in enumerate(ends))
+    stops = all(np.abs(log["servo"][:end, :, i]).max() < _STOPS for i, end in enumerate(ends))
+    return stops and all(
+        np.abs(x[:end, i]).max() < _MOST[name] for name, x in beside.items() for i, end in enumerate(ends)
+    )
 
 
 def _set(plane: Plane, level: Trim, log: Mapping[str, np.ndarray], effects: tuple[Effect, ...], how) -> Flown:

@@ -86,6 +86,20 @@ def test_data_at_fault_contradict_no_number_nor_group(explained: Diagnosis) -> N
     assert (found.contradicted, found.factors) == ((), ())
 
 
+def test_a_fault_of_the_data_that_a_named_cause_explains_stands_in_its_set(explained: Diagnosis) -> None:
+    """Nothing was corrected, for these data do not decide; the search names the other explanation. A fault with
+    another rival stays one."""
+    named = explained.causes[0]
+    rival = {"kind": named.kind, "target": named.target}
+    told = replace(AT_FAULT, title="q reversed", indistinguishable_from=(rival,))
+    found = concluded(explained, (), data=[told])
+    assert [one.name for one in found.causes] == [one.name for one in explained.causes]
+    assert "q reversed" in [one["title"] for one in found.causes[0].indistinguishable_from]
+    assert found.verdict != "data at fault" and json.dumps(plain(found.to_dict()))
+    other = replace(told, indistinguishable_from=({**rival, "target": "elsewhere"},))
+    assert concluded(explained, (), data=[other]).verdict == "data at fault"
+
+
 def test_every_cause_that_stays_is_asked_where_noise_is_slow() -> None:
     """A lag, a scale of the gyro, and a scale of the roll gyro that is not there, beside noise with a memory of 0.15 s:
     the two that stay have the gate, as the one that goes has, each with a value of its own."""

@@ -17,7 +17,8 @@ from casid.signals import SURFACES
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _TOGETHER = 2  # variables of one term
 _LATERAL = ("CY", "Cl", "Cn")
-_IN_THE_SLIPSTREAM = {"Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}  # of a propeller, a tail is the stronger with power
+# Behind a propeller, power makes a tail stronger, and drag on what is washed.
+_IN_THE_SLIPSTREAM = {"CD": ("Tc",), "CX": ("Tc",), "Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}
 
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
