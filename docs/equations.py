@@ -95,6 +95,12 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     ),
     "thrust_scale": (r"T = (1 + v)\,T_\mathrm{rec}", ""),
     "rotor_effectiveness": (r"T_i = (1 + v)\,T_{i,\mathrm{file}}(u_i)", "Of one rotor, or of all."),
+    "thrust_curve": (
+        r"T_i = T_{i,\mathrm{file}} + v\,(T_{i,\mathrm{file}} - T_{i,\mathrm h})\quad\text{or}\quad "
+        r"T_i = T_{i,\mathrm{file}} + v\,(T_{i,\mathrm{file}} - T_{i,\mathrm h})^2 / T_\mathrm h",
+        r"Slope or curvature. $T_{i,\mathrm h}$ is the part of the weight that the rotor carries in hover, "
+        r"$T_\mathrm h$ the weight over the number of rotors, $T_{i,\mathrm{file}}$ includes the effectiveness.",
+    ),
     "rotor_torque": (r"Q_i = (1 + v)\,\kappa_i\,T_i", r"$\kappa_i$ is the torque per thrust of the file."),
     "rotor_lag": (
         r"(T_\mathrm{file} + v)\,\dot u = u_\mathrm{rec} - u",

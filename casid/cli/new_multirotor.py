@@ -10,10 +10,17 @@ from casid.errors import InputError
 # thrust over the arm; a motor's time constant [s]; command in hover, from 0 to 1
 _ROLL, _YAW, _TORQUE, _LAG, _HOVER = 0.25, 0.46, 0.14, 0.05, 0.5
 _GRAVITY = 9.80665
+# rotors of the X frames of PX4 and ArduPilot, whose logs number the motors so: angle from the front to the right [deg],
+# and sign of the reaction torque about z, 1 for a propeller that turns counterclockwise from above
+_FRAMES = {
+    4: ((45.0, 1), (-135.0, 1), (-45.0, -1), (135.0, -1)),
+    6: ((90.0, -1), (-90.0, 1), (-30.0, -1), (150.0, 1), (30.0, 1), (-150.0, -1)),
+    8: ((22.5, -1), (-157.5, -1), (67.5, 1), (157.5, 1), (-22.5, 1), (-112.5, 1), (-67.5, -1), (112.5, -1)),
+}
 
 
 def multirotor_text(name: str, count: int, mass: float | None, arm: float | None) -> str:
-    """A commented file of so many rotors on a circle, the first in front on the right, then clockwise.
+    """A commented file of so many rotors on a circle, numbered as PX4 and ArduPilot number their X frames.
 
     Raises InputError for numbers that are missing or that no multirotor has.
     """
@@ -23,7 +30,7 @@ def multirotor_text(name: str, count: int, mass: float | None, arm: float | None
     for what, value in (("mass", mass), ("arm", arm)):
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{what} {value:g}: expected a positive number")
-    if count not in (4, 6, 8):
+    if count not in _FRAMES:
         raise InputError(f"--rotors {count}: expected 4, 6 or 8; write others by hand")
     square = mass * arm**2
     inertia = f"{{ Ixx = {_ROLL * square:.4g}, Iyy = {_ROLL * square:.4g}, Izz = {_YAW * square:.4g}, Ixz = 0.0 }}"
@@ -40,15 +47,16 @@ def multirotor_text(name: str, count: int, mass: float | None, arm: float | None
         f"torque = {_TORQUE * arm:.4g} # N m of reaction per N of thrust, typical",
         f"lag = {_LAG} # s from command to thrust, typical",
         "relative_uncertainty = 0.2 # of the effectiveness of each rotor",
+        "",
+        "# the motors of an X frame as PX4 and ArduPilot number them; other firmware: move the names",
     ]
-    for i in range(count):
-        angle = (i + 0.5) * 2.0 * math.pi / count
-        x, y = arm * math.cos(angle), arm * math.sin(angle)
+    for i, (degrees, spin) in enumerate(_FRAMES[count], start=1):
+        x, y = arm * math.cos(math.radians(degrees)), arm * math.sin(math.radians(degrees))
         lines += [
             "",
             "[[rotors.each]]",
-            f'name = "m{i + 1}" # the input channel too',
+            f'name = "m{i}" # the input channel too',
             f"position = [{x:.4g}, {y:.4g}, 0.0] # m from the c.g.: x forward, y right, z down",
-            f"spin = {1 if i % 2 == 0 else -1} # sign of the reaction torque about z (down)",
+            f"spin = {spin} # sign of the reaction torque about z (down): 1 turns counterclockwise from above",
         ]
     return "\n".join(lines) + "\n"

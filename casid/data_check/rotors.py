@@ -31,7 +31,7 @@ def rotor_faults(records: Sequence[Record], aircraft: Aircraft) -> list[Finding]
     """Rotors that are not driven, another numbering than that of the file, and a battery that is not recorded."""
     rotors = aircraft.rotors
     assert rotors is not None
-    return [one for record in records for one in (*_standing(record, rotors), *_numbering(record, rotors))] + [
+    return [one for record in records for one in (*standing(record, rotors), *_numbering(record, rotors))] + [
         Finding(
             kind="data_dropout",
             target=rotors.voltage.channel,
@@ -83,7 +83,14 @@ def ground(record: Record, rotors: Rotors) -> Iterator[str]:
         )
 
 
-def _standing(record: Record, rotors: Rotors) -> Iterator[Finding]:
+def until_one_stands(record: Record, rotors: Rotors) -> Record:
+    """The record up to the time from which a rotor stands: its command does not say why, nor what it still does."""
+    begins = [begin for one in standing(record, rotors) for begin, _ in one.intervals_s[record.name]]
+    first = min(begins, default=np.inf)
+    return record if first - record.t[0] < _STANDS_S or not begins else record.between(float(record.t[0]), first)
+
+
+def standing(record: Record, rotors: Rotors) -> Iterator[Finding]:
     """Commands that rest while those of the other rotors vary."""
     commands = {name: record[name] for name in rotors.names if name in record}
     for name, series in commands.items():
@@ -104,9 +111,10 @@ def _standing(record: Record, rotors: Rotors) -> Iterator[Finding]:
                 intervals_s={record.name: tuple(spans)},
                 value=level,
                 unit="1",
-                handled="reported",
+                handled="excluded",
                 sentence=f"{name} stands at {level:.4g} from {begin:.4g} to {end:.4g} s in {record.name} while the "
-                "other rotors are driven: a motor that failed, or a channel that did.",
+                "other rotors are driven: a motor that failed, or a channel that did. A diagnosis leaves out what "
+                "follows.",
             )
 
 

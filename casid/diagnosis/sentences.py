@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from types import MappingProxyType
+
+import numpy as np
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims
@@ -19,8 +22,10 @@ from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
+from casid.errors import InputError
 from casid.model.numbers import digits
 from casid.model.plausible import Doubt
+from casid.model.rotors import Rotors, hover_thrusts
 from casid.model.vocabulary import sentence_of, title_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
@@ -59,6 +64,19 @@ def _between(interval: tuple[float, float]) -> str:
 def noted(cause: Cause, remark: str) -> Cause:
     """The cause with a remark after its sentence."""
     return replace(cause, sentence=f"{cause.sentence} {remark}")
+
+
+def thrust_curve(rotors: Rotors, weight: float) -> str:
+    """The sentence of the mean thrust of rotors by their input, and of the input in hover."""
+    hover, shares = [], hover_thrusts(rotors, weight)
+    factors = np.mean([one.effectiveness * np.array(one.thrust) for one in rotors.each], axis=0)
+    for one in rotors.each:
+        with suppress(InputError):  # no input hovers, by a curve that turns before
+            hover.append(one.input_for(shares[one.name]))
+    parts = [f"{factor:.3g}" + ("", " u", f" u^{k}")[min(k, 2)] for k, factor in enumerate(factors) if factor]
+    text = " + ".join(parts).replace("+ -", "- ")
+    at = f", and hover needs u = {np.mean(hover):.3g}" if hover else ""
+    return f"By these records the thrust of a rotor is {text} [N] for an input u{at}."
 
 
 def expected_of(cause: Cause, whom: str) -> Cause:

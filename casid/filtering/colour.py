@@ -69,12 +69,12 @@ def colouring(linear: Linear, colour: Mapping[str, tuple[float, float]]) -> Colo
     return Colouring(stretches=tuple(found), log_determinant=total)
 
 
-def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]], longest: float = np.inf) -> tuple[float, float]:
     """(1-sigma, correlation time [s]) of a first-order Gauss-Markov process with zero mean, by maximum likelihood, from
-    times and values (n,) of each record, evenly spaced or not."""
+    times and values (n,) of each record, evenly spaced or not; the time is at most `longest` [s]."""
     read = [(t, values) for t, values in series if len(t) > 1]
     shortest = min(float(np.diff(t).min()) for t, _ in read)
-    longest = max(float(t[-1] - t[0]) for t, _ in read)
+    longest = max(min(_LONGEST * max(float(t[-1] - t[0]) for t, _ in read), longest), shortest)
 
     def variance(tau: float) -> tuple[float, float]:
         squares, logs, count = 0.0, 0.0, 0
@@ -91,7 +91,7 @@ def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float,
         square, log = variance(float(np.exp(log_tau)))
         return float(np.log(square)) + log
 
-    bounds = np.log(_SHORTEST * shortest), np.log(_LONGEST * longest)
+    bounds = np.log(_SHORTEST * shortest), np.log(longest)
     lowest: Any = scipy.optimize.minimize_scalar(deviance, bounds=bounds, method="bounded")
     tau = float(np.exp(lowest.x))
     return float(np.sqrt(variance(tau)[0])), tau

@@ -10,6 +10,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.formats.file_tables import said
 from casid.model.aircraft import Aircraft
+from casid.model.effects import effect_of
 from casid.model.terms import derivative_term, parse_term
 from casid.model.trim import trim
 
@@ -53,7 +54,9 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
         for term, value in terms.items():
             _add(rows, coefficient, term, value)
     left: list[str] = []
-    for effect in aircraft.effects:
+    rotors = aircraft.rotors
+    # where hover is, is asked of the mass: effects of loading first
+    for effect in sorted(aircraft.effects, key=lambda one: one.kind not in ("mass", "inertia")):
         if effect.records or effect.onset_s:
             left.append(said(effect, "is not in all records, or not always"))
         elif effect.kind == "aero_term" and effect.term:
@@ -65,9 +68,13 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
         elif effect.kind == "inertia":
             inertia[effect.target] += effect.value
         else:
-            left.append(said(effect, "is no number of an aircraft"))
+            make = effect_of(effect).into_rotors
+            held = make(rotors, mass * aircraft.gravity, effect.value) if make and rotors is not None else None
+            rotors = held or rotors
+            if held is None:
+                left.append(said(effect, "is no number of an aircraft"))
     kept = {c: {t: v for t, v in row.items() if v != 0.0} for c, row in rows.items()}
-    bare = replace(aircraft, mass=mass, inertia=replace(aircraft.inertia, **inertia), effects=())
+    bare = replace(aircraft, mass=mass, inertia=replace(aircraft.inertia, **inertia), rotors=rotors, effects=())
     return Absorbed(aircraft=bare, rows={c: row for c, row in kept.items() if row}, left=tuple(left))
 
 

@@ -16,20 +16,24 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError
+from casid.formats.absorbed import absorbed
 from casid.formats.file_tables import in_comment
 from casid.model.aircraft import Aircraft
-from casid.model.rotors import Rotor, Rotors
+from casid.model.rotors import Rotor, Rotors, hover_thrusts
 
 _FLIP = np.diag([1.0, -1.0, -1.0])  # between forward-right-down and forward-left-up
 _FASTEST = 2.0  # of the speed in hover, where a target wants a limit that no file of casid has
 Made = tuple[str, tuple[str, ...]]
 
 
-def rotors_of(aircraft: Aircraft, to: str) -> Rotors:
-    """The rotors of an aircraft that has no wing. Raises InputError for any other."""
+def in_numbers(aircraft: Aircraft, to: str) -> tuple[Aircraft, Rotors, list[str]]:
+    """An aircraft without a wing, its rotors, and what of its effects these numbers do not hold. Raises InputError for
+    any other aircraft."""
     if aircraft.rotors is None or aircraft.winged:
         raise InputError(f"'{aircraft.name}': {to} is for an aircraft with rotors and without a wing")
-    return aircraft.rotors
+    plain = absorbed(aircraft)
+    assert plain.aircraft.rotors is not None
+    return plain.aircraft, plain.aircraft.rotors, list(plain.left)
 
 
 def motor_constant(rotor: Rotor, to: str) -> float:
@@ -42,9 +46,9 @@ def motor_constant(rotor: Rotor, to: str) -> float:
     return rotor.effectiveness * rotor.thrust[2]
 
 
-def _left_of(aircraft: Aircraft, rotors: Rotors, *, lag: bool, delay: bool = False, drag: bool = False) -> list[str]:
+def _left_of(rotors: Rotors, *, lag: bool, delay: bool = False, drag: bool = False) -> list[str]:
     """What a target does not hold of the rotors."""
-    left = [f"effect {one.kind} of {one.target or 'the aircraft'}" for one in aircraft.effects]
+    left = []
     if not lag and any(one.lag for one in rotors.each):
         left.append("lag of the rotors")
     if not delay and any(one.delay for one in rotors.each):
@@ -58,15 +62,23 @@ def _left_of(aircraft: Aircraft, rotors: Rotors, *, lag: bool, delay: bool = Fal
 
 def _hover(aircraft: Aircraft, rotors: Rotors) -> float:
     """Largest speed of a rotor in hover with equal thrusts [rad/s]."""
-    share = aircraft.mass * aircraft.gravity / len(rotors.each)
-    return max(one.input_for(share) for one in rotors.each)
+    shares = hover_thrusts(rotors, aircraft.mass * aircraft.gravity)
+    return max(one.input_for(shares[one.name]) for one in rotors.each)
+
+
+def exponent(rotor: Rotor, hover: float) -> float:
+    """The share e of the square in (1 - e) u + e u^2, u from 0 to 1, whose relative slope at a thrust `hover` [N] is
+    that of the rotor: MOT_THST_EXPO of ArduPilot, THR_MDL_FAC of PX4. Raises InputError where no input hovers."""
+    u = rotor.input_for(hover)
+    power = u * float(rotor.curve.deriv()(u)) / hover
+    return (power - 1.0) / ((power - 1.0) + u * (2.0 - power))
 
 
 def gazebo_rotors_text(aircraft: Aircraft) -> Made:
     """An SDF model with one gz-sim MulticopterMotorModel for each rotor, and what it does not hold. Raises InputError
     for a wing, and a rotor whose input is no speed."""
-    rotors = rotors_of(aircraft, "gazebo")
-    left = _left_of(aircraft, rotors, lag=True)
+    aircraft, rotors, left = in_numbers(aircraft, "gazebo")
+    left += _left_of(rotors, lag=True)
     root = ET.Element("sdf", version="1.9")
     model = ET.SubElement(root, "model", name="".join(ch if ch.isalnum() else "_" for ch in aircraft.name))
     base, J = ET.SubElement(model, "link", name="base_link"), aircraft.inertia
@@ -117,7 +129,7 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
 def ardupilot_frame_text(aircraft: Aircraft) -> Made:
     """A frame of ArduPilot's SITL (`--model quad:FILE`), and what it does not hold. Raises InputError for a wing, and
     for thrust that no share of the largest gives."""
-    rotors = rotors_of(aircraft, "ardupilot-json")
+    aircraft, rotors, effects = in_numbers(aircraft, "ardupilot-json")
     arms = [math.hypot(*one.position[:2]) for one in rotors.each]
     J = aircraft.inertia
     document: dict[str, Any] = {
@@ -130,8 +142,16 @@ def ardupilot_frame_text(aircraft: Aircraft) -> Made:
         document[f"motor{number}_position"] = [float(x) for x in one.position]
         document[f"motor{number}_vector"] = [float(x) for x in one.axis]
         document[f"motor{number}_yaw"] = one.spin
-    left = _left_of(aircraft, rotors, lag=False)
-    left += ["thrust curve and torque of each rotor: the frame has hoverThrOut, propExpo and refRotRate for all"]
+    left = [*effects, *_left_of(rotors, lag=False)]
+    hover = _hover(aircraft, rotors)
+    if hover < 1.0 and not any(one.speed for one in rotors.each):
+        shares = hover_thrusts(rotors, aircraft.mass * aircraft.gravity)
+        document["hoverThrOut"] = hover
+        document["propExpo"] = float(np.mean([exponent(one, shares[one.name]) for one in rotors.each]))
+        left += ["thrust curve of each rotor: propExpo, as MOT_THST_EXPO, has the relative slope at hover for all"]
+    else:
+        left += ["thrust curve: the input of the rotors is no command from 0 to 1"]
+    left += ["torque of each rotor: the frame has refRotRate for all"]
     if any(one.effectiveness != rotors.each[0].effectiveness for one in rotors.each):
         left.append("differences of effectiveness between the rotors")
     return json.dumps(document, indent=1) + "\n", tuple(left)
@@ -140,7 +160,7 @@ def ardupilot_frame_text(aircraft: Aircraft) -> Made:
 def rotorpy_text(aircraft: Aircraft) -> Made:
     """A module with `quad_params` of RotorPy, and what it does not hold. Raises InputError for a wing, and a rotor
     whose input is no speed."""
-    rotors = rotors_of(aircraft, "rotorpy")
+    aircraft, rotors, left = in_numbers(aircraft, "rotorpy")
     constants = [motor_constant(one, "rotorpy") for one in rotors.each]
     mean, hover, J = float(np.mean(constants)), _hover(aircraft, rotors), aircraft.inertia
     whole = hover * len(rotors.each)
@@ -162,7 +182,7 @@ def rotorpy_text(aircraft: Aircraft) -> Made:
         "tau_m": float(np.mean([one.lag for one in rotors.each])),
         **{"rotor_speed_min": 0.0, "rotor_speed_max": _FASTEST * hover, "motor_noise_std": 0.0},
     }
-    left = _left_of(aircraft, rotors, lag=True, drag=True)
+    left += _left_of(rotors, lag=True, drag=True)
     if len(set(constants)) > 1:
         left.append("differences of effectiveness between the rotors: k_eta is their mean")
     left.append("the largest speed, here twice that of hover")
@@ -184,7 +204,7 @@ def table_text(aircraft: Aircraft) -> Made:
     """A table of parameters as environments for learning want them, and what it does not hold: mass, arm, inertia,
     thrust and torque per square of a speed, largest thrust over weight. Raises InputError for a wing, and an input that
     is no speed."""
-    rotors = rotors_of(aircraft, "gym-json")
+    aircraft, rotors, left = in_numbers(aircraft, "gym-json")
     constants = [motor_constant(one, "gym-json") for one in rotors.each]
     J, mean = aircraft.inertia, float(np.mean(constants))
     document = {
@@ -198,7 +218,7 @@ def table_text(aircraft: Aircraft) -> Made:
         "thrust2weight": _FASTEST**2,
         "gravity": aircraft.gravity,
     }
-    left = [*_left_of(aircraft, rotors, lag=True), "the largest speed, here twice that of hover"]
+    left += [*_left_of(rotors, lag=True), "the largest speed, here twice that of hover"]
     return json.dumps(document, indent=1) + "\n", tuple(left)
 
 

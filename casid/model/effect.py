@@ -25,6 +25,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.model.airframe import Airframe
 from casid.model.operators import folded
+from casid.model.rotors import Rotors
 from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, parse_term
 from casid.signals import SURFACES, unit_of
@@ -132,6 +133,9 @@ class Effect:
     # (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it: an extended file
     # then has it there, and not as an effect
     into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
+    # (rotors of an aircraft, its weight [N], value) -> the rotors with it in their numbers, for files of other
+    # simulators; None where these cannot hold it
+    into_rotors: Callable[[Rotors, float, float], Rotors | None] | None = None
     words: Words | None = None  # unit and sentence of an effect that is not in the register
 
     @property

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -153,6 +153,11 @@ class Rotor:
         for name, value in values.items():
             object.__setattr__(self, name, value)
 
+    @property
+    def curve(self) -> np.polynomial.Polynomial:
+        """Thrust [N] by the input, `effectiveness` included."""
+        return np.polynomial.Polynomial(self.thrust) * self.effectiveness
+
     def static_thrust(self, u: Any) -> Any:
         """Thrust [N] at rest and at the reference voltage, without `effectiveness`.
 
@@ -284,6 +289,21 @@ class Rotors:
         return found
 
 
+def hover_thrusts(rotors: Rotors, weight: float) -> dict[str, float]:
+    """Rotor -> its thrust [N] in hover: what carries the weight without a rolling or pitching moment, of more than
+    three rotors with the least sum of squares; 0 of one that only pushes."""
+    balance = np.array([(-one.axis[2], *one.moment_arm[:2]) for one in rotors.each]).T
+    found = np.linalg.pinv(balance) @ np.array([weight, 0.0, 0.0])
+    return dict(zip(rotors.names, map(float, found), strict=True))
+
+
+def about_hover(thrust: Any, hover: float, unit: float, slope: float = 0.0, curvature: float = 0.0) -> Any:
+    """A thrust [N], a number or a polynomial in the input, with another slope and curvature about that of hover; a
+    curvature of 1 adds `unit` where the thrust is `unit` above it."""
+    above = thrust - hover
+    return thrust + slope * above + (curvature / unit) * above * above
+
+
 def effectiveness(name: str) -> str:
     """Name of the parameter that multiplies the thrust of a rotor."""
     return f"effectiveness_{name}"
@@ -319,6 +339,12 @@ def with_values(rotors: Rotors, values: Mapping[str, float], std: Mapping[str, f
     if voltage is not None:
         voltage = replace(voltage, exponent=values.get("voltage_exponent", voltage.exponent))
     return replace(rotors, each=each, drag=drag, inflow=values.get("inflow", rotors.inflow), voltage=voltage)
+
+
+def changed(rotors: Rotors, target: str, change: Callable[[Rotor], Mapping[str, Any]]) -> Rotors:
+    """The rotors with other numbers of those that the target of an effect names; `change` gives them."""
+    named = [one.name for one in rotors.of(target)]
+    return replace(rotors, each=tuple(replace(o, **change(o)) if o.name in named else o for o in rotors.each))
 
 
 def unit_of_parameter(name: str) -> str:

@@ -7,11 +7,13 @@ import runpy
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 
+import casadi as ca
 import numpy as np
 import pytest
 
 import casid as cs
 from casid.errors import InputError
+from casid.formats.absorbed import absorbed
 
 QUAD = cs.Aircraft(
     name="quad",
@@ -80,3 +82,67 @@ def test_a_command_that_is_no_speed_has_no_motor_constant(tmp_path):
     other = replace(QUAD, rotors=replace(QUAD.rotors, each=by_pwm))
     with pytest.raises(InputError, match="motor constant"):
         cs.export(other, tmp_path / "quad.sdf", to="gazebo")
+
+
+BY_COMMAND = replace(
+    QUAD,
+    mass=0.8,
+    rotors=cs.Rotors(
+        each=[
+            replace(one, speed=False, thrust=(0.05, 1.0, 5.0), effectiveness=1.0 + 0.02 * i, lag=0.05)
+            for i, one in enumerate(QUAD.rotors.each if QUAD.rotors else ())
+        ],
+    ),
+)
+HELD = [
+    cs.EffectValue(kind="rotor_effectiveness", target="m2", value=-0.2),
+    cs.EffectValue(kind="rotor_effectiveness", target="rotors", value=0.1),
+    cs.EffectValue(kind="thrust_curve", target="rotors", term="slope", value=-0.4),
+    cs.EffectValue(kind="thrust_curve", target="m3", term="curvature", value=0.3),
+    cs.EffectValue(kind="rotor_torque", target="m1", value=0.3),
+    cs.EffectValue(kind="rotor_position", target="m4", term="x", value=0.02),
+    cs.EffectValue(kind="cg_offset", target="y", value=0.01),
+    cs.EffectValue(kind="body_drag", target="z", value=0.2),
+    cs.EffectValue(kind="rotor_inflow", value=0.04),
+    cs.EffectValue(kind="mass", value=0.1),
+    cs.EffectValue(kind="inertia", target="Iyy", value=1e-3),
+]
+
+
+@pytest.mark.parametrize("effect", HELD, ids=[f"{one.kind}-{one.target}" for one in HELD])
+def test_an_effect_in_the_numbers_of_an_aircraft_flies_as_the_effect_itself(effect):
+    """What an export writes is the aircraft that was diagnosed."""
+    state = np.array([0.4, -0.2, 0.3, 0.5, -0.4, 0.3, 0.1, -0.2])
+    inputs = np.array([0.5, 0.55, 0.48, 0.6])
+
+    def rates(aircraft: cs.Aircraft) -> np.ndarray:
+        model = cs.aircraft_model(aircraft)
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        return f(state, inputs, model.nominal_vector(), np.zeros(len(model.disturbances))).full()[:, 0]
+
+    plain = absorbed(BY_COMMAND.with_effects([effect]))
+    assert not plain.left
+    np.testing.assert_allclose(rates(plain.aircraft), rates(BY_COMMAND.with_effects([effect])), rtol=1e-12, atol=1e-12)
+    assert np.abs(rates(plain.aircraft) - rates(BY_COMMAND)).max() > 1e-3
+
+
+def test_the_lag_that_was_found_is_that_of_the_motor_model(tmp_path):
+    slow = QUAD.with_effects([cs.EffectValue(kind="rotor_lag", target="rotors", value=0.03)])
+    assert not any("lag" in line for line in cs.export(slow, tmp_path / "quad.sdf", to="gazebo"))
+    plugins = ET.parse(tmp_path / "quad.sdf").getroot().findall(".//plugin")
+    assert [float(one.findtext("timeConstantUp", "")) for one in plugins] == pytest.approx([0.07] * 4)
+
+
+@pytest.mark.parametrize("expo", [0.0, 0.3, 0.65, 1.0])
+def test_a_frame_has_the_exponent_and_the_throttle_of_hover_of_its_thrust_curve(tmp_path, expo):
+    """Thrust over the largest is (1 - e) u + e u^2, as ArduPilot's MOT_THST_EXPO and PX4's THR_MDL_FAC have it."""
+    assert QUAD.rotors is not None
+    largest, share = 4.0, 0.5 * 9.80665 / 4.0
+    curve = (0.0, (1.0 - expo) * largest, expo * largest)
+    each = [replace(one, speed=False, thrust=curve, position=(*one.position[:2], 0.0)) for one in QUAD.rotors.each]
+    quad = replace(QUAD, rotors=replace(QUAD.rotors, each=each))
+    cs.export(quad, tmp_path / "frame.json", to="ardupilot-json")
+    frame = json.loads((tmp_path / "frame.json").read_text())
+    assert frame["propExpo"] == pytest.approx(expo, abs=1e-9)
+    u = frame["hoverThrOut"]
+    assert (1.0 - expo) * u + expo * u * u == pytest.approx(share / largest)

@@ -53,6 +53,7 @@ PUBLIC = {
     "rotor_position",
     "rotor_swap",
     "rotor_torque",
+    "thrust_curve",
 }
 
 

@@ -308,15 +308,16 @@ def _put_in(fitted: FlightFit) -> np.ndarray:
     return found
 
 
-def colour_of(fitted: FlightFit, outputs: Iterable[str]) -> dict[str, tuple[float, float]]:
-    """Output -> (1-sigma, correlation time [s]) of its innovations, in units of its noise, for measured outputs."""
+def colour_of(fitted: FlightFit, outputs: Iterable[str], longest: float = np.inf) -> dict[str, tuple[float, float]]:
+    """Output -> (1-sigma, correlation time [s], at most `longest`) of its innovations, in units of its noise, for
+    measured outputs."""
     white, seen, t = _innovations(fitted), fitted.seen, fitted.batch.t
     found = {}
     for name in outputs:
         i = fitted.model.outputs.index(name)
         series = [(t[at, r], white[at, r, i]) for r, at in enumerate(seen[..., i].T)]
         if sum(len(values) for _, values in series) > len(fitted.slots):
-            found[name] = most_likely(series)
+            found[name] = most_likely(series, longest)
     return found
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from casid.arguments import require
+from casid.data_check.rotors import standing, until_one_stands
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
@@ -23,7 +24,7 @@ from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
-from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft, too_small_in_closed_loop
+from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft, too_small_in_closed_loop, with_thrust_curve
 from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
@@ -119,6 +120,10 @@ def diagnose_rotorcraft(
     """
     stages, limit = Stages(report), TimeLimit(seconds)
     stages.begin("reading the records")
+    rotors = aircraft.rotors
+    assert rotors is not None
+    stopped = tuple(one for record in (*records, *hold_out) for one in standing(record, rotors))
+    records, hold_out = ([until_one_stands(one, rotors) for one in both] for both in (records, hold_out))
     fit_on, held = split(records, hold_out, criteria.held_out)
     plant = replace(rotorcraft(aircraft, fit_on, criteria), limit=limit)
     _check_measured(plant.base, held)
@@ -126,17 +131,18 @@ def diagnose_rotorcraft(
     plant, refitted = in_its_colour(plant, rotorcraft_fit(plant))
     stages.begin("simulation as given")
     given = fly_as_given(plant, held, refitted)
-    report(sentences.so_far(given, (), 0))
+    report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
 
     def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
         return OfAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
+    found = with_thrust_curve(found)
     against = contradicted_parameters(plant.base, found.flight, criteria)
     stated, least = plant.base.prior_std, criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
-    return concluded(found, told, not_judged=too_small_in_closed_loop(aircraft, found.detectable))
+    return concluded(found, told, not_judged=too_small_in_closed_loop(aircraft, found.detectable), data=stopped)
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

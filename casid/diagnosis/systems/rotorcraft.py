@@ -27,6 +27,8 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
 from casid.diagnosis.given.budget import attached_effects
 from casid.diagnosis.given.scope import NotJudged
+from casid.diagnosis.result import Diagnosis
+from casid.diagnosis.sentences import noted, thrust_curve
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
@@ -257,9 +259,15 @@ def first_fit(plant: Plant) -> FlightFit:
 
 def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     """The plant and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
-    than a sample."""
+    than a sample.
+
+    Its correlation time tau is at most what records of length T can tell from one without end, as its relative 1-sigma
+    is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
+    """
+    length = sum(record.duration for record in plant.records)
+    longest = length / (2.0 * fitted.criteria.significance.sigmas**2)
     for _ in range(fitted.criteria.numerics.fit.repeats):
-        before, colour = plant.colour, colour_of(fitted, plant.outputs)
+        before, colour = plant.colour, colour_of(fitted, plant.outputs, longest)
         plant = replace(plant, colour=colour)
         fitted = fit(plant, fitted.attached, plant.noise(), fitted, extent="first")
         stays = fitted.criteria.numerics.fit.noise_stays
@@ -321,6 +329,22 @@ def too_small_in_closed_loop(aircraft: Aircraft, detectable: Mapping[str, float]
     told = [sentence.format(size) for sentence, size in sizes if math.isfinite(size)]
     because = "the controller answers what disturbs the flight, and less would not have shown in these records"
     return [NotJudged(what=", ".join(told), because=because)] if told else []
+
+
+def with_thrust_curve(found: Diagnosis) -> Diagnosis:
+    """The diagnosis with the thrust by the records in words, beside the first cause that changes the curve of the
+    file."""
+    weight = found.extended_aircraft.mass * found.extended_aircraft.gravity
+    rotors, changing = found.extended_aircraft.rotors, []
+    assert rotors is not None
+    for cause in found.causes:
+        make = cause.effect.into_rotors
+        held = make(rotors, weight, cause.value) if make else None
+        if held and [one.thrust for one in held.each] != [one.thrust for one in rotors.each]:
+            changing.append(cause)
+        rotors = held or rotors
+    told = [noted(one, thrust_curve(rotors, weight)) if one in changing[:1] else one for one in found.causes]
+    return replace(found, causes=tuple(told))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -36,6 +36,7 @@ from casid.model.causes.rotors import (
     rotor_position,
     rotor_swap,
     rotor_torque,
+    thrust_curve,
 )
 from casid.model.causes.tables import table_increment
 from casid.model.effect import KINDS

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+import numpy as np
+
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
 from casid.model.effect import Effect, Symbols, cause
 from casid.model.path import SignalPath, wing_loads
+from casid.model.rotors import ALL, Rotors, changed
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
 _MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
@@ -32,8 +35,14 @@ def cg_offset(axis: str) -> Effect:
             return _CG_MATTERS
         return _MASS_MATTERS * max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
 
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        """The drag of the body, which acts at the point of the file, then acts at the true centre of gravity."""
+        by = value * np.eye(3)["xyz".index(axis)]
+        return changed(rotors, ALL, lambda one: {"position": tuple(map(float, one.position - by))})
+
     return Effect(
         kind="cg_offset",
+        into_rotors=into_rotors,
         within="chord",
         balance=True,
         target=axis,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import combinations, product, starmap
 from typing import Any
 
@@ -13,9 +14,21 @@ from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import RotorSignal, SignalPath
-from casid.model.rotors import ALL, command, delay_of, lag_of
+from casid.model.rotors import (
+    ALL,
+    Rotor,
+    Rotors,
+    about_hover,
+    changed,
+    command,
+    delay_of,
+    effectiveness,
+    hover_thrusts,
+    lag_of,
+)
 
 _DRAG_SPEED = 5.0  # m/s: at which drag is compared with weight
+_SLOPE_MATTERS = 0.1  # a loop's gain that differs by as much
 _WEIGHT_SHARE = 0.05  # part of the weight, of the arm of a rotor, or of a mass that matters
 
 
@@ -60,8 +73,64 @@ def rotor_effectiveness(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.thrust = one.thrust + value * one.rotor.effectiveness * one.rotor.static_thrust(one.input)
 
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        return changed(rotors, target, lambda one: {"effectiveness": one.effectiveness * (1.0 + value)})
+
     more: dict[str, Any] = {"enters": None if target == ALL else station.control(f"thrust_{target}"), "by_record": True}
-    return _of_rotors("rotor_effectiveness", target, act, meaningful=0.05, limit=0.95, balance=True, **more)
+    more |= {"into_rotors": into_rotors, "balance": True}
+    return _of_rotors("rotor_effectiveness", target, act, meaningful=0.05, limit=0.95, **more)
+
+
+@cause(
+    "thrust_curve",
+    of_rotors=True,
+    terms=("slope", "curvature"),
+    candidates=lambda aircraft: starmap(
+        thrust_curve, product([ALL] if aircraft.rotors else [], ("slope", "curvature"))
+    ),
+    unit="1",
+    quantity="relative change of the slope of thrust at hover; or of its curvature: part of the hover thrust by which "
+    "twice the hover thrust is more",
+    title="{label}: {term} of the thrust curve",
+    sentence="The thrust curve of {label} has another {term} about hover than in the aircraft file: it differs by "
+    "{percent}.",
+)
+def thrust_curve(target: str, term: str) -> Effect:
+    """Steady hover determines the level of thrust, which each rotor's effectiveness is: this changes nothing there."""
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        rotors = path.aircraft.rotors
+        assert rotors is not None
+        weight = path.aircraft.mass * path.aircraft.gravity
+        hover, unit = hover_thrusts(rotors, weight), weight / len(rotors.each)
+        for one in rotors.of(target):
+            signal = path.rotor[one.name]
+            by_file = path.parameter[effectiveness(one.name)] * one.static_thrust(signal.input)
+            shaped = about_hover(by_file, hover[one.name], unit, **{term: values["value"]})
+            signal.thrust = signal.thrust + shaped - by_file
+
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors | None:
+        if any(one.speed for one in rotors.of(target)):
+            return None  # a coefficient of the square has no other slope
+        hover, unit = hover_thrusts(rotors, weight), weight / len(rotors.each)
+
+        def shaped(one: Rotor) -> dict[str, Any]:
+            polynomial = about_hover(one.curve, hover[one.name], unit, **{term: value}) / one.effectiveness
+            return {"thrust": tuple(map(float, polynomial.coef))}
+
+        return changed(rotors, target, shaped)
+
+    return Effect(
+        kind="thrust_curve",
+        into_rotors=into_rotors,
+        target=target,
+        term=term,
+        station="rotors",
+        change=change,
+        meaningful=_SLOPE_MATTERS,
+        limit=3.0,
+        lowest=-1.0 if term == "slope" else None,
+    )
 
 
 @cause(
@@ -78,8 +147,12 @@ def rotor_torque(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.torque = one.torque * (1.0 + value)
 
-    reads = ("r",) if target == ALL else ()  # steady flight balances all torques, whatever their size
-    return _of_rotors("rotor_torque", target, act, reads=reads, by_record=True, meaningful=0.1, limit=3.0)
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        return changed(rotors, target, lambda one: {"torque": one.torque * (1.0 + value)})
+
+    # steady flight balances all torques, whatever their size
+    more: dict[str, Any] = {"reads": ("r",) if target == ALL else (), "into_rotors": into_rotors, "by_record": True}
+    return _of_rotors("rotor_torque", target, act, meaningful=0.1, limit=3.0, **more)
 
 
 def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
@@ -97,9 +170,14 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
             found[station.control(name)] = moved - as_given
         return found
 
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        name = "lag" if of_lag else "delay"
+        return changed(rotors, target, lambda one: {name: max(getattr(one, name) + value, 0.0)})
+
     return Effect(
         kind=kind,
         target=target,
+        into_rotors=into_rotors,
         linear=False,
         grid=tuple({"value": size} for size in sizes),
         series=series,
@@ -157,7 +235,12 @@ def rotor_position(target: str, axis: str) -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _WEIGHT_SHARE * _arm(aircraft)
 
-    return _of_rotors("rotor_position", target, act, term=axis, meaningful=matters, limit=5.0, balance=True)
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        by = value * np.eye(3)["xyz".index(axis)]
+        return changed(rotors, target, lambda one: {"position": tuple(map(float, one.position + by))})
+
+    more: dict[str, Any] = {"into_rotors": into_rotors, "meaningful": matters}
+    return _of_rotors("rotor_position", target, act, term=axis, limit=5.0, balance=True, **more)
 
 
 @cause(
@@ -224,7 +307,13 @@ def body_drag(axis: str) -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _WEIGHT_SHARE * aircraft.mass * aircraft.gravity / _DRAG_SPEED
 
-    return Effect(kind="body_drag", target=axis, station="rotors", change=change, meaningful=matters)
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        by = value * np.eye(3)["xyz".index(axis)]
+        return replace(rotors, drag=tuple(map(float, rotors.drag + by)))
+
+    return Effect(
+        kind="body_drag", target=axis, station="rotors", change=change, meaningful=matters, into_rotors=into_rotors
+    )
 
 
 def _of_all(kind: str, number: str, **more: Any) -> Effect:
@@ -244,7 +333,10 @@ def _of_all(kind: str, number: str, **more: Any) -> Effect:
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
 )
 def rotor_inflow(target: str = "") -> Effect:
-    return _of_all("rotor_inflow", "inflow", meaningful=0.02, limit=1.0)
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        return replace(rotors, inflow=rotors.inflow + value)
+
+    return _of_all("rotor_inflow", "inflow", meaningful=0.02, limit=1.0, into_rotors=into_rotors)
 
 
 @cause(
