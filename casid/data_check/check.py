@@ -275,7 +275,10 @@ def _without_samples(records: Sequence[Record]) -> list[Finding]:
 
 
 def _no_input(records: Sequence[Record]) -> list[Finding]:
-    """No surface moves in any record: then nothing can be identified, whatever moves the aircraft."""
+    """Records on the ground, or without a surface that moves: nothing can be identified from them."""
+    if still := tuple(record.name for record in records if record.grounded):
+        said = words.of_ground(still)
+        return [Finding(kind="data_stuck", target="V", records=still, handled="reported", sentence=said)]
     surfaces = [name for name in SURFACES if any(name in record for record in records)]
     if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
         return []

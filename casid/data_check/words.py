@@ -117,6 +117,11 @@ def of_no_input(surfaces: Sequence[str], records: Sequence[str]) -> str:
     return f"No surface moves ({', '.join(surfaces)}) in {', '.join(records)}: nothing can be identified from these."
 
 
+def of_ground(records: Sequence[str]) -> str:
+    """Records of an aircraft that does not fly."""
+    return f"The aircraft stays on the ground in {', '.join(records)}: nothing can be identified there."
+
+
 def _part(share: float) -> str:
     percent = 100.0 * share
     return f"{percent:.0f} % of its samples" if percent >= 10.0 else f"{percent:.2g} % of its samples"

@@ -123,6 +123,11 @@ class KinematicCriteria:
         "measured: the same decisions up to 0.63 on 60 sets",
     )
     smallest_part: float = number(0.5, "smallest part of a predicted size that is compared with the kinematics")
+    airspeeds: float = number(
+        24.0,
+        "readings of airspeed in a record from which a check of compatibility reconstructs the motion",
+        "derived: the fewest that show their own noise",
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

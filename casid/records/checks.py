@@ -218,7 +218,7 @@ def checked_fields(
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
-    empty: list[str] = []
+    empty, still = list[str](), table.grounded
     aircraft = any(map(is_control, channels)) and not own
     for name in list(channels):
         if name in CHANNELS and name not in own:
@@ -226,6 +226,7 @@ def checked_fields(
             check_channel(name, channels[name], table.place, columns.places[name], limited)
             channels[name], grounded = airborne(name, channels[name])
             notes += grounded
+            still = still or (bool(grounded) and np.isnan(channels[name]).all())
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
             empty.append(name)
@@ -247,6 +248,7 @@ def checked_fields(
         "source": table.source,
         "notes": tuple(notes),
         "empty": tuple(empty),
+        "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
     }
 

@@ -88,7 +88,13 @@ def of_log(
         notes += (f"{cut}: {said}",)
     columns = [clock - start, *(_on(clock, name, one) for name, one in series.items())]
     names = ("t", *(f"{name} [{unit_of(name)}]" if unit_of(name) else name for name in series))
-    return RawTable(source=str(path), names=names, values=np.stack(columns, axis=1), notes=notes)
+    return RawTable(
+        source=str(path),
+        names=names,
+        values=np.stack(columns, axis=1),
+        notes=notes,
+        grounded=bool(said) and airborne.all(),
+    )
 
 
 def _whole(series: Mapping[str, Series], notes: tuple[str, ...]) -> tuple[dict[str, Series], tuple[str, ...]]:

@@ -73,6 +73,7 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
     return low, high, count
 
 
+@np.errstate(over="ignore", invalid="ignore")  # residuals of a simulation that departs
 def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float, float]) -> float:
     """1-sigma of the white noise, at the channel's own rate, that has its density in a band, or in as many octaves
     below half the sampling rate. The median over frequencies, so that a line or a structural mode does not count."""

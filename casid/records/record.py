@@ -49,6 +49,8 @@ class Record:
         Remarks of whoever read it.
     empty
         Channels that the file names and of which it has no sample; they are left out.
+    grounded
+        Whether the aircraft stays on the ground: its log says so, or no airspeed is positive.
     stated
         Channel -> unit that the source states: it is believed, however large the values are.
     events
@@ -77,6 +79,7 @@ class Record:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     empty: tuple[str, ...] = ()
+    grounded: bool = False
     stated: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 

@@ -76,6 +76,7 @@ class RawTable:
     hold: str | Mapping[str, str] = ""
     notes: tuple[str, ...] = ()  # remarks of whoever read it
     first: int = 0  # number of the first row in the file, from 0
+    grounded: bool = False  # whether the aircraft stays on the ground by its log
 
     def place(self, row: int) -> str:
         """File and row, counted from 1 without the header, for a message."""

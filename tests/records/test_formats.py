@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import casid as cs
 from casid.errors import InputError
 from casid.records.clock import seconds_of, stride_of
 from casid.records.column_map import ColumnMap
@@ -362,6 +363,21 @@ def test_an_old_px4_log_is_cut_to_what_it_has_in_the_air(tmp_path):
     assert np.nanmin(record["V"]) > 0.0
     said = " ".join(record.notes)
     assert "a PX4 log of a fixed wing" in said and "the rest is on the ground" in said and "not positive" in said
+
+
+def test_an_aircraft_that_stays_on_the_ground_is_said_to(tmp_path):
+    """Landed throughout: its rows are kept, to be looked at, and nothing can be identified from them."""
+    pytest.importorskip("pyulog")
+    landed = ("bool landed", [(1_000_000 + 500_000 * k, (1,)) for k in range(20)])
+    (tmp_path / "m.ulg").write_bytes(old_px4(vehicle_land_detected=landed))
+    found = cs.check(read_record(tmp_path / "m.ulg"))
+    assert found.recorded[0].grounded and [one.target for one in found.reported] == ["V"]
+    assert not read_record_of(tmp_path, old_px4()).grounded
+
+
+def read_record_of(folder, raw):
+    (folder / "flown.ulg").write_bytes(raw)
+    return read_record(folder / "flown.ulg")
 
 
 def test_a_px4_multirotor_has_motors_and_no_limit_of_aeroplanes(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from casid.records.noise import isolated, pooled_sigma, quiet_windows, real_updates, resolution
-from casid.records.noise_spectrum import high_band_holds
+from casid.records.noise_spectrum import density_sigma, high_band_holds
 from casid.records.record import Record
 from casid.records.thinning import spaced
 
@@ -136,3 +136,11 @@ def test_quiet_windows_do_not_depend_on_the_level_nor_the_sign(level: float) -> 
         for mine, theirs in zip(quiet_windows(other, 0.1), truth, strict=True):
             np.testing.assert_array_equal(mine, theirs)
     assert (truth[1] - truth[0]).max() > 50
+
+
+def test_residuals_of_a_simulation_that_departs_have_a_density_without_a_warning() -> None:
+    """Truth: a warning is an error here; the density grows with the square of the series, beyond all numbers."""
+    t = 0.02 * np.arange(400)
+    for size in (1e3, 1e160, 1e300):
+        record = Record(name="m", t=t, channels={"q": size * np.random.default_rng(1).standard_normal(400)})
+        assert density_sigma([record], "q", (5.0, 10.0)) > 0.3 * min(size, 1e150)

@@ -10,7 +10,7 @@ Morelli, Aircraft System Identification (2006), chapter 10.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -96,15 +96,22 @@ class InstrumentError:
         return abs(self.value) <= min(max(self.allowed, self.sigmas * self.std), self.largest)
 
     @property
+    def stated(self) -> float | None:
+        """The value; None if it is larger than an instrument can have and the records do not determine it."""
+        return self.value if self.identifiable or abs(self.value) <= self.largest else None
+
+    @property
     def sentence(self) -> str:
         """The error in words, with angles in degrees."""
         factor, unit = for_a_person(self.unit)
-        value, std, allowed = (factor * x for x in (self.value, self.std, self.allowed))
         others = f" (or {' or '.join(self.rivals[:3])})" if self.rivals else ""
         shown = "" if unit == "1" else f" {unit}"
-        title = effect_title(self.kind, self.target, None)
+        size = (
+            "not determined" if self.stated is None else f"{factor * self.stated:.3g} +- {factor * self.std:.2g}{shown}"
+        )
         loose = "" if self.identifiable else "; these manoeuvres do not separate it from other errors"
-        return f"{title}{others}: {value:.3g} +- {std:.2g}{shown}; {allowed:.2g} is allowed{loose}."
+        title = effect_title(self.kind, self.target, None)
+        return f"{title}{others}: {size}; {factor * self.allowed:.2g}{shown} is allowed{loose}."
 
     @property
     def note(self) -> str:
@@ -113,8 +120,8 @@ class InstrumentError:
 
     def to_dict(self) -> dict[str, Any]:
         """One entry of `errors` in compatibility.json."""
-        kept = ("kind", "target", "value", "std", "unit", "allowed", "identifiable", "passed")
-        return {name: getattr(self, name) for name in kept} | {"rivals": list(self.rivals)}
+        kept = ("kind", "target", "std", "unit", "allowed", "identifiable", "passed")
+        return {name: getattr(self, name) for name in kept} | {"value": self.stated, "rivals": list(self.rivals)}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,6 +153,8 @@ class Compatibility:
         What these records leave open.
     most_left
         Limit of `left` for a pass.
+    followed
+        Whether the reconstruction follows the records; otherwise there are no `errors` and no `wind`.
 
     Examples
     --------
@@ -166,6 +175,7 @@ class Compatibility:
     not_judged: tuple[str, ...] = ()
     data: tuple[Finding, ...] = ()
     most_left: float = np.inf
+    followed: bool = True
 
     @property
     def failed(self) -> tuple[InstrumentError, ...]:
@@ -177,6 +187,8 @@ class Compatibility:
         """All that speaks against the measurements, in words: faults of the data, errors, what is left above noise."""
         high = [f"{label_of(n)} {x:.2g}" for n, x in self.left.items() if x > self.most_left]
         left = [f"More than noise is left between measured and reconstructed, times the noise: {', '.join(high)}."]
+        if not self.followed:
+            left += ["The reconstruction does not follow these records, so no error and no wind is stated."]
         errors = (one.sentence for one in self.failed)
         return (*(one.sentence for one in self.data), *errors, *(left if high else ()))
 
@@ -204,10 +216,12 @@ class Compatibility:
         lines = [f"- {one}" for one in self.against] or [
             "The measurements are compatible: no error of an instrument is clear and larger than allowed."
         ]
-        lines += ["", f"{'error':34} {'value':>10} {'1-sigma':>9} {'allowed':>9}  unit"]
+        if self.errors:
+            lines += ["", f"{'error':34} {'value':>10} {'1-sigma':>9} {'allowed':>9}  unit"]
         for one in self.errors:
             factor, unit = for_a_person(one.unit)
-            numbers = f"{factor * one.value:10.3g} {factor * one.std:9.2g} {factor * one.allowed:9.2g}"
+            value = np.nan if one.stated is None else factor * one.stated
+            numbers = f"{value:10.3g} {factor * one.std:9.2g} {factor * one.allowed:9.2g}"
             lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{one.note}")
         lines += ["", "left over noise: " + ", ".join(f"{name} {value:.2g}" for name, value in self.left.items())]
         if self.moving_air:
@@ -271,20 +285,22 @@ def compatibility(
     measured = {r.name: r.matrix(names) for r in flight.records}
     reconstructed = {r.name: found.fit.read[: len(r), j] for j, r in enumerate(flight.records)}
     rest = np.concatenate([measured[name] - reconstructed[name] for name in measured])
-    rms = np.sqrt(np.nanmean(rest**2, axis=0))
+    left = dict(zip(names, map(float, np.sqrt(np.nanmean(rest**2, axis=0)) / list(flight.sigma.values())), strict=True))
+    followed = found.fit.converged or max(left.values()) <= by.data.left
     return Compatibility(
         records=given,
         axes=flight.axes,
-        errors=tuple(errors),
-        left={name: float(rms[i] / flight.sigma[name]) for i, name in enumerate(names)},
+        errors=tuple(errors) if followed else (),
+        left=left,
         noise=dict(flight.sigma),
         moving_air=air.sigma if air.named else 0.0,
-        wind=steady_wind(given, found.fit),
+        wind=steady_wind(given, found.fit) if followed and left["V"] <= by.data.left else None,
         measured=measured,
         reconstructed=reconstructed,
         not_judged=_not_judged(given, flight, errors),
         data=checked.findings,
         most_left=by.data.left,
+        followed=followed,
     )
 
 
@@ -303,7 +319,15 @@ def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | No
     bare = [record.without("thrust", *(s for s in SURFACES)) for record in records]
     still = [one.with_channels(**{s: np.zeros(len(one)) for s in SURFACES}) for one in bare]
     dense = [one if "rho" in one else one.with_channels(rho=np.ones(len(one))) for one in still]
-    flight = prepare(plane, dense, criteria, axes)
+    share = criteria.kinematics.airspeeds / max(map(len, dense))
+    noise = replace(criteria.noise, present=min(share, criteria.noise.present))
+    flight = prepare(plane, dense, replace(criteria, noise=noise), axes)
+    if "V" not in flight.outputs:
+        read, record = max((int(np.isfinite(record["V"]).sum()), record.name) for record in records)
+        raise InputError(
+            f"record '{record}': airspeed V has {read} readings, too few to reconstruct motion, or does not change; "
+            f"expected {criteria.kinematics.airspeeds:.0f} or more; log it at a higher rate, or give longer records"
+        )
     if not kinematics.available(flight):
         raise InputError("compatibility: accelerations or rates of rotation do not move in these records")
     return flight
@@ -490,9 +514,9 @@ def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | Non
 def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
     """(N, 2) Velocity through the air towards north and east [m/s].
 
-    Motion that is not reconstructed is taken from the record, or is zero.
+    Motion that is not reconstructed is taken from the record, or is zero; so is an angle of flow without its vane.
     """
-    states = found.model.states
+    states, outputs = found.model.states, found.model.outputs
 
     def series(name: str) -> np.ndarray:
         if name in states:
@@ -500,6 +524,10 @@ def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
         return record[name] if name in record else np.zeros(len(record))
 
     u, v, w = (series(name) for name in "uvw")
+    speed = np.sqrt(u**2 + v**2 + w**2)
+    # Without a vane a velocity across the fuselage drifts with the bias of its accelerometer, which is not determined.
+    v, w = v * ("beta" in outputs), w * ("alpha" in outputs)
+    u = np.sqrt(speed**2 - v**2 - w**2)
     phi, theta, psi = (series(name) for name in ("phi", "theta", "psi"))
     ahead = np.cos(theta) * u + np.sin(theta) * (np.sin(phi) * v + np.cos(phi) * w)
     across = np.cos(phi) * v - np.sin(phi) * w
