@@ -9,7 +9,7 @@ Morelli, Aircraft System Identification (2006), chapter 10.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -274,12 +274,17 @@ def compatibility(
     by = criteria or Criteria()
     checked = check(given, criteria=by.data)
     given = checked.records
-    flight = _flight(given, None if aircraft is None else given_aircraft(aircraft, "compatibility"), axes, by)
+    plane = _nominal(given, None if aircraft is None else given_aircraft(aircraft, "compatibility"))
+    stepped = {one.target for one in checked.findings if one.kind == "data_steps"}
+    plane = replace(plane, noise=dict(plane.noise) | {name: _step_sigma(given, name) for name in stepped})
+    flight = _flight(given, plane, axes, by)
     biased = [Attached(effect=sensor_bias(o), values={"value": 0.0}) for o in flight.outputs if o not in _NO_BIAS]
-    found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased))
+    # Between its steps a channel is wrong, too: a scale or a delay that it asks for is that of its filter.
+    tried = () if stepped else _TRIED
+    found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased), tried)
     air = turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
     if air.named:
-        found, rivals = _with_errors(flight, _in_moving_air(flight, biased, air))
+        found, rivals = _with_errors(flight, _in_moving_air(flight, biased, air), tried)
     errors = sorted(_errors(found, rivals), key=lambda one: one.passed)
     names = tuple(flight.outputs)
     measured = {r.name: r.matrix(names) for r in flight.records}
@@ -297,14 +302,20 @@ def compatibility(
         wind=steady_wind(given, found.fit) if followed and left["V"] <= by.data.left else None,
         measured=measured,
         reconstructed=reconstructed,
-        not_judged=_not_judged(given, flight, errors),
+        not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped)),
         data=checked.findings,
         most_left=by.data.left,
         followed=followed,
     )
 
 
-def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | None, criteria: Criteria) -> Flight:
+def _step_sigma(records: Sequence[Record], name: str) -> float:
+    """1-sigma of a channel that is corrected in steps: the r.m.s. of its second differences, in SI."""
+    series = [record[name][np.isfinite(record[name])] for record in records if name in record]
+    return float(np.sqrt(np.mean(np.concatenate([np.diff(values, 2) for values in series]) ** 2)))
+
+
+def _flight(records: Sequence[Record], plane: Aircraft, axes: str | None, criteria: Criteria) -> Flight:
     """The flight of the records without thrust and aerodynamics."""
     able = [name for name, needed in NEEDED.items() if all(c in record for record in records for c in (*needed, "V"))]
     if axes is None and not able:
@@ -315,7 +326,6 @@ def _flight(records: Sequence[Record], aircraft: Aircraft | None, axes: str | No
         raise InputError(f"compatibility: axes is '{axes}'; expected one of {', '.join(NEEDED)}")
     for record in records:
         require_channels(record, (*NEEDED[axes], "V"), f"the check of compatibility ({axes})")
-    plane = _nominal(records, aircraft)
     bare = [record.without("thrust", *(s for s in SURFACES)) for record in records]
     still = [one.with_channels(**{s: np.zeros(len(one)) for s in SURFACES}) for one in bare]
     dense = [one if "rho" in one else one.with_channels(rho=np.ones(len(one))) for one in still]
@@ -368,13 +378,13 @@ def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) 
     return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
 
 
-def _with_errors(flight: Flight, found: FlightFit) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
+def _with_errors(flight: Flight, found: FlightFit, tried: Sequence[str]) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
     """The reconstruction with the further errors that the data require, added one at a time, and their alternatives."""
     rivals: dict[str, tuple[str, ...]] = {}
     evidence = weigh(found, discrepancy=False)
     for _ in range(flight.criteria.numerics.naming.rounds):
         taken = {one.effect.key for one in found.attached}
-        able = [e for e in flight.effects if e.kind in _TRIED and e.key not in taken]
+        able = [e for e in flight.effects if e.kind in tried and e.key not in taken]
         ranked = [one for one in screen(evidence, able) if is_possible(one.attached) and one.net > 0.0]
         better = _first_that_holds(evidence, ranked[: flight.criteria.numerics.naming.trials])
         if better is None:
@@ -443,6 +453,12 @@ def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[Inst
     loose = [one.target for one in errors if not one.identifiable]
     biases = [f"biases of {', '.join(loose)}, which these manoeuvres do not separate from others"] if loose else []
     return (*missing, *biases, *always, *(() if over_ground else ("steady wind, without velocity over ground",)))
+
+
+def _by_steps(stepped: Collection[str]) -> tuple[str, ...]:
+    """What channels that are corrected in steps leave open, in words."""
+    names = ", ".join(label_of(name) for name in sorted(stepped))
+    return (f"scales, delays and places of instruments: {names} are corrected in steps",) if stepped else ()
 
 
 GROUND = ("v_north", "v_east")

@@ -185,3 +185,13 @@ def test_a_reconstruction_that_departs_states_nothing() -> None:
     found = cs.compatibility([record.with_channels(**angles)])
     assert not found.passed and found.against
     assert all(one.stated is None or one.identifiable or abs(one.stated) <= one.largest for one in found.errors)
+
+
+def test_no_timing_and_no_scale_is_read_from_an_attitude_that_is_corrected_in_steps() -> None:
+    """Between its corrections at 10 Hz the attitude drifts as its gyro does. Truth: no instrument is late or scaled."""
+    record = cs.read_record(DEMO / "m1.csv")
+    rng, since = np.random.default_rng(3), np.arange(len(record)) % 5
+    drift = {n: 2e-3 * np.repeat(rng.standard_normal(len(since)), 5)[: len(since)] * since for n in ("phi", "theta")}
+    found = cs.compatibility([record.with_channels(**{n: record[n] + drift[n] for n in drift})])
+    assert {one.target for one in found.data if one.kind == "data_steps"} == {"phi", "theta"}
+    assert {one.kind for one in found.errors} <= {"sensor_bias"} and "corrected in steps" in " ".join(found.not_judged)
