@@ -13,12 +13,16 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
+
 from casid.data_check.file_meaning import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
-from casid.model.causes import moment_reference
+from casid.model.causes import feedback, moment_reference
+from casid.model.causes.controls import LOOPS
+from casid.model.effect import Effect
 from casid.model.numbers import with_deviation
 from casid.model.plausible import Doubt
 from casid.model.terms import derivative_term
@@ -36,8 +40,11 @@ class Factor:
     std: float
     means: tuple[str, ...]  # what in the file may be wrong by that factor or its inverse
     derivatives: tuple[str, ...]  # names of the derivatives that it stands for
-    kind: str = ""  # kind, unit: kind of the cause that the number is the value of, with its unit; empty for a factor
+    # kind, unit, as_if: of a number that is no factor, the kind of the cause that it is the value of, its unit, and how
+    # the derivatives differ from the file, with a place for the number
+    kind: str = ""
     unit: str = ""
+    as_if: str = ""
 
     @property
     def brief(self) -> str:
@@ -48,11 +55,9 @@ class Factor:
     def sentence(self) -> str:
         """What flight says of the group, and what it may mean."""
         if self.kind:
-            return (
-                f"{self.row}: {', '.join(self.derivatives)} differ from the file as if its moments were about a point "
-                f"{with_deviation(self.factor, self.std)} {self.unit} from the centre of gravity along body x, forward "
-                f"positive. Look first at {self.means[0]}."
-            )
+            number = f"{with_deviation(self.factor, self.std)} {self.unit}"
+            differ = f"differ from the file {self.as_if.format(number=number)}"
+            return f"{self.row}: {', '.join(self.derivatives)} {differ}. Look first at {self.means[0]}."
         causes = " or ".join([", ".join(self.means[:-1]), self.means[-1]] if self.means[1:] else self.means)
         return (
             f"{self.row}: {', '.join(self.derivatives)} are {with_deviation(self.factor, self.std)} times the values "
@@ -118,6 +123,9 @@ _GROUPS: tuple[_Group, ...] = (
 )
 
 
+_TRIED = sum(map(len, (_GROUPS, ("a point of reference",), *LOOPS.values())))
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Ratio:
     """One number by one derivative, and its 1-sigma with the usual misfit of a linear structure: flight value over file
@@ -156,19 +164,82 @@ def common_factors(
         names = tuple(one.name for one in members)
         found.append(Factor(row=group.row, factor=value, std=std, means=group.means, derivatives=names))
         left = [one for one in left if one.name not in names]
-    scaled = {name for one in found for name in one.derivatives}
-    members = [one for one in _distances(aircraft, flight, by) if one.name not in scaled]
-    least = float(_REFERENCE.smallest_that_matters(aircraft) or 0.0)
-    if (reference := _common(members, by, 0.0, least)) is not None:
-        names, means = tuple(one.name for one in members), ("the point that the moments of the file are about",)
-        told = {"kind": _REFERENCE.kind, "unit": _REFERENCE.unit}
-        found.append(
-            Factor(row="moments", factor=reference[0], std=reference[1], means=means, derivatives=names, **told)
-        )
+    for cause, members in _of_causes(aircraft, flight, by):
+        scaled = {name for one in found for name in one.derivatives}
+        members = [one for one in members if one.name not in scaled]
+        least = float(cause.effect.smallest_that_matters(aircraft) or 0.0)
+        if (number := _common(members, by, 0.0, least)) is not None:
+            found.append(cause.factor(*number, tuple(one.name for one in members)))
     return tuple(found)
 
 
-_REFERENCE = moment_reference("x")
+@dataclass(frozen=True, kw_only=True)
+class _OneNumber:
+    """A cause whose size is one number in many derivatives: the group in words, what they differ by, and its origin."""
+
+    effect: Effect
+    row: str
+    as_if: str
+    means: str
+
+    def factor(self, value: float, std: float, derivatives: tuple[str, ...]) -> Factor:
+        return Factor(
+            row=self.row,
+            factor=value,
+            std=std,
+            means=(self.means,),
+            derivatives=derivatives,
+            kind=self.effect.kind,
+            unit=self.effect.unit,
+            as_if=self.as_if,
+        )
+
+
+def _of_causes(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria
+) -> Iterator[tuple[_OneNumber, list[_Ratio]]]:
+    """Causes that derivatives reproduce, with the size that each derivative asks for."""
+    yield _REFERENCE, list(_distances(aircraft, flight, criteria))
+    for surface, quantities in LOOPS.items():
+        for quantity in quantities:
+            cause = _OneNumber(
+                effect=feedback(surface, quantity),
+                row=f"{surface} follows {quantity}",
+                as_if=f"as a feedback of {quantity} to {surface} with a gain of {{number}} would make them",
+                means="a damper or autopilot that the model lacks",
+            )
+            yield cause, list(_gains(aircraft, flight, criteria, (surface, quantity)))
+
+
+_REFERENCE = _OneNumber(
+    effect=moment_reference("x"),
+    row="moments",
+    as_if="as if its moments were about a point {number} from the centre of gravity along body x, forward positive",
+    means="the point that the moments of the file are about",
+)
+
+
+def _gains(
+    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, loop: tuple[str, str]
+) -> Iterator[_Ratio]:
+    """By each derivative in a quantity that flight determines: the gain from the quantity to a surface that makes its
+    difference, as the surface acts in flight."""
+    surface, quantity = loop
+    lengths = {"q": aircraft.rate_length_pitch, **dict.fromkeys(("p", "r"), aircraft.rate_length_lateral)}
+    per = aircraft.trim.get("V", 0.0) / lengths[quantity] if quantity in lengths else 1.0
+    for name, given in aircraft.derivatives.items():
+        coefficient, variable = derivative_term(name)[0], name.partition("_")[2]
+        power = flight.get(f"{coefficient}_{surface}")
+        if variable != quantity or power is None or name not in flight:
+            continue
+        arm, one = power.value * per, flight[name].nearest(given)
+        if not arm or not (one.determined and power.determined):
+            continue
+        ratio = (one.value - given) / arm
+        stated = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(given / arm)
+        share = criteria.size.share * one.value / arm
+        std = float(np.linalg.norm([one.std / arm, share, ratio * power.std / power.value]))
+        yield _Ratio(name=name, coefficient=coefficient, variable=variable, ratio=ratio, std=std, stated=stated)
 
 
 def _distances(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria) -> Iterator[_Ratio]:
@@ -228,7 +299,8 @@ def _common(members: Sequence[_Ratio], criteria: Criteria, null: float, least: f
     alike = all(abs(one.ratio - value) <= sigmas * one.std for one in members)
     other = abs(value - null) > max(sigmas * std, least)
     each = sum(abs(one.ratio - null) > sigmas * one.std for one in members)
-    together = _deviance(members, value, 0.0) + math.log(len(members))
+    # One of many groups is alike by chance more often than one would be.
+    together = _deviance(members, value, 0.0) + math.log(len(members)) + 2.0 * math.log(_TRIED)
     likelier = _deviance(members, null, 1.0) - together > criteria.significance.chance
     return (value, std) if alike and other and likelier and each >= 2 else None
 

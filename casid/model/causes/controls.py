@@ -200,13 +200,13 @@ def stuck(surface: str) -> Effect:
 
 
 # what a damper or an autopilot feeds to each surface: a rate or a flow angle through a washout, an attitude as it is
-_LOOPS = {"delta_e": ("q", "alpha", "theta"), "delta_a": ("p", "phi"), "delta_r": ("r", "beta")}
+LOOPS = {"delta_e": ("q", "alpha", "theta"), "delta_a": ("p", "phi"), "delta_r": ("r", "beta")}
 _ATTITUDES, _RATES = ("phi", "theta"), ("p", "q", "r")
 
 
 def _loops(aircraft: Airframe) -> Iterable[Effect]:
     """The usual loops. A rate without a washout is left out: derivatives in that rate reproduce it."""
-    for surface, quantities in _LOOPS.items():
+    for surface, quantities in LOOPS.items():
         yield from (feedback(surface, name) if name in _ATTITUDES else washed_out(surface, name) for name in quantities)
 
 
