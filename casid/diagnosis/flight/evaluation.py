@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Generic, Literal, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -38,14 +38,31 @@ from casid.model.system import Model
 # instruments; nothing.
 Free = Literal["all", "effects", "offsets", "states"]
 
-# Sensitivities: most of the size of a fit. They are computed again on demand after `forget`.
-_ARRAYS = frozenset(["linear", "filter", "slopes", "columns"])
-# Attributes that a saved fit does not contain; they are computed again too. All fits of a model share the first three.
-_UNSAVED = _ARRAYS | frozenset(
-    ["model", "batch", "functions", "output", "seen", "read", "disturbances", "errors", "white"]
-)
-# Time histories along the motion, which are computed again without the sensitivities.
-_HISTORIES = frozenset(["known", "regressors"])
+# Sensitivities, and time histories along the motion: most of the size of a fit. They are given up by `forget`.
+_LARGE = frozenset(["linear", "filter", "slopes", "columns", "known", "regressors"])
+_KEPT: WeakKeyDictionary[FlightFit, dict[str, Any]] = WeakKeyDictionary()  # what is at hand of the arrays of a fit
+T = TypeVar("T")
+
+
+class _Computed(Generic[T]):
+    """An attribute of a fit that is computed where it is not at hand: by a function, or by an evaluation of the fit."""
+
+    def __init__(self, by: Callable[[FlightFit], T] | None = None) -> None:
+        self.by = by
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, fit: FlightFit, owner: type) -> T:
+        kept = _KEPT.setdefault(fit, {})
+        if self.name not in kept and self.by is not None:
+            kept[self.name] = self.by(fit)
+        elif self.name not in kept:
+            work = Work(fit.flight, fit.attached, fit.noise, fit.free)
+            work.reference, work.filter = fit.reference, fit.filter_of_another
+            again = evaluate(work, fit.attached, fit.values, fit.motion)
+            kept.update({name: one for name, one in _KEPT[again].items() if name in _LARGE or name not in kept})
+        return kept[self.name]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,33 +96,22 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
-    """A fitted hypothesis. A saved fit contains its values and its motion; the rest is computed again on demand."""
+    """A fitted hypothesis: its values and its motion. Whatever else it has is computed from them on demand."""
 
     flight: Subject
     attached: tuple[Attached, ...]
     free: Free  # what was estimated
-    model: Model
-    batch: Batch
     noise: NoiseModel  # noise of instruments and recorded inputs
     acting: NoiseModel  # the same as changed by the attached effects
     held: NoiseModel  # the same, with noise of inputs that has the effect on the motion that it has in `reference`
     reference: dict[str, np.ndarray]
-    functions: PointFunctions
+    filter_of_another: Filter | None = None  # from which that of this fit follows, where it must not be its own
     parameters: np.ndarray  # (R, np) parameters of the model in every record
     slots: tuple[Slot, ...]
     values: np.ndarray  # (slots,) estimates
     covariance: np.ndarray  # (slots, slots) their covariance under the assumed noise
-    linear: Linear
-    output: np.ndarray  # (N, R, ny) outputs of the model, before effects of the instruments
-    read: np.ndarray  # (N, R, ny) readings
-    seen: np.ndarray  # (N, R, ny) True for readings that are compared, at the time that they refer to
-    filter: Filter
-    disturbances: np.ndarray  # (N, R, nw) disturbances by attached effects
+    gradient: np.ndarray  # (slots,) gradient of the log likelihood; zero at a maximum
     motion: Motion  # the point about which the model is linearised
-    errors: np.ndarray  # (N, R, ni) correction of the recorded inputs in `known`
-    white: np.ndarray  # (N, R, ny) innovations
-    slopes: Slopes  # slopes of the model by the slots
-    columns: np.ndarray  # (N, R, ny, slots) whitened sensitivities
     prior_pull: np.ndarray  # (slots,) gradient of the prior
     prior_weight: np.ndarray  # (slots,) inverse variance of the prior
     readings: int  # number of readings that are compared
@@ -115,69 +121,48 @@ class FlightFit:
     # change of the sum of squares in the last step, or predicted for the next, over the mean square residual
     left: float = np.inf
 
-    def __getstate__(self) -> dict[str, Any]:
-        return self._without(_UNSAVED | _HISTORIES)
-
-    def _without(self, names: frozenset[str]) -> dict[str, Any]:
-        """The attributes without some; a filter that is held is kept, for it belongs to another fit."""
-        state = {name: value for name, value in self.__dict__.items() if name not in names}
-        return state | ({"filter": replace(self.filter, linear=self.filter.through)} if self.filter_held else {})
+    model = _Computed[Model]()
+    batch = _Computed[Batch]()
+    functions = _Computed[PointFunctions]()
+    linear = _Computed[Linear]()
+    filter = _Computed[Filter]()
+    output = _Computed[np.ndarray]()  # (N, R, ny) outputs of the model, before effects of the instruments
+    read = _Computed[np.ndarray]()  # (N, R, ny) readings
+    seen = _Computed[np.ndarray]()  # (N, R, ny) True for readings that are compared, at the time that they refer to
+    disturbances = _Computed[np.ndarray]()  # (N, R, nw) disturbances by attached effects
+    errors = _Computed[np.ndarray]()  # (N, R, ni) correction of the recorded inputs in `known`
+    white = _Computed[np.ndarray]()  # (N, R, ny) innovations
+    slopes = _Computed[Slopes]()  # slopes of the model by the slots
+    columns = _Computed[np.ndarray]()  # (N, R, ny, slots) whitened sensitivities
+    # name -> (N, R) denoised motion and inputs, from which effects are computed; and the same as the aerodynamics see
+    # them, with effects on surfaces and wind included
+    known = _Computed[dict[str, np.ndarray]](lambda fit: _along(fit).known)
+    regressors = _Computed[dict[str, np.ndarray]](lambda fit: _regressors(fit))
 
     def forget(self) -> None:
         """Give up the sensitivities, which are computed again on demand."""
-        kept = self._without(_ARRAYS | _HISTORIES)
-        for name in (_ARRAYS | _HISTORIES) - kept.keys():
-            self.__dict__.pop(name, None)
-        self.__dict__.update(kept)
+        kept = _KEPT.get(self, {})
+        for name in _LARGE & kept.keys():
+            del kept[name]
 
     def lighter(self) -> FlightFit:
         """The fit without its sensitivities, to save memory."""
-        return self._copied(self._without(_ARRAYS | _HISTORIES))
+        return _with_arrays(replace(self), {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
 
     def of_records(self, some: slice) -> FlightFit:
         """The time histories, filter and sensitivities of some records, as views; estimates are those of all."""
         names = ("output", "read", "seen", "disturbances", "errors", "white", "columns")
         arrays = {name: getattr(self, name)[:, some] for name in names}
-        along = {name: {key: of[:, some] for key, of in getattr(self, name).items()} for name in _HISTORIES}
-        parts = {name: getattr(self, name).of_records(some) for name in ("batch", "linear", "filter", "motion")}
-        here = {**self.__dict__, **arrays, **along, **parts, "parameters": self.parameters[some]}
-        return self._copied({name: value for name, value in here.items() if name != "slopes"})
+        for name in ("known", "regressors"):
+            arrays[name] = {key: of[:, some] for key, of in getattr(self, name).items()}
+        for name in ("batch", "linear", "filter"):
+            arrays[name] = getattr(self, name).of_records(some)
+        found = replace(self, motion=self.motion.of_records(some), parameters=self.parameters[some])
+        return _with_arrays(found, {"model": self.model, "functions": self.functions, **arrays})
 
     def ended(self, left: float) -> FlightFit:
         """The converged fit that ends here; `left` is what may still change."""
-        return self._copied({**self.__dict__, "converged": True, "left": left})
-
-    @staticmethod
-    def _copied(attributes: Mapping[str, Any]) -> FlightFit:
-        found = object.__new__(FlightFit)
-        found.__dict__.update(attributes)
-        return found
-
-    @cached_property
-    def known(self) -> dict[str, np.ndarray]:
-        """Name -> (N, R) denoised motion and inputs, from which effects are computed."""
-        return along_motion(self.flight.regressors(self.model), self.model, self.acting, self.motion).known
-
-    @cached_property
-    def regressors(self) -> dict[str, np.ndarray]:
-        """The same as the aerodynamics see them, with effects on surfaces and wind included."""
-        quiet = disturbance_series(self.attached, self.batch.names, self.batch.t, self.known, self.model.disturbances)
-        if not quiet.any():
-            return self.known
-        return along_motion(self.flight.regressors(self.model), self.model, self.acting, self.motion, quiet).known
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Compute an attribute that was given up or not saved."""
-            if name not in _UNSAVED or "motion" not in self.__dict__:
-                raise AttributeError(f"a fit has no '{name}'")
-            work = Work(self.flight, self.attached, self.noise, self.free)
-            work.reference, work.filter = self.reference, self.__dict__.get("filter")
-            again = evaluate(work, self.attached, self.values, self.motion).__dict__
-            missing = {one: again[one] for one in _UNSAVED if one in _ARRAYS or one not in self.__dict__}
-            self.__dict__.update(missing)
-            return missing[name]
+        return _with_arrays(replace(self, converged=True, left=left), dict(_KEPT.get(self, {})))
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by name."""
@@ -224,16 +209,17 @@ class FlightFit:
         change = self.criteria.noise.density_ratio - 1.0
         return any(abs(held / self.noise.inputs[name] - 1.0) > change for name, held in self.held.inputs.items())
 
-    @cached_property
-    def gradient(self) -> np.ndarray:
-        """(slots,) Gradient of the log likelihood; zero at a maximum."""
-        return by_rows(self.columns).T @ self.white.swapaxes(0, 1).reshape(-1) - self.prior_pull
-
     @property
     def derivatives(self) -> dict[str, float]:
         """Fitted derivatives and terms of the aircraft file."""
         given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
+
+
+def _with_arrays(fit: FlightFit, arrays: dict[str, Any]) -> FlightFit:
+    """The fit, with what is at hand of its arrays."""
+    _KEPT[fit] = arrays
+    return fit
 
 
 class Work:
@@ -357,6 +343,15 @@ def along_motion(
     return AlongMotion(moving=moving, inputs=inputs, known=regressors.along(motion.X, moving, inputs))
 
 
+def _along(fit: FlightFit, further: np.ndarray | float = 0.0) -> AlongMotion:
+    return along_motion(fit.flight.regressors(fit.model), fit.model, fit.acting, fit.motion, further)
+
+
+def _regressors(fit: FlightFit) -> dict[str, np.ndarray]:
+    quiet = disturbance_series(fit.attached, fit.batch.names, fit.batch.t, fit.known, fit.model.disturbances)
+    return _along(fit, quiet).known if quiet.any() else fit.known
+
+
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
     """The hypothesis at given values of its parameters, along a motion."""
     batch, model = work.batch, work.model
@@ -383,40 +378,32 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
+    pull = work.weight * deviation
     found = FlightFit(
         held=held,
         reference=reference,
         acting=acting,
-        filter=kalman,
-        slopes=slopes,
-        columns=columns,
         covariance=_covariance(columns, work.weight),
+        gradient=by_rows(columns).T @ white.swapaxes(0, 1).reshape(-1) - pull,
         flight=work.flight,
         attached=attached,
         free=work.free,
-        model=model,
-        batch=batch,
         noise=work.noise,
-        functions=work.functions,
         parameters=P,
         slots=work.slots,
         values=values,
-        linear=linear,
-        output=linear.output,
-        read=read,
-        seen=linear.seen,
-        disturbances=W,
         motion=motion,
-        errors=errors,
-        white=white,
-        prior_pull=work.weight * deviation,
+        prior_pull=pull,
         prior_weight=work.weight,
         readings=int(linear.seen.sum()),
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
     )
-    found.__dict__["known"] = along.known  # at hand; computed again where it was given up
-    return found
+    if found.filter_held:
+        found = replace(found, filter_of_another=replace(kalman, linear=kalman.through))
+    arrays = {"model": model, "batch": batch, "functions": work.functions, "linear": linear, "filter": kalman}
+    arrays |= {"output": linear.output, "read": read, "seen": linear.seen, "disturbances": W, "errors": errors}
+    return _with_arrays(found, arrays | {"white": white, "slopes": slopes, "columns": columns, "known": along.known})
 
 
 def by_rows(columns: np.ndarray) -> np.ndarray:

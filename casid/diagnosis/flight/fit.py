@@ -71,8 +71,8 @@ def fit(
     work = Work(flight, attached, noise, free)
     if start is not None and start.flight.records is flight.records and not anew:
         work.reference = start.reference
-        if start.filter_held and start.noise == noise:
-            work.filter = start.filter
+        if start.noise == noise:
+            work.filter = start.filter_of_another
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
     best: _Point | None = None
@@ -88,8 +88,7 @@ def fit(
                 break
             values, motion = best.fit.values + shrink * step[0], best.fit.motion.moved(step[1], shrink)
             continue
-        if now.fit.filter_held and work.filter is None:
-            work.filter = now.fit.filter
+        work.filter = work.filter or now.fit.filter_of_another
         gained = np.inf if best is None else abs(best.squares - now.squares)
         best, shrink = now, 1.0
         if now.left(gained) < tolerance:

@@ -236,7 +236,7 @@ def test_a_fit_computes_what_it_gave_up_again() -> None:
     found = fit(flight, (), flight.noise())
     white, columns = found.white, found.columns
     found.forget()
-    assert "columns" not in vars(found) and found.white is white
+    assert found.columns is not columns and found.white is white
     scale = np.sqrt(np.mean(columns**2, axis=(0, 1, 2)))
     assert np.max(np.abs(found.columns - columns) / scale) < 1e-3
 
