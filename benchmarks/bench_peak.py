@@ -16,7 +16,7 @@ from casid.cli.start import run_script
 from casid.errors import InputError
 from casid.estimation import MultipleShooting
 from casid.estimation.attempt import build_objective
-from casid.estimation.transcriptions.kernel import model_kernel
+from casid.estimation.transcriptions.kernel import pack, shooting_offer
 from casid.estimation.transcriptions.steps import stage_functions
 from problems.bench.peak import linearise_operations, operations, peak_gflops
 from problems.bench.table import parser, publish, seconds_of
@@ -29,11 +29,13 @@ def main() -> None:
     given = options.parse_args()
     problem = our_problem()
     functions = plain, linear = stage_functions(problem.model, problem.free_index, ())
-    kernel = model_kernel(functions, 0)
+    offer = shooting_offer(problem.model.name, lambda: functions, 0)
+    offer.spent = float("inf")
+    kernel = offer.get()
     if kernel is None:
         raise InputError("bench_peak: no compiled kernel; install gcc or clang")
     objective = build_objective(problem, MultipleShooting())
-    point, packed = objective.start(), kernel.pack(objective.layout)
+    point, packed = objective.start(), pack(objective.layout, kernel.sizes, kernel.lanes)
     parameters, weights = objective.parameters(point.theta), objective.whitening(objective.noise.levels)
     samples = objective.layout.segments * objective.layout.length
     value = objective.value(point)

@@ -16,6 +16,7 @@ import numpy as np
 from casid.estimation.cost import OutputError
 from casid.estimation.fit import Fit
 from casid.estimation.noise import Huber, StudentT
+from casid.estimation.solvers.kkt import without_starts
 from casid.estimation.solvers.levels import NoiseLevels
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.dynamics import Blocks
@@ -35,26 +36,27 @@ class Together:
     """
 
     def __init__(self, fit: Fit, tolerance: float) -> None:
-        solved = fit.uncertainty.objective.problem
+        end = fit.uncertainty.solved
+        solved = end.objective.problem
         shooting = SingleShooting(substeps=fit.substeps, implicit=fit.implicit).dynamics(solved)
         assert isinstance(shooting, Shooting)
         self.problem, self.tolerance, self.layout = solved, tolerance, shooting.layout
         self.one = Objective(solved, shooting)
         names = [record.name for record in solved.records]
-        linear = fit.uncertainty.linear
-        assert linear is not None
-        nodes = [linear.point.nodes[fit.uncertainty.objective.layout.first[r]] for r in range(len(names))]
-        self.theta, self.nodes = linear.point.theta, np.array(nodes)
+        assert end.linear is not None
+        nodes = [end.linear.point.nodes[end.objective.layout.first[r]] for r in range(len(names))]
+        self.theta, self.nodes = end.linear.point.theta, np.array(nodes)
         self.most = max(_SEGMENT_SAMPLES // shooting.layout.dt.size, 1)
 
     @staticmethod
     def takes(fit: Fit, method: Transcription) -> bool:
         """Whether a fit is one of output error with independent noise, without limits, events and random defects, and
         its repetition by a method too."""
-        objective = fit.uncertainty.objective
-        if objective is None or fit.uncertainty.linear is None:  # it was read from a file
+        end = fit.uncertainty.solved
+        objective = end.objective
+        if objective is None or end.linear is None:  # it was read from a file
             return False
-        problem, levels = objective.problem, fit.uncertainty.value.noise.levels
+        problem, levels = objective.problem, end.value.noise.levels
         posed, same = fit.problem, all(a is b for a, b in zip(problem.records, fit.problem.records, strict=True))
         in_turns = posed.spread or posed.noise_formulas or posed.sigma_channels or not same
         in_turns = in_turns or isinstance(posed.noise, StudentT | Huber) or getattr(method, "process_noise", None)
@@ -133,11 +135,7 @@ class _Runs:
         diagonal = np.arange(n)
         hessian[..., diagonal, diagonal] += np.where(exact, 1.0 / common.one.scale**2, weight)
         gradient[..., :n] += np.where(exact, 0.0, (nodes - self.centre) * weight)
-        by_state = np.linalg.solve(
-            hessian[..., :n, :n], np.concatenate([hessian[..., :n, n:], gradient[..., :n, None]], axis=3)
-        )
-        inner = hessian[..., n:, n:] - hessian[..., n:, :n] @ by_state[..., :-1]
-        slope = gradient[..., n:] - (hessian[..., n:, :n] @ by_state[..., -1:])[..., 0]
+        by_state, inner, slope = without_starts(hessian, gradient, n)
         precision = 1.0 / problem.prior_std**2
         whole = np.tile(np.diag(precision), (B, 1, 1))
         right = precision * (theta - problem.nominal)

@@ -2,87 +2,36 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from casid.arguments import given
 from casid.errors import EstimationError, InputError
-from casid.estimation.integration import integrated
+from casid.estimation.integration import Attempt, integrated
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.effort import Effort
-from casid.estimation.solvers.newton import is_found, to_second_order
+from casid.estimation.solvers.newton import to_second_order
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome
 from casid.estimation.solvers.timed import Timed
-from casid.estimation.stretches import Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import SingleShooting, Transcription, as_stepping, is_implicit
 
-MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
 _WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Attempt:
-    """Where a solver ended, with the objective and the transcription that it took; `fine`: with half the steps of
-    integration the solution is the same."""
-
-    objective: Objective
-    outcome: Outcome
-    method: Transcription
-    fine: bool = False
-
-    @property
-    def found(self) -> bool:
-        """Whether it converged where the data say something of every parameter."""
-        return is_found(self.objective, self.outcome)
-
-    @property
-    def misfit(self) -> float:
-        """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
-        value = self.outcome.value
-        return self.objective.misfit(value) if value.worst() < MET else math.inf
-
-    @cached_property
-    def stretches(self) -> Stretches:
-        """Of short stretches of the records; nothing where it ended without a motion."""
-        value = self.outcome.value
-        if value.trajectory is None or not np.isfinite(value.parameters).all():
-            return Stretches()
-        return by_stretches(self.objective, value, is_implicit(self.method))
-
-    @cached_property
-    def is_slow(self) -> bool:
-        """Whether its residuals are slow."""
-        return is_slow(self.objective, self.outcome.value)
-
-    @property
-    def doubtful(self) -> bool:
-        """Whether another minimum may be better: residuals are slow, and short stretches do not agree."""
-        return self.is_slow and not self.stretches.agree
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Name -> estimate, of the problem as it is solved."""
-        names, theta = self.objective.problem.parameters, self.outcome.point.theta
-        return dict(zip(names, theta.tolist(), strict=True))
-
-
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
     objective = build_objective(problem, method, solver.effort)
-    outcome, fine = solver.minimise(objective), False
+    end = Attempt(objective=objective, outcome=solver.minimise(objective), method=method)
     if (stepping := as_stepping(method)) is not None:
-        end = integrated(objective, outcome, stepping, solver)
-        objective, outcome, method, fine = end.objective, end.outcome, end.method, end.fine
-    objective, outcome = _freed(objective, outcome, solver)
+        end = integrated(objective, end.outcome, stepping, solver)
+    objective, outcome = _freed(end.objective, end.outcome, solver)
     outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
-    return Attempt(objective=objective, outcome=outcome, method=method, fine=fine)
+    return replace(end, objective=objective, outcome=outcome)
 
 
 def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objective, Outcome]:

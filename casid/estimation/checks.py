@@ -8,7 +8,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from casid.arguments import given, names, number, numbers_by_name, require, table_of
+from casid.arguments import given, number, numbers_by_name, require, table_of
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import RangeWeights
@@ -107,11 +107,6 @@ def _missing_input(model: Model, record: Record, name: str) -> InputError:
     return unknown("channel", name, record.channels, f"record '{record.name}': input of '{model.name}'")
 
 
-def check_names(what: str, value: Any) -> tuple[str, ...]:
-    """Globs or names of parameters as a tuple."""
-    return names(value, f"Problem: {what}")
-
-
 def check_start(start: Any, valid: Sequence[str]) -> None:
     """Raise InputError for a start value that is no number, or is one of nothing that is free."""
     for name in numbers_by_name(start, "Problem: start"):
@@ -176,7 +171,9 @@ def check_noise(noise: Any, model: Model) -> None:
         count = len(model.outputs)
         if noise.shape != (count, count):
             raise InputError(f"Problem: noise has the shape {noise.shape}; expected the covariance ({count}, {count})")
-        if not np.isfinite(noise).all() or np.linalg.eigvalsh(0.5 * (noise + noise.T)).min() <= 0.0:
+        sigma = np.sqrt(np.maximum(np.diagonal(noise), 0.0))
+        sound = np.isfinite(noise).all() and (sigma > 0.0).all() and np.allclose(noise, noise.T, rtol=1e-9, atol=0.0)
+        if not sound or np.linalg.eigvalsh(noise / np.outer(sigma, sigma))[0] < 1e-12:
             raise InputError("Problem: noise is no covariance; expected a symmetric positive definite matrix")
     elif isinstance(noise, Mapping):
         for name, sigma in noise.items():

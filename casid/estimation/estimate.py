@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from casid.arguments import require, whole
 from casid.estimation.attempt import check_part
 from casid.estimation.fit import Fit
-from casid.estimation.fitted import StateHistory, channel_fit
+from casid.estimation.fitted import StateHistory, channel_fits
 from casid.estimation.likelihood import judged, log_prior
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
@@ -21,13 +20,13 @@ from casid.estimation.results import final_status
 from casid.estimation.robust import solved_robustly
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.solver import Outcome, Solver
+from casid.estimation.solvers.solver import Outcome, Solver, linear_at
 from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.starts import best_of
 from casid.estimation.strategy import Ending, ending, usual_of
 from casid.estimation.switching import without_switching
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription, is_implicit
-from casid.estimation.uncertainty import Uncertainty, uncertainty
+from casid.estimation.uncertainty import Uncertainty
 from casid.estimation.working import working
 from casid.native.compiler import compiling_until
 from casid.native.singular import singular_is
@@ -154,8 +153,6 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))
     names, levels = objective.channel_names, value.noise.levels
-    together = np.concatenate(list(measured.values())), np.concatenate(list(predicted.values()))
-    channels = {n: channel_fit(together[0][:, i], together[1][:, i]) for i, n in enumerate(names) if levels.present[i]}
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     errors = _errors(objective, outcome)
@@ -174,7 +171,7 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]},
-        channels=channels,
+        channels=channel_fits(names, measured, predicted),
         noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
         predictions=predicted,
         residuals=residuals,
@@ -189,11 +186,10 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
 
 
 def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
-    linear = outcome.linear if np.isfinite(outcome.value.cost) else None
-    if linear is None and np.isfinite(outcome.value.cost):
-        with suppress(np.linalg.LinAlgError):  # the iteration ended where sensitivities overflow
-            linear = objective.linearise(outcome.point, outcome.value)
-    return uncertainty(objective, outcome.value, linear, outcome.limit_multipliers)
+    # None where the iteration ended where sensitivities overflow
+    linear = linear_at(objective, outcome) if np.isfinite(outcome.value.cost) else None
+    multipliers = outcome.limit_multipliers
+    return Uncertainty(objective=objective, value=outcome.value, linear=linear, limit_multipliers=multipliers)
 
 
 def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

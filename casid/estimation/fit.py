@@ -27,6 +27,11 @@ if TYPE_CHECKING:
     from casid.records.record import Record
 
 
+# what estimate.json has of the attributes as they are
+_TEXTS = ("status", "reason", "remedy", "converged", "iterations", "method", "solver")
+_NUMBERS = ("seconds", "cost", "log_likelihood", "log_prior", "log_posterior", "stationarity", "defect")
+
+
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Fit:
     """Result of `solve`.
@@ -118,7 +123,7 @@ class Fit:
         Positive where an upper limit holds a sample, negative where a lower one does, else zero. The sum over all
         samples is the rate at which the cost falls as the limit is raised. A soft limit holds no sample.
         """
-        problem, pressed = self.problem, self.uncertainty.pressed
+        problem, pressed = self.problem, self.uncertainty.solved.pressed
         names = [record.name for record in problem.records]
         if pressed is None:
             pressed = [np.zeros((len(problem.path_constraints), len(record.t))) for record in problem.records]
@@ -265,21 +270,9 @@ class Fit:
         return {
             "schema": "casid.estimate/2",
             "model": self.problem.model.name,
-            "status": self.status,
             "result": self.result.name.lower(),
-            "reason": self.reason,
-            "remedy": self.remedy,
-            "converged": self.converged,
-            "iterations": self.iterations,
-            "seconds": self.seconds,
-            "cost": _number(self.cost),
-            "log_likelihood": _number(self.log_likelihood),
-            "log_prior": _number(self.log_prior),
-            "log_posterior": _number(self.log_posterior),
-            "stationarity": _number(self.stationarity),
-            "defect": _number(self.defect),
-            "method": self.method,
-            "solver": self.solver,
+            **{name: getattr(self, name) for name in _TEXTS},
+            **{name: _number(getattr(self, name)) for name in _NUMBERS},
             "estimator": type(self.problem.cost).__name__,
             "records": [record.name for record in self.problem.records],
             "parameters": {name: _estimate(e) for name, e in self.parameters.items()},
@@ -304,10 +297,10 @@ class Fit:
         and would explain the data better held."""
         found = remarks(self)
         found = (self.way, *found) if self.way else found
-        linear = self.uncertainty.linear
-        if not self.converged or linear is None:
+        solved = self.uncertainty.solved
+        if not self.converged or solved.linear is None:
             return found
-        return (*found, *jump_remarks(self.uncertainty.objective, linear.point.theta))
+        return (*found, *jump_remarks(solved.objective, solved.linear.point.theta))
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"remarks": self.remarks}  # what they are made of is not kept

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -212,6 +212,14 @@ def _place(i: int, minimum: Minimum) -> str:
     if i == 0:
         return "the best minimum"
     return "another as good" if minimum.behind < _EQUAL else f"one {minimum.behind:.3g} behind"
+
+
+def channel_fits(
+    names: Sequence[str], measured: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]
+) -> dict[str, ChannelFit]:
+    """Of all channels with a sample, by record -> (N, channels) in the order of the names."""
+    z, y = np.concatenate([measured[record] for record in predicted]), np.concatenate(list(predicted.values()))
+    return {n: channel_fit(z[:, i], y[:, i]) for i, n in enumerate(names) if np.isfinite(z[:, i]).any()}
 
 
 def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:

@@ -9,33 +9,41 @@ not. That must be small beside the one half that a parameter more is worth.
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.newton import is_found
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
-from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.solver import Outcome, linear_at
 from casid.estimation.solvers.status import too_coarse
 from casid.estimation.solvers.timed import Timed
+from casid.estimation.stretches import EXACT, Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.steps import compiled, rates_function
-from casid.estimation.transcriptions.transcription import Collocation, SingleShooting, Stepping
+from casid.estimation.transcriptions.transcription import (
+    Collocation,
+    SingleShooting,
+    Stepping,
+    Transcription,
+    as_stepping,
+    is_implicit,
+)
 
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
-EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
+MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 # of rate times step: an implicit method has poles there, of one stage at 1 and of more beyond, and damps what grows
 # faster, by half steps too, so that the two agree on a motion that is none
 _GROWING = 1.0
-_SMALL_DEFECT = 1e-6  # of the states
 _REFINING = 60  # evaluations, at least
 _REFINEMENTS = 5  # solutions with ever more steps per sample interval
 _GROWTH = 1.3  # more steps than the order asks for
@@ -43,19 +51,55 @@ _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviat
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Integrated:
-    """An end with its objective and the transcription that it took; `fine`: half steps change nothing that counts."""
+class Attempt:
+    """Where a solver ended, with the objective and the transcription that it took; `fine`: with half the steps of
+    integration the solution is the same."""
 
     objective: Objective
     outcome: Outcome
-    method: Stepping
+    method: Transcription
     fine: bool = False
 
+    @property
+    def found(self) -> bool:
+        """Whether it converged where the data say something of every parameter."""
+        return is_found(self.objective, self.outcome)
 
-def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Integrated:
+    @property
+    def misfit(self) -> float:
+        """-ln(likelihood x prior), up to a constant of the problem; infinite where the point is no motion."""
+        value = self.outcome.value
+        return self.objective.misfit(value) if value.worst() < MET else math.inf
+
+    @cached_property
+    def stretches(self) -> Stretches:
+        """Of short stretches of the records; nothing where it ended without a motion."""
+        value = self.outcome.value
+        if value.trajectory is None or not np.isfinite(value.parameters).all():
+            return Stretches()
+        return by_stretches(self.objective, value, is_implicit(self.method))
+
+    @cached_property
+    def is_slow(self) -> bool:
+        """Whether its residuals are slow."""
+        return is_slow(self.objective, self.outcome.value)
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether another minimum may be better: residuals are slow, and short stretches do not agree."""
+        return self.is_slow and not self.stretches.agree
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Name -> estimate, of the problem as it is solved."""
+        names, theta = self.objective.problem.parameters, self.outcome.point.theta
+        return dict(zip(names, theta.tolist(), strict=True))
+
+
+def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:
     """The solution on a motion that is integrated well enough: with more steps where the data are worth them."""
     if method.substeps is not None or objective.problem.model.period is not None:
-        return Integrated(objective=objective, outcome=outcome, method=method)
+        return Attempt(objective=objective, outcome=outcome, method=method)
     solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
     found = _judged(_finely(objective, outcome, method, solver))
     if found.outcome.converged or found.outcome.point.points is None or solver.left <= 0.0:
@@ -64,15 +108,15 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
     return other if _is_lower(other, found) else found
 
 
-def _judged(end: Integrated) -> Integrated:
+def _judged(end: Attempt) -> Attempt:
     """The end with a status that says so where its steps are too long for what the data are worth."""
     if end.fine or not end.outcome.converged:
         return end
-    doubt = doubt_of_steps(end.objective, end.outcome, end.method)
+    doubt = doubt_of_steps(end)
     return replace(end, outcome=replace(end.outcome, status=too_coarse(doubt))) if doubt else end
 
 
-def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
+def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
     """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
     the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
@@ -83,7 +127,7 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
     return _finely(objective, solver.minimise(objective), implicit, solver)
 
 
-def _is_lower(one: Integrated, other: Integrated) -> bool:
+def _is_lower(one: Attempt, other: Attempt) -> bool:
     """Whether the first of two ends is a solution, or more likely and a motion of the model."""
     if one.outcome.converged or other.outcome.converged:
         return one.outcome.converged
@@ -92,9 +136,9 @@ def _is_lower(one: Integrated, other: Integrated) -> bool:
     return bool(costs[0] < costs[1] or not np.isfinite(costs[1]))
 
 
-def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Integrated:
+def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
-    problem, end = objective.problem, Integrated(objective=objective, outcome=outcome, method=method)
+    problem, end = objective.problem, Attempt(objective=objective, outcome=outcome, method=method)
     if not _is_judged(objective):
         return end
     steps = objective.layout.substeps
@@ -124,8 +168,8 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
     return end
 
 
-def _solved(objective: Objective, method: Stepping, solver: Timed) -> Integrated:
-    return Integrated(objective=objective, outcome=solver.minimise(objective), method=method)
+def _solved(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
+    return Attempt(objective=objective, outcome=solver.minimise(objective), method=method)
 
 
 def _begin(point: Point, coarse: Dynamics | None, fine: Dynamics) -> Point:
@@ -149,10 +193,7 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
         return max(_steps_at_start(objective, solver), steps if np.isfinite(outcome.value.cost) else 2 * steps)
     if not outcome.converged and not finer.implicit and _stable_steps(objective) > steps:
         return _stable_steps(objective)
-    linear = outcome.linear
-    if linear is None:
-        with suppress(np.linalg.LinAlgError):
-            linear = objective.linearise(outcome.point, outcome.value)
+    linear = linear_at(objective, outcome)
     if linear is None:
         return steps if finer.implicit else max(_stable_steps(objective), steps)
     if finer.implicit and _growing_steps(objective, outcome) > steps:
@@ -182,7 +223,7 @@ def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarra
 def _is_motion(outcome: Outcome) -> bool:
     """Whether an end is a motion of the model, converged or not."""
     value = outcome.value
-    return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < _SMALL_DEFECT)
+    return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < MET)
 
 
 def _stable_steps(objective: Objective) -> int:
@@ -253,15 +294,13 @@ def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> 
     return carried if most <= len(alone) ** 2 * made else alone
 
 
-def doubt_of_steps(objective: Objective, outcome: Outcome, method: Stepping | None) -> str:
+def doubt_of_steps(end: Attempt) -> str:
     """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
     cannot be told."""
+    objective, outcome, method = end.objective, end.outcome, as_stepping(end.method)
     if method is None or not _is_judged(objective) or not _is_motion(outcome):
         return ""
-    steps, linear = objective.layout.substeps, outcome.linear
-    if linear is None:
-        with suppress(np.linalg.LinAlgError):
-            linear = objective.linearise(outcome.point, outcome.value)
+    steps, linear = objective.layout.substeps, linear_at(objective, outcome)
     if linear is None:
         return ""
     if method.implicit and (needed := _growing_steps(objective, outcome)) > steps:
@@ -315,7 +354,8 @@ def _integration_error(
     if is_carried:
         cost = along + (linear.blocks.gradient[:, :n] * shift).sum()
     else:  # parameters and all nodes follow: a constraint's multiplier is what its error is worth
-        cost = along - sum(float((red.l0 * made[_tied(objective, r)]).sum()) for r, red in enumerate(linear.reduced))
+        ends = [made[objective.layout.segments_of(r)][:-1] for r in range(len(linear.reduced))]
+        cost = along - sum(float((red.l0 * off).sum()) for red, off in zip(linear.reduced, ends, strict=True))
     # where the model misses its data the likelihood is worth less, by how much larger than noise the residuals are
     worth = max(2.0 * value.cost / value.noise.levels.count, 1.0)
     return float(off), float(cost / worth)
@@ -339,17 +379,9 @@ def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarra
     residuals."""
     layout = objective.layout
     assert value.trajectory is not None
-    low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
-    high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
-    sigma = np.maximum(value.noise.levels.sigma[: len(low)], EXACT * np.maximum(high - low, 0.0))
+    sigma = np.maximum(value.noise.levels.sigma[: layout.z.shape[2]], EXACT * layout.ranges)
     off = np.where(layout.present, difference, 0.0) / sigma
     return float((off**2).sum()), float((off * layout.residuals(value.trajectory.y) / sigma).sum())
-
-
-def _tied(objective: Objective, record: int) -> slice:
-    """The segments of a record that are followed by another."""
-    own = objective.layout.segments_of(record)
-    return slice(own.start, own.stop - 1)
 
 
 def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -> tuple[np.ndarray, bool]:

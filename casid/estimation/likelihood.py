@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from casid.estimation.attempt import Attempt
+from casid.estimation.integration import Attempt
+from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import moments_of
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome
@@ -49,14 +50,14 @@ def judged(attempt: Attempt, coarse: bool) -> Judged:
         reason = "no likelihood: the end is no solution, and its records are too long to simulate once more"
         return Judged(log_likelihood=math.nan, without=reason)
     outputs = _simulated(objective, attempt.outcome)
-    off = None if outputs is None else _residuals(objective, outputs)
-    if off is None:
+    off = np.full(1, np.nan) if outputs is None else _residuals(problem, outputs)
+    if not np.isfinite(off).all():
         reason = "no likelihood: simulated in one piece, the motion of the end departs"
         return Judged(log_likelihood=math.nan, without=reason)
+    squares = (off**2).sum(axis=0)
     if levels.full:
-        squares = moments_of(off, objective.layout.pattern, objective.layout.seen)
-    else:
-        squares = (off**2).sum(axis=(0, 1))
+        pattern = objective.layout.pattern.ravel()[np.concatenate(objective.layout.sample)]
+        squares = moments_of(off, pattern, objective.layout.seen)
     return Judged(log_likelihood=levels.relaxed(squares)[0].log_likelihood(squares), outputs=outputs)
 
 
@@ -79,17 +80,10 @@ def _simulated(objective: Objective, outcome: Outcome) -> tuple[np.ndarray, ...]
     return tuple(found)
 
 
-def _residuals(objective: Objective, outputs: tuple[np.ndarray, ...]) -> np.ndarray | None:
-    """(K, L, o) as of the layout, zero where nothing was read; None where one is no number."""
-    layout = objective.layout
-    found = np.zeros((layout.present.shape[0] * layout.present.shape[1], layout.present.shape[2]))
-    for record, sample, y in zip(objective.problem.records, layout.sample, outputs, strict=True):
-        measured = objective.problem.outputs_of(record)
-        off = np.where(np.isfinite(measured), y - measured, 0.0)
-        if not np.isfinite(off).all():
-            return None
-        found[sample] = off
-    return found.reshape(layout.present.shape)
+def _residuals(problem: Problem, outputs: tuple[np.ndarray, ...]) -> np.ndarray:
+    """(samples, o) of all records, zero where nothing was read."""
+    pairs = zip((problem.outputs_of(record) for record in problem.records), outputs, strict=True)
+    return np.concatenate([np.where(np.isfinite(z), y - z, 0.0) for z, y in pairs])
 
 
 def log_prior(objective: Objective, outcome: Outcome, given: np.ndarray) -> float:

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.fit import Fit
-from casid.estimation.fitted import channel_fit
+from casid.estimation.fitted import channel_fits
 from casid.estimation.noise import Noise
 from casid.estimation.problem import Problem
 from casid.estimation.uncertainty import Rescaled
@@ -110,24 +110,17 @@ class _Squares:
         totals: tuple[float, float],
     ) -> Fit:
         posed = self.posed
-        y = np.concatenate(list(predictions.values()))
-        z = np.concatenate([posed.outputs_of(record) for record in posed.records])
-        present = np.isfinite(z)
-        noise, channels = {}, {}
-        for i, name in enumerate(posed.model.outputs):
-            if not present[:, i].any():
-                continue
-            channels[name] = channel_fit(z[:, i], y[:, i])
+        measured = {record.name: posed.outputs_of(record) for record in posed.records}
+        channels, noise = channel_fits(posed.model.outputs, measured, predictions), {}
+        for name in channels:
+            i, noise[name] = posed.model.outputs.index(name), fit.noise.get(name, math.nan)
             if name in posed.noise_formulas:
-                sigma = np.concatenate([sizes[record.name][name] for record in posed.records])[present[:, i]]
-                noise[name] = float(np.sqrt(np.mean(sigma**2)))
-            else:
-                noise[name] = fit.noise[name]
-        count = len(posed.parameters)
+                sigma = [sizes[record][name][np.isfinite(z[:, i])] for record, z in measured.items()]
+                noise[name] = float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
         return replace(
             fit,
             problem=posed,
-            uncertainty=Rescaled(fit.uncertainty, np.ones(count), coloured=False),
+            uncertainty=Rescaled(fit.uncertainty, np.ones(len(posed.parameters)), coloured=False),
             cost=totals[0],
             log_likelihood=totals[1],
             predictions=predictions,

@@ -24,7 +24,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.fitted import Population
 from casid.estimation.initial_errors import initial_errors
 from casid.estimation.problem import Problem
-from casid.estimation.uncertainty import Rescaled, Uncertainty, freedom
+from casid.estimation.uncertainty import Rescaled, freedom
 
 _ROUNDS = 30
 _SETTLED = 1e-3  # of a spread, and of the standard errors of values and means
@@ -49,9 +49,9 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
         if settled:
             break
         fit = again(replace(_given(problem, names, mean, np.maximum(spread, least)), start=dict(fit.values)))
-        if fit.uncertainty.linear is None:
+        if fit.uncertainty.solved.linear is None:
             break
-    if fit.uncertainty.linear is None:
+    if fit.uncertainty.solved.linear is None:
         return replace(fit, problem=problem)
     return _returned(problem, names, fit, _Seen.of(problem, names, fit, (mean, spread)), (spread, scale), settled)
 
@@ -91,10 +91,8 @@ class _Seen:
     @classmethod
     def of(cls, problem: Problem, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
         """By the linearisation of a fit with given means and spreads, in the coordinates of the solvers."""
-        base = fit.uncertainty
-        while isinstance(base, Rescaled):
-            base = base.of
-        assert isinstance(base, Uncertainty) and base.linear is not None
+        base = fit.uncertainty.solved
+        assert base.linear is not None
         inner, levels = base.objective.problem, base.value.noise.levels
         prior = np.diag(1.0 / inner.prior_std**2)
         data, theta = base.linear.hessian - prior, base.linear.point.theta

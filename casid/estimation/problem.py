@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from casid.arguments import listed, numbers_by_name, require
+from casid.arguments import names as names_of
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation.checks import (
     check_constraints,
@@ -17,7 +18,6 @@ from casid.estimation.checks import (
     check_function,
     check_initial_state,
     check_model,
-    check_names,
     check_noise,
     check_of_records,
     check_records,
@@ -125,15 +125,15 @@ class Problem:
         check_model(self.model)
         records = with_measured_states(self.model, given_records(self.records, "Problem"), self.measured)
         object.__setattr__(self, "records", records)
-        object.__setattr__(self, "free", check_names("free", self.free))
-        object.__setattr__(self, "per_record", check_names("per_record", self.per_record))
+        object.__setattr__(self, "free", names_of(self.free, "Problem: free"))
+        object.__setattr__(self, "per_record", names_of(self.per_record, "Problem: per_record"))
         object.__setattr__(self, "constraints", check_constraints(self.constraints))
         check_cost(self.cost)
         check_records(self.model, records, simulated=self.simulated)
         own = [record.name for record in records]
         numbers_by_name(self.fixed, "Problem: fixed")
         check_of_records("fixed", self.fixed, "parameter", self.model.parameters, own)
-        object.__setattr__(self, "log", check_names("log", self.log))
+        object.__setattr__(self, "log", names_of(self.log, "Problem: log"))
         if not self.parameters and not self.simulated:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
         check_start(self.start, (*self.parameters, *self.model.parameters))

@@ -12,9 +12,9 @@ import scipy
 from scipy.special import ndtri
 
 from casid.errors import InputError
-from casid.estimation.attempt import MET
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
+from casid.estimation.integration import MET
 from casid.estimation.problem import Problem
 
 _DECADES = 1.0  # either way of a start of which nothing else is known
@@ -113,8 +113,9 @@ def best_of(
 
 def _badness(fit: Fit) -> float:
     """-ln(likelihood x prior), up to a constant of the problem; infinite where the fit is no motion."""
-    value = fit.uncertainty.value
-    misfit = fit.uncertainty.objective.misfit(value) if value.worst() < MET else math.inf
+    solved = fit.uncertainty.solved
+    value = solved.value
+    misfit = solved.objective.misfit(value) if value.worst() < MET else math.inf
     return misfit if np.isfinite(misfit) else math.inf
 
 

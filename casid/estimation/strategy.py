@@ -26,8 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.attempt import Attempt, as_motion, attempted, build_objective
-from casid.estimation.integration import doubt_of_steps
+from casid.estimation.attempt import as_motion, attempted, build_objective
+from casid.estimation.integration import Attempt, doubt_of_steps
 from casid.estimation.problem import Problem
 from casid.estimation.results import idle_parameters, ran_away
 from casid.estimation.solvers.gauss_newton import GaussNewton
@@ -71,7 +71,7 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
     if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
         attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
         end = replace(end, attempt=attempt)
-    doubt = "" if attempt.fine else doubt_of_steps(attempt.objective, attempt.outcome, as_stepping(attempt.method))
+    doubt = "" if attempt.fine else doubt_of_steps(attempt)
     said = "" if attempt.outcome.status.stage is Stage.COARSE else doubt  # by the status already
     return replace(end, remark="; ".join(filter(None, (end.remark, said))), coarse=bool(doubt))
 

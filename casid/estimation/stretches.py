@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.estimation.integration import EXACT
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.kkt import without_starts
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import ObjectiveValue
 from casid.estimation.solvers.quadratic import jacobi_scale
@@ -23,6 +23,7 @@ from casid.estimation.transcriptions.kernel import whitened
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.transcription import MultipleShooting
 
+EXACT = 1e-4  # of a channel's range: measurements that claim more are not held to it
 _LAGS = 12  # samples
 _SLOW = 0.5  # autocorrelation of residuals of which half is no noise
 _LEFT = 0.5  # of the sum of squares: what short stretches leave of it where they contradict the whole
@@ -43,11 +44,8 @@ def is_slow(objective: Objective, value: ObjectiveValue) -> bool:
 def _exact(objective: Objective, value: ObjectiveValue) -> bool:
     """Whether the outputs are met so well that what is left may be rounding and integration."""
     layout, o = objective.layout, objective.layout.z.shape[2]
-    low = np.where(layout.present > 0, layout.z, np.inf).min(axis=(0, 1))
-    high = np.where(layout.present > 0, layout.z, -np.inf).max(axis=(0, 1))
-    levels = value.noise.levels
-    rms = levels.rms(value.squares)[:o]
-    return bool((rms <= EXACT * np.maximum(high - low, 0.0))[layout.present.sum(axis=(0, 1)) > 0].all())
+    rms = value.noise.levels.rms(value.squares)[:o]
+    return bool((rms <= EXACT * layout.ranges)[layout.present.any(axis=(0, 1))].all())
 
 
 def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> float:
@@ -135,18 +133,15 @@ def _stretched_step(
     problem: Problem, layout: Layout, blocks: Blocks, weak: np.ndarray, moving: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps of the states (K, n) and, where they are `moving`, of the parameters (parameters,)."""
-    n = len(weak)
-    by_state, gradient = blocks.hessian[:, :n, n:], blocks.gradient[:, :n, None]
-    solved = np.linalg.solve(blocks.hessian[:, :n, :n] + weak, np.concatenate([by_state, gradient], axis=2))
-    theta = np.zeros(len(problem.parameters))
+    n, theta = len(weak), np.zeros(len(problem.parameters))
+    blocks.hessian[:, :n, :n] += weak
+    solved, inner, left = without_starts(blocks.hessian, blocks.gradient, n)
     if moving:
         information, slope = np.zeros((len(theta),) * 2), np.zeros(len(theta))
         for r in range(len(problem.records)):
             own, columns = layout.segments_of(r), problem.columns(r)
-            turned = by_state[own].transpose(0, 2, 1)
-            direct = blocks.hessian[own, n:, n:] - turned @ solved[own, :, :-1]
-            information[np.ix_(columns, columns)] += direct.sum(axis=0)
-            slope[columns] += (blocks.gradient[own, n:] - (turned @ solved[own, :, -1:])[..., 0]).sum(axis=0)
+            information[np.ix_(columns, columns)] += inner[own].sum(axis=0)
+            slope[columns] += left[own].sum(axis=0)
         scale = jacobi_scale(information)
         scaled = information * np.outer(scale, scale)
         if not (np.isfinite(scaled).all() and np.isfinite(slope).all()):

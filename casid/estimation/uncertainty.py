@@ -95,6 +95,11 @@ class Uncertainty:
         known = {name: getattr(self, name) for name in names}
         return known | {"objective": None, "value": None, "linear": None, "limit_multipliers": self.limit_multipliers}
 
+    @property
+    def solved(self) -> Uncertainty:
+        """As of `Rescaled`."""
+        return self
+
     @cached_property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
@@ -176,10 +181,9 @@ class Uncertainty:
         levels = self.value.noise.levels
         if levels.fixed:
             return 0.0
-        plain = not levels.proportional and (levels.share == 1.0).all()
         data, further = self._data_information, len(self._information) - self._count
         # initial states count in full; what path limits take from them is taken off again
-        told = float(np.trace(self._inverse @ data)) if plain else self._free.shape[1]
+        told = float(np.trace(self._inverse @ data)) if self._is_plain else self._free.shape[1]
         return freedom(self.objective, levels, told - further + self._initial_told) - 1.0
 
     @cached_property
@@ -217,10 +221,15 @@ class Uncertainty:
         return float(stdtrit(self.value.noise.levels.count / (1.0 + self._more), 0.975))
 
     @property
+    def _is_plain(self) -> bool:
+        """Whether the weights are the inverse of the noise."""
+        levels = self.value.noise.levels
+        return not levels.proportional and bool((levels.share == 1.0).all())
+
+    @property
     def _data_information(self) -> np.ndarray:
         """(unknowns, unknowns) of what weighs the parameters, without priors."""
-        plain = not self.value.noise.levels.proportional and (self.value.noise.levels.share == 1.0).all()
-        data = (self._information if plain else self._scores.white).copy()
+        data = (self._information if self._is_plain else self._scores.white).copy()
         data[: self._count, : self._count] -= np.diag(1.0 / self.objective.problem.prior_std**2)
         return data
 
@@ -258,9 +267,8 @@ class Uncertainty:
         from."""
         assert self._inverse is not None
         levels, inverse, information = self.value.noise.levels, self._inverse, self._information
-        plain = not levels.proportional and (levels.share == 1.0).all()
-        score = information if plain else self._scores.white
-        covariance = inverse if plain else inverse @ score @ inverse
+        score = information if self._is_plain else self._scores.white
+        covariance = inverse if self._is_plain else inverse @ score @ inverse
         if levels.fixed:
             return covariance, score
         if not np.isfinite(self._more):
@@ -379,11 +387,6 @@ class Rescaled:
     __repr__ = brief
 
     @property
-    def pressed(self) -> tuple[np.ndarray, ...] | None:
-        """Multipliers of path limits, which another scale of the parameters leaves as they are."""
-        return self.of.pressed
-
-    @property
     def covariance(self) -> np.ndarray:
         """Cramer-Rao."""
         return self._scaled(self.of.covariance)
@@ -423,11 +426,6 @@ class Rescaled:
         return scaled * np.outer(self.factor, self.factor)
 
     @property
-    def confused(self) -> tuple[str, ...]:
-        """Parameters that the data cannot tell apart, or of which they say nothing."""
-        return self.of.confused
-
-    @property
     def initial_std(self) -> np.ndarray | None:
         """(2, records, states) standard errors of the initial states."""
         found = self.of.initial_std
@@ -439,26 +437,9 @@ class Rescaled:
         return self.of.quantile
 
     @property
-    def objective(self) -> Objective:
-        """As it was solved."""
-        return self.of.objective
-
-    @property
-    def value(self) -> ObjectiveValue:
-        """As it was solved."""
-        return self.of.value
-
-    @property
-    def linear(self) -> Linearised | None:
-        """As it was solved."""
-        return self.of.linear
-
-
-def uncertainty(
-    objective: Objective, value: ObjectiveValue, linear: Linearised | None, limit_multipliers: np.ndarray
-) -> Uncertainty:
-    """The standard errors at a solution."""
-    return Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=limit_multipliers)
+    def solved(self) -> Uncertainty:
+        """That of what was estimated."""
+        return self.of.solved
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

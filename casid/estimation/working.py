@@ -20,7 +20,7 @@ import numpy as np
 from casid.errors import EstimationError
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.fit import Fit
-from casid.estimation.fitted import StateHistory, channel_fit
+from casid.estimation.fitted import StateHistory, channel_fits
 from casid.estimation.guess import looked_up, with_guess
 from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
@@ -75,7 +75,7 @@ class Working:
 
     def _with_noise(self, fit: Fit) -> Fit:
         """What is in units of the noise of its sample in units of the channel."""
-        outputs, names = self.posed.model.outputs, list(fit.channels)
+        outputs = self.posed.model.outputs
         if not set(self.posed.sigma_channels) <= set(outputs):
             raise EstimationError("solve: noise per sample is given for a channel that is not an output")
         sigma = {r.name: _sigma(self.posed, r) for r in self.posed.records}
@@ -83,17 +83,16 @@ class Working:
         predicted = {name: y * sigma[name] for name, y in fit.predictions.items()}
         # a prediction that diverged has no finite residual, so what is measured is not read off the residuals
         residuals = {name: measured[name] - y for name, y in predicted.items()}
-        together = np.concatenate([measured[n] for n in predicted]), np.concatenate(list(predicted.values()))
-        sizes, present = np.concatenate([sigma[n] for n in predicted]), np.isfinite(together[0])
+        sizes = np.concatenate([sigma[n] for n in predicted])
+        present = np.isfinite(np.concatenate([measured[n] for n in predicted]))
         rms = np.sqrt((sizes**2 * present).sum(axis=0) / np.maximum(present.sum(axis=0), 1))
         inner = dict(zip(self.problem.model.outputs, range(len(outputs)), strict=True))
-        which = [inner[name] for name in names]
         scale = np.diag(np.where(present.any(axis=0), rms, 1.0))
         return replace(
             fit,
             predictions=predicted,
             residuals=residuals,
-            channels={outputs[i]: channel_fit(together[0][:, i], together[1][:, i]) for i in which},
+            channels=channel_fits(outputs, measured, predicted),
             noise={outputs[inner[name]]: value * float(rms[inner[name]]) for name, value in fit.noise.items()},
             noise_covariance=scale @ fit.noise_covariance @ scale,
             log_likelihood=fit.log_likelihood - float(np.log(sizes[present]).sum()),

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +24,7 @@ from casid.errors import EstimationError, check_known, unknown
 from casid.estimation.guess import with_guess
 from casid.estimation.problem import Problem, check_plain
 from casid.estimation.solvers.identified import lost_along
+from casid.estimation.solvers.search import longest
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Results, Status, out_of_steps
 from casid.estimation.working import along_splines
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
@@ -42,6 +44,7 @@ _TIMES = 4  # a trajectory is linearised anew before the parameters move
 _KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
 _NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
 _HOPELESS = 1e12
+_SHRINK, _SHORTEST = 0.4, 1e-3  # parts of a step that are tried
 _FLAT = 0.1  # of the deviance: less is no loss
 
 
@@ -59,11 +62,6 @@ class Innovations:
     samples: int
 
     __repr__ = brief
-
-    @property
-    def per_sample(self) -> float:
-        """Log likelihood per measured sample."""
-        return self.log_likelihood / self.samples
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -408,19 +406,17 @@ def _search(
     the parameters tried, where alone slopes are right; None when there is none."""
     alone, direction = trajectory_step(system, step)
     X = step.linear.X + alone
-    none, length = np.zeros(len(theta)), 1.0
-    while length > 1e-3:
+    none = np.zeros(len(theta))
+
+    def tried(length: float) -> tuple[np.ndarray, Linear, float] | None:
         trial = theta + length * step.change
-        linear = system.linearise(trial, X + length * direction)
+        linear, after = system.linearise(trial, X + length * direction), _HOPELESS
         if np.isfinite(linear.residual).all() and np.isfinite(linear.defect).all():
-            try:
+            with suppress(np.linalg.LinAlgError):
                 after = evaluate_step(system, trial, linear, noise, none).deviance
-            except np.linalg.LinAlgError:
-                after = _HOPELESS
-            if after < step.deviance + _FLAT:
-                return trial, linear, length
-        length *= 0.4
-    return None
+        return (trial, linear, length) if after < step.deviance + _FLAT else None
+
+    return longest(tried, _SHRINK, _SHORTEST)
 
 
 def _innovations(system: FilterSystem, linear: Linear, kalman: Filter) -> Innovations:

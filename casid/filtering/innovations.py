@@ -19,6 +19,7 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import InputError
+from casid.estimation.transcriptions.steps import rk4
 from casid.filtering.kernel import filter_kernel
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
@@ -123,18 +124,11 @@ class PointFunctions:
         both = ca.vertcat(model.f, model.h)
         by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
         values = [ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
-        u1, dt, d0, d1 = (
-            ca.SX.sym(n, m) for n, m in (("u1", u.shape[0]), ("dt", 1), ("d0", w.shape[0]), ("d1", w.shape[0]))
-        )
-        f = ca.Function("f", [x, u, p, w], [model.f])
-        um, dm = (u + u1) / 2, (d0 + d1) / 2
-        k1 = f(x, u, p, d0)
-        k2 = f(x + dt / 2 * k1, um, p, dm)
-        k3 = f(x + dt / 2 * k2, um, p, dm)
-        k4 = f(x + dt * k3, u1, p, d1)
-        after = x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        u1, dt, w1 = ca.SX.sym("u1", u.shape[0]), ca.SX.sym("dt"), ca.SX.sym("w1", w.shape[0])
+        f = ca.Function("f", [x, ca.vertcat(u, w), p], [model.f])
+        after = rk4(f, x, ca.vertcat(u, w), ca.vertcat(u1, w1), dt, p)
         self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e.T) for e in values])))
-        self._step = Compilable(ca.Function("step", [x, u, u1, p, d0, d1, dt], [after]))
+        self._step = Compilable(ca.Function("step", [x, u, u1, p, w, w1, dt], [after]))
         self._output = Compilable(ca.Function("output", [x, u, p, w], [model.h]))
         self._by_parameters: dict[tuple[str, ...], ParameterFunctions] = {}
 

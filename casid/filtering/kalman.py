@@ -17,7 +17,6 @@ from casid.filtering.colour import Colouring, colouring
 from casid.filtering.innovations import Linear, NoiseModel
 from casid.filtering.kernel import FilterKernel, filter_kernel
 from casid.filtering.slow import slow_states, with_slow_readings
-from casid.filtering.transposed import transposed
 
 _STRETCH = 256  # samples of all records whose covariances of the noise are in memory together
 _INITIAL_SIGMA = 5.0  # prior of the initial state in sizes: practically free, and the covariances keep their digits
@@ -155,7 +154,28 @@ class Filter:
         white = self.colouring.transposed(columns)
         if self.kernel is not None:
             return self.kernel.entrances(self, stations, white, read)
-        return transposed(self.linear, self.A, self.C, self.gain, self.inverse_root, stations, white)
+        return self._entrances(np.asarray(stations, dtype=int), white)
+
+    def _entrances(self, index: np.ndarray, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        (N, R, ny, n), columns, linear = self.C.shape, white.shape[3], self.linear
+        entering, by_output = (np.zeros((count, R, N, columns)) for count in (len(index), ny))
+        costate = np.zeros((R, n, columns))
+
+        def enter(k: int, through: np.ndarray, rows: np.ndarray) -> None:
+            entering[:, :, k] += (through[..., index].swapaxes(1, 2) @ rows[:, : through.shape[1]]).swapaxes(0, 1)
+
+        for k in range(N - 1, -1, -1):
+            u, before = self.inverse_root[k].swapaxes(1, 2) @ white[:, k], 0.0
+            if k < N - 1:
+                u -= self.gain[k].swapaxes(1, 2) @ costate
+                before = self.A[k].swapaxes(1, 2) @ costate
+                enter(k, linear.Bw0[k], costate)
+            costate = before + self.C[k].swapaxes(1, 2) @ u
+            by_output[:, :, k] = u.swapaxes(0, 1)
+            enter(k, linear.Dw[k], u)
+            if k:
+                enter(k, linear.Bw1[k - 1], costate)
+        return entering, by_output
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Most likely deviation of states and coloured disturbances (N, R, nx + nc), and noise of the recorded inputs

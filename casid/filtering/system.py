@@ -104,15 +104,8 @@ class FilterSystem:
 
 def _tiled(batch: Batch, count: int) -> Batch:
     """The records of a batch several times over, side by side."""
-    return Batch(
-        names=batch.names * count,
-        t=np.tile(batch.t, (1, count)),
-        dt=np.tile(batch.dt, (1, count)),
-        U=np.tile(batch.U, (1, count, 1)),
-        Z=np.tile(batch.Z, (1, count, 1)),
-        live=np.tile(batch.live, (1, count)),
-        held=np.tile(batch.held, (count, 1)),
-    )
+    arrays = {name: np.concatenate([getattr(batch, name)] * count, axis=1) for name in ("t", "dt", "U", "Z", "live")}
+    return replace(batch, names=batch.names * count, held=np.tile(batch.held, (count, 1)), **arrays)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -296,7 +296,6 @@ def test_prediction_on_unseen_records_prefers_the_truth():
     for wrong in ({**TRUTH, "Ma": -3.0}, {**TRUTH, "Mq": -1.2}):
         assert predict(unseen, wrong, noise).log_likelihood < right.log_likelihood
     assert predict(unseen, TRUTH, NoiseModel(measurement=NOISE)).log_likelihood < right.log_likelihood
-    assert right.per_sample * right.samples == pytest.approx(right.log_likelihood)
 
 
 def test_what_it_does_not_do_is_said():

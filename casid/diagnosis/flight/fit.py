@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Collection, Iterable, Sequence
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ from casid.diagnosis.flight.hypothesis import Attached, acting_noise
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.errors import InputError
+from casid.estimation.solvers.search import longest
 from casid.filtering.innovations import NoiseModel
 from casid.filtering.kalman import residual_about
 
@@ -75,30 +76,32 @@ def fit(
             work.filter = start.filter_of_another
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
-    best: _Point | None = None
-    step, shrink = None, 1.0
-    for iteration in range(1, int(iterations) + 1):
+    flight.limit.check()
+    best = now = _flown(work, attached, values, motion)
+    count, gained = 1, np.inf
+
+    def tried(length: float) -> _Point | None:
+        nonlocal best, count
+        if count >= iterations:
+            return None
+        count += 1
         flight.limit.check()
-        best, now = None if best is None else best.lighter(), None
-        with nullcontext() if best is None else suppress(InputError):  # a step may be too long
-            now = _flown(work, attached, values, motion)
-        if now is None or not (best is None or best.leads_to(now, tolerance, full=shrink == 1.0)):
-            shrink *= numerics.shrink
-            if shrink < numerics.shortest_step or step is None or best is None:
-                break
-            values, motion = best.fit.values + shrink * step[0], best.fit.motion.moved(step[1], shrink)
-            continue
+        best, after = best.lighter(), None
+        with suppress(InputError):  # a step may be too long
+            values, motion = best.fit.values + length * step[0], best.fit.motion.moved(step[1], length)
+            after = _flown(work, attached, values, motion)
+        return after if after is not None and best.leads_to(after, tolerance, full=length == 1.0) else None
+
+    while now is not None:
         work.filter = work.filter or now.fit.filter_of_another
-        gained = np.inf if best is None else abs(best.squares - now.squares)
-        best, shrink = now, 1.0
+        best = now
         if now.left(gained) < tolerance:
             return now.converged(gained)
-        if iteration >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
+        if count >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
-        step = gauss_newton_step(now.fit)
-        values, motion = now.fit.values + step[0], now.fit.motion.moved(step[1])
-    if best is None:
-        raise RuntimeError("a fit without iterations")
+        step, now = gauss_newton_step(now.fit), None  # of the present point only what `best` keeps stays in memory
+        now = longest(tried, numerics.shrink, numerics.shortest_step)
+        gained = np.inf if now is None else abs(best.squares - now.squares)
     return best.fit
 
 

@@ -15,7 +15,6 @@ from typing import ClassVar
 
 import numpy as np
 
-from casid.errors import InputError
 from casid.estimation.solvers.levels import NoiseLevels
 
 _ROUNDS = 2000  # of expectation and maximisation
@@ -164,7 +163,6 @@ def full_noise(
     """The covariance to begin with: the independent `levels`, or `given` when it is known.
 
     seen (patterns, o) 1 where present, pattern (...) of each sample, z (..., o) measurements, zero where missing.
-    Raises InputError for a given covariance that is none.
     """
     counts = np.bincount(pattern.ravel(), minlength=len(seen))
     patterns = tuple(
@@ -176,7 +174,7 @@ def full_noise(
     for p, s, count in patterns:
         floor[p, s, s] = 0.0 if given is not None else count * levels.floor[s] ** 2
     return FullNoise(
-        matrix=np.diag(levels.sigma**2) if given is None else _checked(given, names),
+        matrix=np.diag(levels.sigma**2) if given is None else 0.5 * (given + given.T),
         fixed=given is not None,
         share=np.ones(len(names)),
         present=counts @ seen,
@@ -193,18 +191,3 @@ def moments_of(residuals: np.ndarray, pattern: np.ndarray, seen: np.ndarray) -> 
         own = residuals[pattern == p] * present
         found[p] = own.T @ own
     return found
-
-
-def _checked(given: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    matrix = np.array(given, dtype=float)
-    if matrix.shape != (len(names), len(names)):
-        raise InputError(
-            f"Problem: noise is an array of shape {matrix.shape}; expected the covariance of {', '.join(names)}, "
-            f"of shape {(len(names), len(names))}"
-        )
-    if not np.isfinite(matrix).all() or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0.0):
-        raise InputError("Problem: noise is no covariance: it is not symmetric or not finite")
-    sigma = np.sqrt(np.maximum(np.diagonal(matrix), 0.0))
-    if not (sigma > 0.0).all() or np.linalg.eigvalsh(matrix / np.outer(sigma, sigma))[0] < 1e-12:
-        raise InputError("Problem: noise is no covariance: it is not positive definite")
-    return 0.5 * (matrix + matrix.T)

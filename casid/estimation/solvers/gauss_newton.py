@@ -10,6 +10,7 @@ import numpy as np
 from casid.arguments import require
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
+from casid.estimation.solvers.search import longest
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.solvers.status import (
     CONVERGED,
@@ -73,6 +74,7 @@ class GaussNewton:
 _DEFECT = 1e-8
 _WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
+_SHORTEST = 1e-4  # part of a step
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
 _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
 
@@ -230,12 +232,13 @@ class FilterSearch:
 
         cost, violation = cost_of(at.value), at.value.violation()
         rounding = 1e-11 * max(abs(at.value.cost), abs(cost))
-        for length in 0.5 ** np.arange(14):
+
+        def tried(length: float) -> tuple[Point, ObjectiveValue, float] | None:
             point = moved(at.point, step, length)
             value = at.objective.value(point, at.value.noise)
             new_violation, new_cost = value.violation(), cost_of(value)
             if not (np.isfinite(new_cost) and np.isfinite(new_violation)):
-                continue
+                return None
             # descent of the cost outweighs what the violation is worth: then it is the cost that must fall
             by_cost = -length * step.slope > step.price * violation
             if by_cost:
@@ -244,8 +247,10 @@ class FilterSearch:
                 fallen = new_cost <= cost - 1e-4 * step.price * violation + rounding
                 better = fallen or new_violation <= (1 - 1e-4) * violation + 1e-12
             passes = all(new_violation < v or new_cost - rounding < c for v, c in self.filter)
-            if better and new_violation <= self.widest and passes:
-                if not by_cost:
-                    self.filter.append((violation, cost))
-                return point, value, float(length)
-        return None
+            if not (better and new_violation <= self.widest and passes):
+                return None
+            if not by_cost:
+                self.filter.append((violation, cost))
+            return point, value, length
+
+        return longest(tried, 0.5, _SHORTEST)

@@ -22,7 +22,7 @@ from casid.estimation.solvers.nlp import Packing, Programme, build, data, is_pro
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.separable import separable_functions
-from casid.estimation.solvers.solver import Outcome, check_limits
+from casid.estimation.solvers.solver import Outcome, check_limits, linear_at
 from casid.estimation.solvers.status import CONVERGED, DIVERGES, INFEASIBLE, Results, Status
 from casid.estimation.transcriptions.steps import cached
 from casid.native.programme import CompilableProgramme
@@ -113,9 +113,9 @@ _ENDS = {  # what IPOPT says
 def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     point = objective.start()
     value = objective.value(point)
-    nothing = np.zeros(len(objective.limits))
+    unsolved: dict = {"stationarity": np.inf, "limit_multipliers": np.zeros(len(objective.limits)), "solver": "Ipopt"}
     if not np.isfinite(value.cost):
-        return _outcome(point, value, DIVERGES, 0, np.inf, nothing)
+        return Outcome(point=point, value=value, status=DIVERGES, iterations=0, **unsolved)
     deadline = time.perf_counter() + solver.seconds
     scale = _parameter_scale(objective, point, value)
     x = Packing(variables(objective, point, scale))
@@ -124,7 +124,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     d = Packing(data(objective, value.noise, scale, gain))
     built = _built(objective, x, d, solver, deadline)
     if built is None:
-        return _outcome(point, value, _TIME_LIMIT, 0, np.inf, nothing)
+        return Outcome(point=point, value=value, status=_TIME_LIMIT, iterations=0, **unsolved)
     function, programme = built
     iterations, status, multipliers, settling = 0, _TIME_LIMIT, np.zeros(programme.g.numel()), FixedPoint()
     for _ in range(_ROUNDS):
@@ -160,19 +160,14 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     limit_multipliers = multipliers[programme.linear]
     active = np.abs(limit_multipliers) * np.abs(objective.limits.at(point.theta)[1] @ scale) > 1e-5
     limit_multipliers = np.where(active, limit_multipliers / gain, 0.0)
-    return _outcome(point, value, status, iterations, _stationarity(objective, point, value), limit_multipliers)
-
-
-def _outcome(
-    point: Point, value: ObjectiveValue, status: Status, iterations: int, stationarity: float, multipliers: np.ndarray
-) -> Outcome:
+    step = _gauss_newton_step(objective, point, value)
     return Outcome(
         point=point,
         value=value,
         status=status,
         iterations=iterations,
-        stationarity=stationarity,
-        limit_multipliers=multipliers,
+        stationarity=np.nan if step is None else objective.length(step, value),
+        limit_multipliers=limit_multipliers,
         solver="Ipopt",
     )
 
@@ -286,11 +281,8 @@ def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
     """Whether IPOPT is content where the data say nothing of some parameter."""
     if not outcome.converged:
         return False
-    try:
-        linear = objective.linearise(outcome.point, outcome.value)
-    except np.linalg.LinAlgError:
-        return True
-    return bool(lost(objective, linear, outcome.limit_multipliers))
+    linear = linear_at(objective, outcome)
+    return linear is None or bool(lost(objective, linear, outcome.limit_multipliers))
 
 
 def _is_solution(objective: Objective, point: Point, value: ObjectiveValue) -> bool:
@@ -308,9 +300,3 @@ def _gauss_newton_step(objective: Objective, point: Point, value: ObjectiveValue
         return objective.step(point, value, objective.linearise(point, value), 0.0)
     except np.linalg.LinAlgError:
         return None
-
-
-def _stationarity(objective: Objective, point: Point, value: ObjectiveValue) -> float:
-    """Length of a further Gauss-Newton step in standard deviations; not a number where there is none."""
-    step = _gauss_newton_step(objective, point, value)
-    return np.nan if step is None else objective.length(step, value)

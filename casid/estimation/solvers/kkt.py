@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
-from casid.estimation.transcriptions.kernel import Reducing
+from casid.estimation.transcriptions.dynamics import Reducing
 
 (_gbsv,) = get_lapack_funcs(("gbsv",), dtype=np.float64)
 
@@ -143,3 +143,13 @@ class BandedKKT:
             hessian=0.5 * (reduced + reduced.T),
             gradient=slope,
         )
+
+
+def without_starts(hessian: np.ndarray, gradient: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Start states (n) of segments that nothing ties, eliminated from hessian (..., n+f, n+f) and gradient (..., n+f):
+    (..., n, f+1) by how much they follow the parameters and, last, by themselves; information (..., f, f) and gradient
+    (..., f) of the parameters."""
+    by_state, by_parameter = hessian[..., :n, n:], hessian[..., n:, :n]
+    follow = np.linalg.solve(hessian[..., :n, :n], np.concatenate([by_state, gradient[..., :n, None]], axis=-1))
+    inner = hessian[..., n:, n:] - by_parameter @ follow[..., :-1]
+    return follow, inner, gradient[..., n:] - (by_parameter @ follow[..., -1:])[..., 0]

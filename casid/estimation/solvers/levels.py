@@ -141,6 +141,4 @@ def _given(noise: Mapping[str, float], names: tuple[str, ...]) -> np.ndarray:
     for name in names:
         if name not in noise:
             raise InputError(f"Problem: noise has no 1-sigma of '{name}'; expected one for each of {', '.join(names)}")
-        if not noise[name] > 0:
-            raise InputError(f"Problem: noise of '{name}' is {noise[name]}; expected a positive 1-sigma")
     return np.array([noise[name] for name in names], dtype=float)

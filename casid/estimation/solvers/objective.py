@@ -24,9 +24,8 @@ from casid.estimation.solvers.limits import ParameterLimits
 from casid.estimation.solvers.paths import HeldPaths, PathLimits, PathStep
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
 from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
-from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Trajectory
+from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Reducing, Trajectory
 from casid.estimation.transcriptions.equation import EquationValue, equations_of
-from casid.estimation.transcriptions.kernel import Reducing
 
 _ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent

@@ -84,7 +84,8 @@ class PathLimits:
         names = tuple(dict.fromkeys(c.name for c in constraints))
         self._watching = dynamics.watching(names)
         self._column = np.array([names.index(c.name) for c in constraints])
-        self._source = [(c.name in model.states, _index(model, c.name)) for c in constraints]
+        where = [model.states if c.name in model.states else model.outputs for c in constraints]
+        self._source = [(of is model.states, of.index(c.name)) for of, c in zip(where, constraints, strict=True)]
         self.lower, self.upper = (np.array([getattr(c, side) for c in constraints]) for side in ("lower", "upper"))
         self.price = np.array([c.price for c in constraints])
         self.soft = np.isfinite(self.price)
@@ -314,10 +315,6 @@ class PathLimits:
         )
         whole = np.concatenate([nodes[self.segment], np.array(local)[self.record]], axis=1)
         return paths.values + np.einsum("cnf,nf->cn", paths.rows, whole)
-
-
-def _index(model, name: str) -> int:
-    return model.states.index(name) if name in model.states else model.outputs.index(name)
 
 
 def diagonal(*blocks: np.ndarray) -> np.ndarray:

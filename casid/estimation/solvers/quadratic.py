@@ -108,26 +108,18 @@ def _interior_point(
     interior point method, and exactly for the limits that it finds active."""
     soft = np.isfinite(price)
     n, excess = len(g), int(soft.sum())
-    order = np.cumsum(soft) - 1  # of the excess s >= 0 of each soft limit: c d - s <= high, c d + s >= low
     quadratic = np.zeros((n + excess, n + excess))
     quadratic[:n, :n] = h
-    parts, first, last, which = [], [], [], []
-    for i in range(len(c)):
-        hard = not soft[i]
-        sides = [(low[i], high[i], 0.0)] if hard else [(-np.inf, high[i], -1.0), (low[i], np.inf, 1.0)]
-        for lower, upper, slack in sides:
-            if np.isfinite(lower) or np.isfinite(upper):
-                row = np.zeros(n + excess)
-                row[:n] = c[i]
-                if soft[i]:
-                    row[n + order[i]] = slack
-                parts.append(row)
-                first.append(lower)
-                last.append(upper)
-                which.append(i)
-    if not parts:
+    # with the excess s >= 0 of each soft limit: c d - s <= high, c d + s >= low
+    slack, which = np.eye(excess), np.concatenate([np.flatnonzero(~soft), *[np.flatnonzero(soft)] * 2])
+    matrix = np.hstack([c[which], np.vstack([np.zeros((len(c) - excess, excess)), -slack, slack])])
+    first = np.concatenate([low[~soft], np.full(excess, -np.inf), low[soft]])
+    last = np.concatenate([high[~soft], high[soft], np.full(excess, np.inf)])
+    order = np.argsort(which, kind="stable")
+    order = order[(np.isfinite(first) | np.isfinite(last))[order]]
+    if not len(order):
         raise NoStepError(NOT_NUMBERS)
-    matrix = np.array(parts)
+    matrix, first, last, which = matrix[order], first[order], last[order], which[order]
     structure = {"h": ca.Sparsity.dense(*quadratic.shape), "a": ca.Sparsity.dense(*matrix.shape)}
     least = np.concatenate([np.full(n, -np.inf), np.zeros(excess)])
     given = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -33,6 +34,14 @@ class Outcome:
     def converged(self) -> bool:
         """Whether the solver calls its point a solution."""
         return self.status.converged
+
+
+def linear_at(objective: Objective, outcome: Outcome) -> Linearised | None:
+    """The linearisation where a solver stopped; None where there is none."""
+    if outcome.linear is None:
+        with suppress(np.linalg.LinAlgError):
+            return objective.linearise(outcome.point, outcome.value)
+    return outcome.linear
 
 
 def check_limits(solver: Any) -> None:

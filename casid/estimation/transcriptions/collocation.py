@@ -19,10 +19,10 @@ import casadi as ca
 import numpy as np
 
 from casid.errors import EstimationError
-from casid.estimation.transcriptions.collocation_kernel import CollocationKernel, LiftedBlocks, collocation_offer
+from casid.estimation.transcriptions.collocation_kernel import CollocationKernel, collocation_offer
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.jumps import Jumps
-from casid.estimation.transcriptions.kernel import Packed, whitened
+from casid.estimation.transcriptions.kernel import Packed, pack, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import cached, compiled, dynamics_function, output_function, quiet
 from casid.estimation.transcriptions.symbolic import collocated
@@ -67,21 +67,6 @@ class PlainLift:
             price = max(price, float(np.abs(costate * scale).max(initial=0.0)))
             costate = self.pull[:, j] + np.einsum("kab,ka->kb", self.gain[:, j, -n:, :n], costate)
         return steps.reshape(count, -1, n), price
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class KernelLift:
-    """The same of the compiled kernel, which keeps it in its own order."""
-
-    kernel: CollocationKernel
-    kept: np.ndarray
-    shift: np.ndarray
-
-    def follow(
-        self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """As of `PlainLift`."""
-        return self.kernel.follow(self.kept, nodes, local, multipliers, scale)
 
 
 class LiftedCollocation:
@@ -182,21 +167,12 @@ class LiftedCollocation:
         if kernel is not None:
             packed = self._packed_for(kernel)
             found = kernel.lift(packed, trajectory.states[:, 0], points, parameters, weights, keep=self._lifted)
-            lift = None if found.kept is None else KernelLift(kernel=kernel, kept=found.kept, shift=found.shift)
         else:
             begin = time.perf_counter()
-            found, lift = self._plain(trajectory, parameters, weights, slice(None))
+            found = self._plain(trajectory, parameters, weights, slice(None))
+            found = replace(found, rows=None, lift=found.lift if self._lifted else None)
             self._offer.spent += time.perf_counter() - begin
-        blocks = Blocks(
-            hessian=found.hessian,
-            channel_gradient=found.channel_gradient,
-            gradient=found.channel_gradient.sum(axis=1),
-            transition=found.transition,
-            end=found.end,
-            covariance=None,
-            lift=lift if self._lifted else None,
-        )
-        return self._jumps.blocks(blocks, trajectory.arrived, parameters)
+        return self._jumps.blocks(found, trajectory.arrived, parameters)
 
     def slabs(
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
@@ -209,7 +185,7 @@ class LiftedCollocation:
             own = slice(max(first, segments.start), min(first + group, segments.stop))
             whole = slice(first, min(first + group, self.shape[0]))
             if kernel is None:
-                found, _ = self._plain(trajectory, parameters, weights, whole)
+                found = self._plain(trajectory, parameters, weights, whole)
             else:
                 part = self._packed_for(kernel).part(slice(first // lanes, -(-whole.stop // lanes)), 0, length)
                 nodes = trajectory.states[whole, 0]
@@ -340,12 +316,10 @@ class LiftedCollocation:
 
     def _packed_for(self, kernel: CollocationKernel) -> Packed:
         if self._packed is None:
-            self._packed = kernel.pack(self.layout)
+            self._packed = pack(self.layout, kernel.sizes, kernel.lanes)
         return self._packed
 
-    def _plain(
-        self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
-    ) -> tuple[LiftedBlocks, PlainLift]:
+    def _plain(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice) -> Blocks:
         """Blocks of some segments with their rows, and how their interior states follow."""
         data, points, gap = self.layout, _points_of(trajectory), trajectory.gap
         gap = np.zeros_like(points) if gap is None else gap
@@ -372,17 +346,19 @@ class LiftedCollocation:
         residual = whitened(y - data.z[segments], weights, pattern)
         flat = rows.reshape(count, -1, rows.shape[3])
         shift = [np.einsum("klof,klo->kf", rows, moved), (residual * moved).sum((1, 2))[:, None]]
-        found = LiftedBlocks(
+        shift = np.concatenate([*shift, (moved**2).sum((1, 2))[:, None]], axis=1)
+        pull = np.einsum("klon,klo->kln", by_state, residual)
+        channel_gradient = np.einsum("klof,klo->kof", rows, residual + moved)
+        return Blocks(
             hessian=flat.transpose(0, 2, 1) @ flat,
-            channel_gradient=np.einsum("klof,klo->kof", rows, residual + moved),
+            channel_gradient=channel_gradient,
+            gradient=channel_gradient.sum(axis=1),
             transition=s,
             end=points[segments][:, -1] + offset,
-            shift=np.concatenate([*shift, (moved**2).sum((1, 2))[:, None]], axis=1),
-            kept=None,
+            covariance=None,
+            lift=PlainLift(correction=correction, gain=gain, pull=pull, shift=shift),
             rows=rows,
         )
-        pull = np.einsum("klon,klo->kln", by_state, residual)
-        return found, PlainLift(correction=correction, gain=gain, pull=pull, shift=found.shift)
 
     def _derived(
         self, states: np.ndarray, points: np.ndarray, parameters: np.ndarray, segments: slice

@@ -9,23 +9,24 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from casid.estimation.transcriptions.kernel import KernelOffer, Packed, Reduction, aligned, call, is_dense, pack
-from casid.estimation.transcriptions.layout import Layout
+from casid.estimation.transcriptions.dynamics import Blocks
+from casid.estimation.transcriptions.kernel import KernelOffer, Packed, Reduction, aligned, call, is_dense
 from casid.native.kernel_source import Sizes, collocation_sizes, collocation_source
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LiftedBlocks:
-    """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), shift (K, n+f+2) as in
-    collocate.c; `kept` is what `CollocationKernel.follow` takes, rows (K, L, o, n+f) where they were asked for."""
+class KernelLift:
+    """A `Lift` of the compiled kernel, which keeps it in its own order."""
 
-    hessian: np.ndarray
-    channel_gradient: np.ndarray
-    transition: np.ndarray
-    end: np.ndarray
+    kernel: CollocationKernel
+    kept: np.ndarray
     shift: np.ndarray
-    kept: np.ndarray | None
-    rows: np.ndarray | None
+
+    def follow(
+        self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
+    ) -> tuple[np.ndarray, float]:
+        """As of `Lift`."""
+        return self.kernel.follow(self.kept, nodes, local, multipliers, scale)
 
 
 class CollocationKernel:
@@ -50,10 +51,6 @@ class CollocationKernel:
         points = degree * sizes.n
         self._work = aligned((points * (points + 1 + sizes.n + sizes.f) * self.lanes,))
         self._below = np.tril_indices(sizes.o)
-
-    def pack(self, layout: Layout) -> Packed:
-        """The data of a layout."""
-        return pack(layout, self.sizes, self.lanes)
 
     def gaps(
         self, packed: Packed, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray
@@ -82,38 +79,25 @@ class CollocationKernel:
         weights: np.ndarray,
         rows: bool = False,
         keep: bool = False,
-    ) -> LiftedBlocks:
-        """weights (patterns, o, o) as in `Shooting.blocks`; keep: what `follow` takes."""
+    ) -> Blocks:
+        """weights (patterns, o, o) as in `Shooting.blocks`; keep: what interior states follow by."""
         (count, n), (blocks, length) = nodes.shape, packed.data.shape[:2]
         o, nf = self.sizes.o, n + self.sizes.f
-        found = LiftedBlocks(
+        shift, kept = np.empty((count, nf + 2)), aligned((blocks, length, self._kept, self.lanes)) if keep else None
+        found = Blocks(
             hessian=np.empty((count, nf, nf)),
             channel_gradient=np.empty((count, o, nf)),
+            gradient=np.empty((count, nf)),
             transition=np.empty((count, n, nf)),
             end=np.empty((count, n)),
-            shift=np.empty((count, nf + 2)),
-            kept=aligned((blocks, length, self._kept, self.lanes)) if keep else None,
+            covariance=None,
+            lift=None if kept is None else KernelLift(kernel=self, kept=kept, shift=shift),
             rows=np.zeros((count, length, o, nf)) if rows else None,
         )
-        call(
-            self._lift,
-            count,
-            length,
-            packed.data,
-            nodes,
-            points,
-            parameters,
-            weights[:, *self._below],
-            is_dense(weights),
-            self._work,
-            found.hessian,
-            found.channel_gradient,
-            found.transition,
-            found.end,
-            found.shift,
-            found.kept,
-            found.rows,
-        )
+        given = packed.data, nodes, points, parameters, weights[:, *self._below], is_dense(weights), self._work
+        to = found.hessian, found.channel_gradient, found.transition, found.end, shift, kept, found.rows
+        call(self._lift, count, length, *given, *to)
+        found.channel_gradient.sum(axis=1, out=found.gradient)
         return found
 
     def follow(

@@ -5,14 +5,13 @@ Sizes: K segments, L samples each, n states, f free parameters (of the segment's
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Protocol
 
 import casadi as ca
 import numpy as np
 
-from casid.estimation.transcriptions.kernel import Reducing
 from casid.estimation.transcriptions.layout import Layout
 
 
@@ -63,6 +62,16 @@ class Blocks:
     # how interior states follow, only of collocation; gradients are then those at the predictions that satisfy its
     # linearised equations
     lift: Lift | None = None
+    rows: np.ndarray | None = None  # (K, L, o, n+f) derivatives of the whitened outputs, where they were asked for
+
+
+class Reducing(Protocol):
+    """A kernel, of shooting or collocation, that has the step of a record."""
+
+    @property
+    def reduce(self) -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """The step, see `Reduction`."""
+        ...
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

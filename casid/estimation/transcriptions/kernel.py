@@ -9,11 +9,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 import casadi as ca
 import numpy as np
 
+from casid.estimation.transcriptions.dynamics import Blocks
 from casid.estimation.transcriptions.layout import Layout
 from casid.native.compiler import c_compiler, cached_library, compile_first, compile_library, is_time_to_compile
 from casid.native.emitter import UnknownOperationError
@@ -48,20 +49,9 @@ class Packed:
     def part(self, blocks: slice, first: int, stop: int) -> Packed:
         """Of some blocks, samples first ... stop-1."""
         data, live = self.data[blocks, first:stop], np.clip(self.live[blocks] - first, 0, stop - first)
-        return replace(self, data=aligned_copy(data), live=live)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class KernelBlocks:
-    """hessian (K, n+f, n+f), channel gradient (K, o, n+f), transition (K, n, n+f), end (K, n), covariance (K, n, n) of
-    process noise or None, and, when asked for, rows (K, L, o, n+f)."""
-
-    hessian: np.ndarray
-    channel_gradient: np.ndarray
-    transition: np.ndarray
-    end: np.ndarray
-    covariance: np.ndarray | None
-    rows: np.ndarray | None
+        copy = aligned(data.shape)
+        copy[...] = data
+        return replace(self, data=copy, live=live)
 
 
 def pack(layout: Layout, sizes: Sizes, lanes: int) -> Packed:
@@ -111,31 +101,10 @@ class Reduction:
             self._space = aligned((size,))
         states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
         information = np.empty((self.sizes.f, sides))
-        if call(
-            self._reduce,
-            count,
-            hessian,
-            gradient,
-            transition,
-            defect,
-            covariance,
-            scale,
-            self._space,
-            states,
-            multipliers,
-            information,
-        ):
+        given = hessian, gradient, transition, defect, covariance, scale
+        if call(self._reduce, count, *given, self._space, states, multipliers, information):
             raise np.linalg.LinAlgError("singular states and multipliers")
         return states, multipliers, information
-
-
-class Reducing(Protocol):
-    """A kernel, of shooting or collocation, that has the step of a record."""
-
-    @property
-    def reduce(self) -> Reduction:
-        """The step."""
-        ...
 
 
 class Kernel:
@@ -152,10 +121,6 @@ class Kernel:
         self.reduce = Reduction(loaded, sizes)
         self._below = np.tril_indices(sizes.o)
 
-    def pack(self, layout: Layout) -> Packed:
-        """The data of a layout; the last block is filled up with the last segment."""
-        return pack(layout, self.sizes, self.lanes)
-
     def simulate(
         self, packed: Packed, nodes: np.ndarray, parameters: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -163,20 +128,8 @@ class Kernel:
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         states, y = np.empty((count, length, n)), np.empty((count, length, o))
         end, squares = np.empty((count, n)), np.empty((count, o))
-        call(
-            self._simulate,
-            count,
-            length,
-            packed.live,
-            packed.data,
-            nodes,
-            parameters,
-            packed.seen,
-            states,
-            y,
-            end,
-            squares,
-        )
+        given = packed.live, packed.data, nodes, parameters, packed.seen
+        call(self._simulate, count, length, *given, states, y, end, squares)
         return states, y, end, squares
 
     def linearise(
@@ -187,36 +140,23 @@ class Kernel:
         weights: np.ndarray,
         intensity: np.ndarray,
         rows: bool = False,
-    ) -> KernelBlocks:
+    ) -> Blocks:
         """weights (patterns, o, o) as in `Shooting.blocks`."""
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
         nf = n + self.sizes.f
-        found = KernelBlocks(
+        found = Blocks(
             hessian=np.empty((count, nf, nf)),
             channel_gradient=np.empty((count, o, nf)),
+            gradient=np.empty((count, nf)),
             transition=np.empty((count, n, nf)),
             end=np.empty((count, n)),
             covariance=np.empty((count, n, n)) if self.sizes.v else None,
             rows=np.zeros((count, length, o, nf)) if rows else None,
         )
-        call(
-            self._linearise,
-            count,
-            length,
-            packed.live,
-            packed.data,
-            nodes,
-            parameters,
-            weights[:, *self._below],
-            is_dense(weights),
-            intensity,
-            found.hessian,
-            found.channel_gradient,
-            found.transition,
-            found.end,
-            found.covariance,
-            found.rows,
-        )
+        given = packed.live, packed.data, nodes, parameters, weights[:, *self._below], is_dense(weights), intensity
+        to = found.hessian, found.channel_gradient, found.transition, found.end, found.covariance, found.rows
+        call(self._linearise, count, length, *given, *to)
+        found.channel_gradient.sum(axis=1, out=found.gradient)
         return found
 
 
@@ -246,25 +186,10 @@ def aligned(shape: tuple[int, ...]) -> np.ndarray:
     return held[first : first + size].reshape(shape)
 
 
-def aligned_copy(values: np.ndarray) -> np.ndarray:
-    copy = aligned(values.shape)
-    copy[...] = values
-    return copy
-
-
 def call(function, *arguments: np.ndarray | float | None) -> int:
     """Arrays go as the address of their numbers in C order."""
     kept = [np.ascontiguousarray(a) if isinstance(a, np.ndarray) else a for a in arguments]
     return function(*[a.__array_interface__["data"][0] if isinstance(a, np.ndarray) else a for a in kept])
-
-
-def model_kernel(functions: tuple[ca.Function, ca.Function], noises: int) -> Kernel | None:
-    """The kernel of `stage_functions`, from the cache or compiled now; None (and said) where there is no compiler.
-    Raises UnknownOperationError."""
-    if c_compiler() is None:
-        return None
-    library = compile_library(kernel_source(*functions, noises), FLAGS)
-    return None if library is None else Kernel(str(library), sizes_of(functions[1], noises))
 
 
 @cache

@@ -48,6 +48,12 @@ class Layout:
         """Number of segments K."""
         return len(self.record)
 
+    @property
+    def ranges(self) -> np.ndarray:
+        """(o,) largest minus smallest measurement of each output, zero where there is none."""
+        low, high = (np.where(self.present, self.z, one) for one in (np.inf, -np.inf))
+        return np.maximum(high.max(axis=(0, 1)) - low.min(axis=(0, 1)), 0.0)
+
     def residuals(self, y: np.ndarray) -> np.ndarray:
         """Subtract the measurements from outputs (K, L, o); zero where nothing is measured, whatever the output."""
         return np.where(self.present, y - self.z, 0.0)

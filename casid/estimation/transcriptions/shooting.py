@@ -19,7 +19,7 @@ from casid.errors import EstimationError
 from casid.estimation.transcriptions.curvature import shot_derivatives
 from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Simulated, Slab, Trajectory
 from casid.estimation.transcriptions.jumps import Jumps
-from casid.estimation.transcriptions.kernel import Kernel, Packed, shooting_offer, whitened
+from casid.estimation.transcriptions.kernel import Kernel, Packed, pack, shooting_offer, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
 from casid.estimation.transcriptions.steps import (
     cached,
@@ -124,15 +124,7 @@ class Shooting:
         kernel = self.kernel
         if kernel is not None:
             nodes, packed = trajectory.states[:, 0], self._packed_for(kernel)
-            found = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
-            blocks = Blocks(
-                hessian=found.hessian,
-                channel_gradient=found.channel_gradient,
-                gradient=found.channel_gradient.sum(axis=1),
-                transition=found.transition,
-                end=found.end,
-                covariance=found.covariance,
-            )
+            blocks = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
         else:
             begin = time.perf_counter()
             blocks = self._mapped_blocks(trajectory, parameters, weights)
@@ -190,7 +182,7 @@ class Shooting:
     def _packed_for(self, kernel: Kernel) -> Packed:
         """The data in the kernel's order."""
         if self._packed is None:
-            self._packed = kernel.pack(self.layout)
+            self._packed = pack(self.layout, kernel.sizes, kernel.lanes)
         return self._packed
 
     def _mapped_blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
