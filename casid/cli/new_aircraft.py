@@ -30,7 +30,9 @@ _QUESTIONS = {
     "chord": "mean aerodynamic chord [m]",
     "area": "wing area [m2]",
     "speed": "true airspeed of the manoeuvres [m/s]",
+    "arm": "distance of each rotor from the centre [m]",
 }
+_WING = ("mass", "span", "chord", "area", "speed")
 _SIGNS = {  # what a positive deflection does by the sign of its derivative here
     "Cm_delta_e": "typical; positive elevator: trailing edge down, nose down",
     "Cl_delta_a": "typical; positive aileron: rolls to the LEFT; change the sign if yours rolls to the right",
@@ -89,9 +91,9 @@ def new_aircraft(
     if target.exists() and not overwrite:
         raise InputError(f"{target}: is there already; choose another name, or --overwrite")
     if rotors is not None:
-        _write(target, multirotor_text(name, rotors, mass, arm))
+        _write(target, multirotor_text(name, rotors, **_answered({"mass": mass, "arm": arm})))
         return
-    known = _answered({"mass": mass, "span": span, "chord": chord, "area": area, "speed": speed})
+    known = _answered(dict(zip(_WING, (mass, span, chord, area, speed), strict=True)))
     if length is not None:
         known["length"] = length
     for what, value in known.items():
@@ -137,7 +139,7 @@ class _Positive(FloatPrompt):
 
 def _check_wing(known: Mapping[str, float], altitude: float) -> None:
     """Raise InputError for an area that is far from span times chord, and for a lift coefficient beyond any wing."""
-    mass, span, chord, area, speed = (known[what] for what in _QUESTIONS)
+    mass, span, chord, area, speed = (known[what] for what in _WING)
     ratio = area / (span * chord)
     if not _AREA_RATIO[0] <= ratio <= _AREA_RATIO[1]:
         raise InputError(
@@ -203,7 +205,7 @@ def derivatives_of(lift: float, aspect: float) -> dict[str, float]:
 
 
 def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
-    mass, span, chord, area, speed = (known[what] for what in _QUESTIONS)
+    mass, span, chord, area, speed = (known[what] for what in _WING)
     rho = float(standard_density(np.array(altitude)))
     lift = _lift(mass, area, speed, altitude)
     document = tomlkit.document()

@@ -19,14 +19,11 @@ _FRAMES = {
 }
 
 
-def multirotor_text(name: str, count: int, mass: float | None, arm: float | None) -> str:
+def multirotor_text(name: str, count: int, mass: float, arm: float) -> str:
     """A commented file of so many rotors on a circle, numbered as PX4 and ArduPilot number their X frames.
 
-    Raises InputError for numbers that are missing or that no multirotor has.
+    Raises InputError for numbers that no multirotor has.
     """
-    missing = [what for what, value in (("mass", mass), ("arm", arm)) if value is None]
-    if missing or mass is None or arm is None:
-        raise InputError(f"missing: {', '.join(f'--{what}' for what in missing)}; give them as options")
     for what, value in (("mass", mass), ("arm", arm)):
         if not (math.isfinite(value) and value > 0.0):
             raise InputError(f"--{what} {value:g}: expected a positive number")

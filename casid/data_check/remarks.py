@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -23,14 +23,18 @@ _SEA_LEVEL = float(standard_density(np.array(0.0)))
 def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> tuple[str, ...]:
     """What a person should look at, one sentence for each kind, with the records concerned."""
     said: dict[str, list[str]] = {}
+    thrust: dict[str, tuple[float, float]] = {}
     for record in records:
         slow = Read(smooth(record, criteria.slow, criteria))
+        found = thrust_over_drag(slow, aircraft, GRAVITY if aircraft is None else aircraft.gravity, criteria)
+        thrust |= {} if found is None else {record.name: (math.log(max(found[0], 1e-3)), found[1])}
         quick = Read(smooth(record, criteria.quick, criteria))
         found = (*_density(slow, criteria), *_indicated(quick, criteria), *_pace(record))
         on_ground = ground(record, aircraft.rotors) if aircraft is not None and aircraft.rotors is not None else ()
-        for one in (*found, *_thrust(slow, aircraft, criteria), *on_ground):
+        for one in (*found, *on_ground):
             said.setdefault(one, []).append(record.name)
-    return (*(f"{', '.join(names)}: {one}" for one, names in said.items()), *_signs(records, aircraft, criteria))
+    one_by_one = (f"{', '.join(names)}: {one}" for one, names in said.items())
+    return (*one_by_one, *_thrust(thrust), *_signs(records, aircraft, criteria))
 
 
 def _signs(records: Sequence[Record], aircraft: Aircraft | None, by: DataCriteria) -> Iterator[str]:
@@ -110,11 +114,15 @@ def _pace(record: Record) -> Iterator[str]:
         )
 
 
-def _thrust(read: Read, aircraft: Aircraft | None, by: DataCriteria) -> Iterator[str]:
-    """Thrust beside the drag of the file."""
-    found = thrust_over_drag(read, aircraft, GRAVITY if aircraft is None else aircraft.gravity, by)
-    if found is not None and abs(math.log(max(found[0], 1e-3))) > 2.0 * found[1]:
-        yield (
-            f"the thrust is {found[0]:.2g} times what the drag of the file and the energy ask for: of one engine only, "
-            "or in another unit?"
-        )
+def _thrust(found: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Thrust beside the drag of the file: record -> logarithm of their ratio and its 1-sigma. One that is off is found
+    where it is known best, and is that of all records with the same ratio."""
+    off = {name: one for name, one in found.items() if abs(one[0]) > 2.0 * one[1]}
+    if not off:
+        return
+    best = min(off.values(), key=lambda one: one[1])[0]
+    names = [name for name, (ratio, sigma) in found.items() if name in off or abs(ratio - best) < sigma]
+    yield (
+        f"{', '.join(names)}: the thrust is {math.exp(best):.2g} times what the drag of the file and the energy ask "
+        "for: of one engine only, or in another unit?"
+    )

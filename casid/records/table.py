@@ -234,4 +234,6 @@ def _read(path: Path, reader: Any, skipped: int) -> Iterator[tuple[int, list[str
         for cells in reader:
             yield reader.line_num + skipped, cells
     except csv.Error as error:
-        raise InputError(f"{path}: line {reader.line_num + skipped}: not valid CSV: {error}") from None
+        said = "a carriage return stands within the row; save the file with one kind of line ends"
+        said = said if str(error).startswith("new-line") else f"not valid CSV: {error}; check its quotation marks"
+        raise InputError(f"{path}: line {reader.line_num + skipped}: {said}") from None

@@ -167,6 +167,12 @@ def test_a_new_aircraft_asks_with_units_and_refuses_a_bad_number_where_it_is_typ
     assert Aircraft.read(tmp_path / "mine.toml").moment_length_lateral == 10.0
 
 
+def test_a_new_multirotor_asks_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sys.stdin", Terminal("1.5\nfar\n0.25\n"))
+    new_aircraft(tmp_path / "quad.toml", rotors=4)
+    assert Aircraft.read(tmp_path / "quad.toml").mass == 1.5
+
+
 def test_a_new_aircraft_whose_questions_end_early_is_one_line_and_no_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

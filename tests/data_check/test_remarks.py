@@ -46,6 +46,14 @@ def test_what_does_not_fit_is_said(said: str) -> None:
     assert found and all(said in one for one in found), found
 
 
+def test_one_factor_of_the_thrust_is_said_of_every_record_that_has_it() -> None:
+    """Half the thrust in three of four records: those are named, and the one that is well is not."""
+    aircraft = Aircraft.read(DEMO / "aircraft.toml")
+    records = [cs.read_record(DEMO / f"m{i}.csv") for i in (1, 2, 3, 4)]
+    (found,) = remarks([*map(CHANGES["the thrust is 0."], records[:3]), records[3]], aircraft, DataCriteria())
+    assert found.startswith("m1, m2, m3: the thrust is 0.5")
+
+
 @pytest.mark.parametrize("name", ["phi", "beta"])
 def test_an_angle_of_zero_was_not_measured(name: str) -> None:
     """It is left out, and nothing else is at fault; a file of data has the same findings as one without the column."""
