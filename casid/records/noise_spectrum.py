@@ -89,7 +89,8 @@ def motion_edge(records: Sequence[Record]) -> float:
     when no rate is measured or moves. It is the slope of p, q and r with their noise taken off."""
     frequency, power = [], []
     for name in ("p", "q", "r"):
-        if not all(name in record and np.isfinite(record[name]).sum() >= _FEWEST for record in records):
+        there = [record[name][np.isfinite(record[name])] for record in records if name in record]
+        if len(there) < len(records) or min(map(len, there)) < _FEWEST or not any(np.ptp(one) > 0.0 for one in there):
             continue
         noise = np.nan_to_num(pooled_sigma([record[name] for record in records]))
         for record in records:

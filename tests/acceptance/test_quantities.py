@@ -106,3 +106,14 @@ def test_phugoid_and_short_period_are_those_of_the_eigenvalues(mode: int, durati
     assert found["period"] == pytest.approx(2.0 * np.pi / abs(root.imag), rel=2e-3)
     assert found["damping"] == pytest.approx(-root.real / abs(root), abs=1e-3)
     assert found["time_to_half"] == pytest.approx(np.log(2.0) / -root.real, rel=2e-2)
+
+
+@pytest.mark.parametrize("phase", [-2.5, -0.8, 0.0, 0.8, 2.5])
+def test_the_deviation_of_a_phase_is_that_of_its_sine_and_cosine(phase: float) -> None:
+    """Truth: 0.3 s between the peaks of two oscillations, at any phase of both; the scatter of 40 draws."""
+    first, later = (2.0 * np.exp(-DECAY * T) * np.cos(OMEGA * (T - late) + phase) for late in (0.0, 0.3))
+    rng, off = np.random.default_rng(11), []
+    for _ in range(40):
+        found = quantity("time_between_peaks", T, [y + rng.normal(0.0, 0.05, len(T)) for y in (later, first)])
+        off.append((found.value - 0.3) / found.std)
+    assert 1.0 - 3.0 / np.sqrt(80) < np.std(off) < 1.0 + 3.0 / np.sqrt(80)

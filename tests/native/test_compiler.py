@@ -360,3 +360,14 @@ def test_a_compilation_ends_with_the_time_that_it_has(monkeypatch, tmp_path):
             assert compiler.compile_library(source) is None
         assert time.perf_counter() - begin < 5.0
     assert compiler.compile_library(source) is not None
+
+
+def test_what_would_not_end_in_time_is_not_begun():
+    """Truth: a clock that has 100 s left; without a time there is always enough."""
+    with compiler.compiling_until(time.perf_counter() + 100.0):
+        assert compiler.is_time_to_compile() and compiler.is_time_to_compile(50.0)
+        assert not compiler.is_time_to_compile(150.0)
+        with compiler.compiling_until(time.perf_counter() - 1.0):
+            assert not compiler.is_time_to_compile()
+        assert compiler.is_time_to_compile(50.0)
+    assert compiler.is_time_to_compile(1e9)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from casid.native.emitter import UnknownOperationError
-from casid.native.tape import Tape
+from casid.native.tape import BATCHED, Tape
 
 x, y = ca.SX.sym("x", 2), ca.SX.sym("y")
 a, b = x[0], x[1]
@@ -53,3 +53,20 @@ def test_what_it_does_not_know_it_says() -> None:
     table = ca.interpolant("table", "bspline", [[0.0, 1.0, 2.0, 3.0]], [0.0, 1.0, 4.0, 9.0])
     with pytest.raises(UnknownOperationError):
         Tape(ca.Function("f", [y], [table(y)]))
+
+
+@pytest.mark.parametrize("left_out", range(3))
+def test_a_result_of_a_call_that_nothing_looks_at_has_no_place(left_out: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A call with three results, of which one is looked at by nobody. Truth: the same call of CasADi."""
+    inner = ca.Function("inner", [x, y], [a + 2.0 * b, y - b, ca.sin(y) * a], {"never_inline": True})
+
+    def at(points: np.ndarray) -> np.ndarray:
+        u, v, w = points.T
+        return np.stack([u + 2.0 * v, w - v, np.sin(w) * u], axis=1)
+
+    monkeypatch.setitem(BATCHED, "inner", at)
+    function = ca.Function("outer", [x, y], [2.0 * one for i, one in enumerate(inner(x, y)) if i != left_out])
+    given = points()
+    found = Tape(function).mapped(*given)
+    for mine, theirs in zip(found, function.map(40)(*(one.T for one in given)), strict=True):
+        np.testing.assert_allclose(mine, np.asarray(theirs.full()).T, rtol=1e-14, atol=1e-15)

@@ -175,3 +175,16 @@ def test_an_attitude_that_a_filter_corrects_in_steps(every: int) -> None:
     assert found == ([("data_steps", "theta")] if every else [])
     slower = Record(name="m1", t=t, channels={"theta": np.repeat(truth[::5] + 1e-4 * rng.standard_normal(200), 5)})
     assert not [one for one in channel_faults(slower) if one.kind == "data_steps"]
+
+
+@pytest.mark.parametrize("code", [-999.0, 9999.0])
+def test_codes_are_found_at_the_ends_beside_gaps_and_in_runs(code: float) -> None:
+    """Truth: the samples that were replaced. A code has an edge on both sides that exist; what climbs there is none."""
+    for places in ([0], [len(T) - 1], [0, 1, 2], [400, 401, 402, 403], [250, 700]):
+        x, at = motion(), np.zeros(len(T), dtype=bool)
+        at[places] = True
+        x[at] = code
+        assert (found(x, "ay")["data_spikes"] == at).all(), places
+    x, at = motion(), np.zeros(len(T), dtype=bool)
+    x[499:503], at[500:502] = [np.nan, code, code, np.nan], True
+    assert (found(x, "ay")["data_spikes"] == at).all()

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from casid.records.noise import isolated, pooled_sigma, quiet_windows, real_updates, resolution
-from casid.records.noise_spectrum import density_sigma, high_band_holds
+from casid.records.noise import isolated, mean_over, pooled_sigma, quiet_windows, real_updates, resolution
+from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
 from casid.records.thinning import spaced
 
@@ -144,3 +144,30 @@ def test_residuals_of_a_simulation_that_departs_have_a_density_without_a_warning
     for size in (1e3, 1e160, 1e300):
         record = Record(name="m", t=t, channels={"q": size * np.random.default_rng(1).standard_normal(400)})
         assert density_sigma([record], "q", (5.0, 10.0)) > 0.3 * min(size, 1e150)
+
+
+def test_a_surface_at_rest_is_denoised_and_one_that_moves_is_late_nowhere() -> None:
+    """Truth: the steps without their noise. At rest the mean of n readings scatters by sigma / sqrt(n); no window has
+    readings from the other side of a step; a reading on its way stands alone."""
+    rng, n = np.random.default_rng(9), 600
+    truth = np.repeat([0.0, 8.0, 3.0, -6.0, -6.0, 2.0], n // 6)
+    truth[300:303] = [0.0, -2.0, -4.0]
+    values = truth + 0.1 * rng.standard_normal(n)
+    first, last = quiet_windows(values, 0.1)
+    assert (first >= 0).all() and (last < n).all() and (first <= last).all()
+    mean = mean_over(values, first, last)
+    np.testing.assert_allclose(mean[:5], [values[a : b + 1].mean() for a, b in zip(first[:5], last[:5], strict=True)])
+    assert np.abs(mean - truth).max() < 0.4
+    rests = np.abs(np.arange(n)[:, None] - [100, 200, 300, 500]).min(axis=1) > 12
+    assert np.std((mean - truth)[rests]) < 0.05 and np.median((last - first)[rests]) >= 16
+
+
+@pytest.mark.parametrize("hz", [0.4, 1.1, 3.0])
+def test_the_motion_ends_where_its_angular_acceleration_does(hz: float) -> None:
+    """Truth: a rate of one frequency, whose slope has it alone; of rates that rest there is no motion."""
+    t = np.arange(0.0, 40.0, 0.02)
+    wave = {"q": 0.1 * np.sin(2.0 * np.pi * hz * t)}
+    assert motion_edge([Record(name="m", t=t, channels=wave)]) == pytest.approx(hz, abs=2.5 / 40.0)
+    rest = {name: np.full(len(t), 0.02) for name in "pqr"}
+    assert motion_edge([Record(name="m", t=t, channels=rest)]) == 0.0
+    assert motion_edge([Record(name="m", t=t, channels={"theta": wave["q"]})]) == 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +73,29 @@ def test_the_command_writes_the_manoeuvres(tmp_path: Path, capsys: pytest.Captur
     assert (out / "figures" / "segments_log.svg").stat().st_size > 1000
     assert call(script(command), [str(tmp_path / "log.csv"), "--from", "220"]) == 1
     assert "no manoeuvre stands out" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_manoeuvres_lie_within_the_time_that_was_recorded(seed: int) -> None:
+    """Truth: when the surface was moved. A movement from the first sample on, one to the last before a pause, two that
+    are near and two that are far; every one is within one manoeuvre, in the order of time, none across the pause."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(200.0 / DT)) * DT
+    gap = rng.uniform(1.5, 60.0)
+    blocks = [(0.0, 4.0), (36.0, 40.0), (60.0, 64.0), (66.0, 70.0), (120.0, 125.0)]
+    x = 2e-4 * rng.standard_normal(len(t))
+    for start, stop in blocks:
+        x += 0.05 * np.sign(np.sin(2.0 * np.pi * (t - start) / 2.0 + 0.3)) * ((t >= start) & (t < stop))
+    recorded = t + np.where(t >= 40.0, gap, 0.0)
+    found = cs.segments(Record(name="log", t=recorded, channels={"delta_e": x}))
+    assert [one.start for one in found] == sorted(one.start for one in found)
+    assert all(a.stop <= b.start for a, b in pairwise(found))
+    assert found[0].start == 0.0 and all(0.0 <= one.start < one.stop <= recorded[-1] + 1.01 * DT for one in found)
+    for start, stop in blocks:
+        moved = recorded[(t >= start) & (t < stop)]
+        assert sum(one.start <= moved[0] and moved[-1] < one.stop for one in found) == 1
+    assert not any(one.start < 40.0 and one.stop > 40.0 + gap for one in found)
+    near, far = (
+        sum(one.start < gap + end and one.stop > gap + start for one in found) for start, end in ((61, 69), (61, 124))
+    )
+    assert (near, far) == (1, 2)
