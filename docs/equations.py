@@ -113,6 +113,10 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"m = m_\mathrm{file} + v,\quad \mathbf r_\mathrm{cg} = \frac{v}{m}\,\mathbf r_i",
         r"$\mathbf r_i$ is the hub of the rotor; the inertia grows by that of a point there.",
     ),
+    "mass_change": (
+        r"\dot u = \dot u_\mathrm{file} + \Bigl(\frac{1}{1 + v} - 1\Bigr) \frac{T}{m_\mathrm{file}}",
+        r"From the onset on; $T$ is the thrust of the rotors along the axis of $u$, and likewise along the others.",
+    ),
     "body_drag": (r"X = X_\mathrm{file} - v\,u", r"$u$ is the velocity against the air along the axis."),
     "rotor_inflow": (r"T_i = T_{i,\mathrm{file}}\,(1 - v\,V_a)", r"$V_a$ is the velocity of the hub along its thrust."),
     "battery_sag": (r"T_i = T_{i,\mathrm{file}}\,(U / U_\mathrm{ref})^{v}", r"$U$ is the voltage of the battery."),

@@ -19,6 +19,7 @@ from casid.records.record import Record
 from casid.signals import GRAVITY
 
 _CARRIED = 0.15  # part of the weight that the ground carries
+_FOLLOWING = 0.05  # variation of thrust over force up to which one follows the other
 _STEADY_S = 0.5  # over which thrust and specific force are compared: longer than a motor takes
 _STANDS_S = 2.0  # a command that rests for longer, while others are driven
 _DRIVEN = 0.01  # part of their mean by which commands of driven rotors vary
@@ -62,8 +63,21 @@ def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
     in_flight = thrust > 0.5 * np.max(thrust)
     by_force = float(np.median(thrust[in_flight] / np.maximum(force[in_flight], 1.0)))
     carried = force - thrust / max(by_force, 1e-12) < _CARRIED * GRAVITY
-    at = np.flatnonzero(carried)
-    return (float(record.t[at[0]]), float(record.t[at[-1]])) if len(at) > 2 * count else whole
+    at, ratio = np.flatnonzero(carried), thrust / np.maximum(force, 1.0) / max(by_force, 1e-12)
+    if len(at) <= 2 * count:
+        return whole
+    first, last = int(at[0]), int(at[-1])
+    if _follows(ratio[:first]):
+        first = 0
+    if _follows(ratio[last + 1 :]):
+        last = len(record) - 1
+    return float(record.t[first]), float(record.t[last])
+
+
+def _follows(ratio: np.ndarray) -> bool:
+    """Whether the specific force follows the thrust, by their ratio: of another mass in flight, and not of the ground,
+    which carries what the rotors leave, and more than half where these idle."""
+    return len(ratio) > 0 and float(np.min(ratio)) > 0.5 and float(np.std(ratio)) < _FOLLOWING
 
 
 def _without_gaps(record: Record, name: str) -> np.ndarray:

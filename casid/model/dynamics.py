@@ -32,7 +32,7 @@ from casid.model.path import (
     fly,
     input_names,
 )
-from casid.model.rotors import Rotors, acting, command, delay_of, lag_of, parameters_of, thrust_of, unit_of_parameter
+from casid.model.rotors import Rotors, acting_inputs, parameters_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
 from casid.model.system import EquationForm, Model
 from casid.model.tables import Table
@@ -508,7 +508,8 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     rotors, pull = aircraft.rotors.inputs if aircraft.rotors else (), force_inputs([record])
     _check_complete(record, (*SURFACES, "thrust", "rho", *rotors, *pull))
     notes, n = list[str](), len(record)
-    added = _acting_rotors(aircraft, record) | {name: np.zeros(n) for name in pull if name not in record}
+    acting = acting_inputs(aircraft.rotors, aircraft.mass, record) if aircraft.rotors else {}
+    added = acting | {name: np.zeros(n) for name in pull if name not in record}
     if not aircraft.winged:
         added |= {name: unwrapped(record[name]) for name in ("psi", "phi") if name in record}
         return record.with_channels(**added)
@@ -552,21 +553,6 @@ def _without_turning(aircraft: Aircraft, record: Record, seen: Mapping[str, np.n
     (x, y, _), (ahead, _, below) = aircraft.alpha_vane, aircraft.beta_vane
     turning = {"v": ("beta", r * ahead - p * below), "w": ("alpha", p * y - q * x)}
     return {name: seen[name] - more for name, (of, more) in turning.items() if name in seen and of in record}
-
-
-def _acting_rotors(aircraft: Aircraft, record: Record) -> dict[str, np.ndarray]:
-    """Inputs of the rotors behind their delays and lags, and what was commanded under `command`, as a record is asked
-    for them once and once more."""
-    found: dict[str, np.ndarray] = {}
-    for name in aircraft.rotors.inputs if aircraft.rotors else ():
-        if name not in record:
-            raise InputError(f"record '{record.name}': input channel '{name}' is missing; its rotors are driven by it")
-    for one in aircraft.rotors.each if aircraft.rotors else ():
-        given = record[command(one.name)] if command(one.name) in record else record[one.name]
-        found |= {command(one.name): given, one.name: acting(one, record.t, given)}
-        found |= {lag_of(one.name): np.full(len(record), one.lag), delay_of(one.name): np.full(len(record), one.delay)}
-        found[thrust_of(one.name)] = one.effectiveness * one.static_thrust(found[one.name])
-    return found
 
 
 def _check_complete(record: Record, inputs: Sequence[str]) -> None:

@@ -18,6 +18,7 @@ from casid.arguments import given, number, require, sequence
 from casid.errors import InputError, unknown
 from casid.model import operators
 from casid.model.aircraft_file import check_keys, numbers, subtable, text
+from casid.records.record import Record
 from casid.signals import CHANNELS
 
 ALL = "rotors"  # target of an effect that all rotors share
@@ -38,6 +39,10 @@ def lag_of(name: str) -> str:
 def delay_of(name: str) -> str:
     """Channel of a record that keeps the delay [s] of a rotor of the file."""
     return f"{name} delay"
+
+
+# state of a velocity -> channel of a record that keeps what the rotors add to its rate by the file [m/s2]
+SPECIFIC_THRUST = {state: f"thrust per mass along {axis}" for state, axis in zip("uvw", "xyz", strict=True)}
 
 
 def thrust_of(name: str) -> str:
@@ -357,6 +362,24 @@ def acting(rotor: Rotor, t: np.ndarray, u: np.ndarray) -> np.ndarray:
     """(N,) the input behind the rotor's delay and lag."""
     behind = operators.delay(t, u, rotor.delay) if rotor.delay else u
     return operators.lag(t, behind, rotor.lag) if rotor.lag else behind
+
+
+def acting_inputs(rotors: Rotors, mass: float, record: Record) -> dict[str, np.ndarray]:
+    """Inputs of the rotors behind their delays and lags, and what was commanded under `command`, as a record is asked
+    for them once and once more. Raises InputError for an input that the record lacks."""
+    found: dict[str, np.ndarray] = {}
+    for name in rotors.inputs:
+        if name not in record:
+            raise InputError(f"record '{record.name}': input channel '{name}' is missing; its rotors are driven by it")
+    for one in rotors.each:
+        commanded = record[command(one.name)] if command(one.name) in record else record[one.name]
+        found |= {command(one.name): commanded, one.name: acting(one, record.t, commanded)}
+        found |= {lag_of(one.name): np.full(len(record), one.lag), delay_of(one.name): np.full(len(record), one.delay)}
+        found[thrust_of(one.name)] = one.effectiveness * one.static_thrust(found[one.name])
+    for i, name in enumerate(SPECIFIC_THRUST.values()):
+        along = [(one.axis[i] / mass) * found[thrust_of(one.name)] for one in rotors.each]
+        found[name] = np.sum(along, axis=0)
+    return found
 
 
 def _channel_name(name: Any, what: str) -> None:

@@ -77,6 +77,15 @@ def test_the_ground_at_the_beginning_is_told_with_its_time() -> None:
     assert 4.0 < at < 6.5  # from 0.75 of the weight on to the lift-off
 
 
+@pytest.mark.parametrize("dropped", [0.2, 0.4])
+def test_a_payload_that_is_dropped_is_no_ground(dropped: float) -> None:
+    """The controller takes the thrust back, so that the specific force follows it as before, with another factor."""
+    record = flight(8)
+    after = np.where(record.t > 12.0, 1.0 - dropped, 1.0)
+    lighter = record.with_channels(**{name: after * record[name] for name in PLACES})
+    assert not cs.check([lighter], aircraft()).remarks
+
+
 def test_a_battery_that_the_file_needs_is_missed() -> None:
     needs = aircraft(voltage=cs.Voltage(reference=4.0))
     found = cs.check([flight(8)], needs).findings

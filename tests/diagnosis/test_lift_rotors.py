@@ -104,7 +104,7 @@ def test_a_payload_that_is_dropped_is_told_with_its_time():
     found = cs.diagnose(aircraft, [record(flown)])
     dropped = found.causes[0]
     assert (dropped.kind, dropped.target) == ("mass_change", "")
-    assert dropped.value == pytest.approx(-0.5, abs=0.1)
+    assert dropped.value == pytest.approx(-0.5 / MASS, abs=0.03)
     (interval,) = dropped.onset_s.values()
     assert interval[0] - 0.1 < 11.0 < interval[1] + 0.1
 

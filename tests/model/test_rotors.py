@@ -15,6 +15,7 @@ from casid.model.causes import (
     added_mass,
     body_drag,
     effectiveness_change,
+    mass_change,
     rotor_effectiveness,
     rotor_inflow,
     rotor_lag,
@@ -22,6 +23,7 @@ from casid.model.causes import (
     rotor_swap,
     rotor_torque,
 )
+from casid.model.rotors import acting_inputs
 
 ARM, TORQUE, MASS = 0.12, 0.016, 0.9
 WHERE = {"m1": (1, 1, 1), "m2": (-1, 1, -1), "m3": (-1, -1, 1), "m4": (1, -1, -1)}
@@ -295,3 +297,16 @@ def test_what_is_written_is_read_back_equal(tmp_path):
     assert cs.Aircraft.read(tmp_path / "quad.toml") == quad
     with pytest.raises(InputError, match="m2"):
         replace(QUAD, rotors=rotors).with_effects([replace(effect, target="m22")])
+
+
+def test_a_mass_that_is_dropped_is_accelerated_no_more():
+    """From the onset on the rotors lift (1 + v) of the mass: T / ((1 + v) m) in place of T / m."""
+    t = np.linspace(0.0, 4.0, 41)
+    record = cs.Record(name="hover", t=t, channels={name: np.full(41, 850.0) for name in WHERE})
+    known = acting_inputs(ROTORS, MASS, record)
+    change = mass_change().series
+    assert change is not None
+    added = change(t, known, {"value": -0.2, "onset": 2.0})["f_w"]
+    lift = 4.0 * COEFFICIENT * 850.0**2 / MASS
+    np.testing.assert_allclose(added[t < 1.95], 0.0, atol=1e-12)
+    np.testing.assert_allclose(-lift + added[t > 2.05], -lift / 0.8, rtol=1e-12)

@@ -46,6 +46,7 @@ PUBLIC = {
     "added_mass",
     "battery_sag",
     "body_drag",
+    "mass_change",
     "rotor_delay",
     "rotor_effectiveness",
     "rotor_inflow",

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+import casadi as ca
 import numpy as np
 
 from casid.data_check.rotors import airborne
@@ -40,11 +41,21 @@ from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.effects import catalogue, effect_of
-from casid.model.path import EQUATIONS, GROUND, INTEGRALS
+from casid.model.path import (
+    EQUATIONS,
+    GROUND,
+    INTEGRALS,
+    SignalPath,
+    air_data_station,
+    disturbance_names,
+    surface_station,
+    wind_station,
+)
 from casid.model.port import ModelPort as Port
 from casid.model.rotors import ALL, effectiveness
 from casid.model.station import Station, control, equation
 from casid.model.system import Model
+from casid.model.terms import COEFFICIENTS, parse_term
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 from casid.records.thinning import averaged
@@ -115,8 +126,9 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
     every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
-    there = {effect_of(value).key for value in aircraft.effects}
-    effects = [_in_all_records(e) for e in every if e.key not in there]
+    there, terms = {effect_of(value).key for value in aircraft.effects}, _terms_of_wing(aircraft, base, every)
+    told = [e for e in every if e.regressor in terms or (e.regressor is None and e.target not in COEFFICIENTS)]
+    effects = [_in_all_records(e) for e in told if e.key not in there]
     beside = replace(aircraft, effects=tuple(value for value in aircraft.effects if value not in own))
     plant = Plant(
         base=base,
@@ -126,7 +138,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         sigma=dict(by_band.measurement),
         white=by_band.white,
         input_sigma=dict(by_band.inputs),
-        terms_of={},
+        terms_of=terms,
         criteria=for_systems(criteria, float(np.median([record.duration for record in ready]))),
         effects=effects,
         sizes=RotorSizes(aircraft=aircraft),
@@ -140,6 +152,20 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         },
     )
     return _with_noise(plant, by_band, criteria.rotors)
+
+
+def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -> dict[str, ca.SX]:
+    """Term -> expression of it in states and inputs, for terms that effects multiply in a coefficient of the wing; of
+    the rates of the flow angles there are none."""
+    if not aircraft.winged:
+        return {}
+    named = dict(zip((*base.states, *base.inputs), (*ca.vertsplit(base.x), *ca.vertsplit(base.u)), strict=True))
+    still = dict.fromkeys(disturbance_names(aircraft), ca.SX(0))
+    path = SignalPath(aircraft=aircraft, state=named, inputs=named, parameter={}, disturbance=still)
+    for along in (surface_station, wind_station, air_data_station):
+        along(path)
+    terms = {one.regressor: parse_term(one.regressor) for one in effects if one.regressor}
+    return {name: ca.SX(term.evaluate(path.regressor)) for name, term in terms.items() if "dot" not in name}
 
 
 def _with_noise(plant: Plant, by_band: NoiseModel, by: RotorCriteria) -> Plant:

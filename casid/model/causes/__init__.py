@@ -29,6 +29,7 @@ from casid.model.causes.rotors import (
     added_mass,
     battery_sag,
     body_drag,
+    mass_change,
     rotor_delay,
     rotor_effectiveness,
     rotor_inflow,

@@ -16,6 +16,7 @@ from casid.model.effect import Effect, Series, Symbols, Values, cause
 from casid.model.path import RotorSignal, SignalPath
 from casid.model.rotors import (
     ALL,
+    SPECIFIC_THRUST,
     Rotor,
     Rotors,
     about_hover,
@@ -289,6 +290,32 @@ def added_mass(target: str) -> Effect:
 
     more: dict[str, Any] = {"balance": True, "by_record": True}
     return Effect(kind="added_mass", target=target, station="mass", change=change, meaningful=matters, **more)
+
+
+@cause(
+    "mass_change",
+    candidates=lambda aircraft: map(mass_change, [""] if aircraft.rotors else []),
+    unit="1",
+    quantity="relative change of the mass from the onset on; -0.2: a fifth is dropped",
+    sentence="The mass changes by {percent} in mid-record.",
+)
+def mass_change(target: str = "") -> Effect:
+    """The rotors then accelerate another mass. Moments stay: what is dropped hung near the centre of gravity."""
+
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        more = (1.0 / (1.0 + values["value"]) - 1.0) * operators.step(t, values["onset"])
+        return {station.equation(state): more * known[of_thrust] for state, of_thrust in SPECIFIC_THRUST.items()}
+
+    return Effect(
+        kind="mass_change",
+        timed=True,
+        recurring=True,
+        either_sign=True,
+        series=series,
+        meaningful=_WEIGHT_SHARE,
+        limit=2.0,
+        lowest=-0.8,
+    )
 
 
 @cause(
