@@ -10,7 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import casid as cs
 from casid.diagnosis.diagnose import diagnose
+from problems.blind import strips
 from problems.blind.sets import cases_of, set_name
 from problems.blind.strips import aircraft_of, records_of
 from problems.independent.motion import angles_of
@@ -168,3 +170,21 @@ def test_a_late_vane_of_an_aircraft_of_strips_is_named() -> None:
     causes = diagnose(aircraft_of(flown), list(records_of(flown))).causes
     told = {(one.kind, one.target) for cause in causes for one in (cause, *cause.indistinguishable_from)}
     assert ("sensor_delay", "alpha") in told
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("case", "name", "beside"),
+    [
+        ("one-5", "dead_zone(delta_a)", ("aero_term", "Cl")),  # its cubic leaves a third, and is refused
+        ("one-13", "sensor_scale(V)", ("sensor_bias", "V")),  # the kinematics find more of the scale than of the bias
+        ("one-17", "accelerometer_position(x)", ("data_sign", "ay")),  # in turbulence, where the force nearly vanishes
+    ],
+)
+def test_what_hides_is_named_with_what_it_looks_like(case: str, name: str, beside: tuple[str, str]) -> None:
+    records, aircraft, answer = strips.flight(case, 5004)
+    found = cs.diagnose(aircraft, records)
+    cause = next(one for one in found.causes if one.name == name)
+    hidden = answer.hidden[0].value
+    assert abs(cause.value - hidden) < 3.0 * cause.std and abs(hidden) > 3.0 * cause.std
+    assert beside in [(one["kind"], one["target"]) for one in cause.indistinguishable_from]

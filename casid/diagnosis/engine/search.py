@@ -196,11 +196,11 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
 
 
 def _after_round(accepted: State, state: State) -> State:
-    """The state with the gates of its set, and with exchanged causes if the set is refused."""
+    """The state with the gates of its set, and with other causes if the set is refused."""
     if not state.rounds[-1].named:
         return state
     state = with_gates_of_set(accepted, state)
-    for changed in (_without_refused, lambda _, refused: swapped(refused)):
+    for changed in (_without_refused, lambda _, refused: swapped(refused), _with_next_best):
         if not _passes(accepted, state) and (other := changed(accepted, state)) is not state:
             state = with_gates_of_set(accepted, other)
     return state
@@ -217,12 +217,23 @@ def _without_refused(accepted: State, state: State) -> State:
     return _settled_in(replace(state, rounds=kept), fitted, refused[0].leader.effect)
 
 
+def _with_next_best(accepted: State, state: State) -> State:
+    """The state with its last cause, which was refused, replaced by the best of the others that is not."""
+    at, round_ = len(state.rounds) - 1, state.rounds[-1]
+    others = [t for t in round_.rivals if t.meaningful and can_be_named(t)]
+    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
+        other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,)))
+        if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
+            return other
+    return state
+
+
 def with_gates_of_set(accepted: State, state: State) -> State:
     """The state whose rounds since the accepted set have the gates of their causes, each judged beside the whole set.
 
     A cause that is too small to matter, or that is no longer in the model, has none.
     """
-    there, new = _names(state.fit), state.rounds[len(accepted.rounds) :]
+    there, new = {one.name for one in state.fit.attached}, state.rounds[len(accepted.rounds) :]
     imitated = state.fit.flight.imitated_names  # nothing was missing where a number of the file took its place
 
     def judged(one: Round) -> Round:
@@ -328,7 +339,9 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
 
     The noise is estimated again, and small instrument offsets that the new model shows are added.
     """
-    evidence = weigh(in_colour(_with_offsets(_relaxed(fitted))))
+    if fitted.filter_held or fitted.noise_held:  # as it was compared with others
+        fitted = relaxed(fitted)
+    evidence = weigh(in_colour(_with_offsets(fitted)))
     kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and changed.kinematic:
         kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
@@ -437,12 +450,9 @@ def dropped(state: State) -> State:
     fitted = _without_needless(state.fit, state)
     if fitted is state.fit:
         return state
-    gone = [one.leader.effect for one in state.standing if one.leader.candidate.name not in _names(fitted)]
+    there = {one.name for one in fitted.attached}
+    gone = [one.leader.effect for one in state.standing if one.leader.candidate.name not in there]
     return _settled_in(state, fitted, next((e for e in gone if e.kinematic), gone[0]))
-
-
-def _names(fitted: FlightFit) -> set[str]:
-    return {one.name for one in fitted.attached}
 
 
 def swapped(state: State) -> State:
@@ -500,11 +510,6 @@ def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
 
 def _replaced(rounds: tuple[Round, ...], at: int, one: Round) -> tuple[Round, ...]:
     return (*rounds[:at], one, *rounds[at + 1 :])
-
-
-def _relaxed(fitted: FlightFit) -> FlightFit:
-    """The fit under its own noise, if it was compared with others under a common noise."""
-    return relaxed(fitted) if fitted.filter_held or fitted.noise_held else fitted
 
 
 def _with_offsets(fitted: FlightFit) -> FlightFit:
