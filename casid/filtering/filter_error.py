@@ -27,7 +27,7 @@ from casid.estimation.solvers.identified import lost_along
 from casid.estimation.solvers.search import longest
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Results, Status, out_of_steps
 from casid.estimation.working import along_splines
-from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, make_batch
+from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, make_batch
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
@@ -229,7 +229,7 @@ class _End:
 
 def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
     """From the parameters theta, with a first guess of noise and trajectory."""
-    linear = system.linearise(theta, _guess(system.problem, system.batch))
+    linear = system.linearise(theta, system.measured)
     log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
     linear = _along_the_readings(system, theta, linear, system.noise(log_sigma))
     limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
@@ -287,8 +287,7 @@ def predict(
     theta = np.array(chosen, dtype=float)
     driven = {name: 0.0 for name in noise.white} | {name: tau for name, (_, tau) in noise.coloured.items()}
     system = _prepare(problem, driven)
-    X = _guess(problem, system.batch)
-    linear = _along_the_readings(system, theta, system.linearise(theta, X), noise, relinearisations)
+    linear = _along_the_readings(system, theta, system.linearise(theta, system.measured), noise, relinearisations)
     return _innovations(system, linear, kalman_filter(linear, noise))
 
 
@@ -322,15 +321,6 @@ def _prepare(problem: Problem, process_noise: Mapping[str, float]) -> FilterSyst
         correlation_time=dict(process_noise),
         measurement=_given_noise(problem),
     )
-
-
-def _guess(problem: Problem, batch: Batch) -> np.ndarray:
-    """(N, R, nx) trajectory from the measurements."""
-    X = np.zeros((*batch.live.shape, len(problem.model.states)))
-    for j, record in enumerate(problem.records):
-        guess = problem.model.guess(record)
-        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
-    return X
 
 
 def _along_the_readings(

@@ -114,6 +114,13 @@ def make_batch(model: Model, records: Sequence[Record]) -> Batch:
     return Batch(names=tuple(r.name for r in records), t=t, dt=np.diff(t, axis=0), U=U, Z=Z, live=live, held=held)
 
 
+def padded(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """(N, R, ...) Arrays (samples, ...) of records side by side; a shorter one keeps its last row."""
+    longest = max(map(len, parts))
+    rows = [np.concatenate([one, np.repeat(one[-1:], longest - len(one), axis=0)]) for one in parts]
+    return np.stack(rows, axis=1).astype(float, copy=False)
+
+
 class PointFunctions:
     """Values and Jacobians of a model at single points, mapped over all samples of a batch."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.filtering.filter_error import FilterFit, filter_error
-from casid.filtering.innovations import PointFunctions, linearise, make_batch
+from casid.filtering.innovations import PointFunctions, linearise, make_batch, padded
 
 
 def noise_of_forces(problem: Problem) -> FilterFit:
@@ -39,10 +39,7 @@ def with_measurement_noise(problem: Problem, found: FilterFit) -> Problem:
     model = problem.model
     theta = np.array([found.values[name] for name in problem.parameters])
     batch = make_batch(model, problem.records)
-    X = np.zeros((*batch.live.shape, len(model.states)))
-    for j, record in enumerate(problem.records):
-        states = found.innovations.states[record.name]
-        X[: len(record), j], X[len(record) :, j] = states, states[-1]
+    X = padded([found.innovations.states[record.name] for record in problem.records])
     linear = linearise(PointFunctions(model, ()), batch, problem.model_parameters(theta), X)
     felt = np.zeros(len(model.outputs))
     for name, sigma in found.noise.white.items():

@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.steps import cached, sample_derivatives
-from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.native.compiler import Compilable
 
@@ -32,6 +32,11 @@ class FilterSystem:
     def initial_sizes(self) -> dict[str, float]:
         """State -> its largest magnitude in the records."""
         return dict(zip(self.problem.model.states, self.problem.guessed_size.tolist(), strict=True))
+
+    @property
+    def measured(self) -> np.ndarray:
+        """(N, R, nx) trajectory from the measurements."""
+        return padded([self.problem.model.guess(record) for record in self.problem.records])
 
     def noise(self, log_sigma: np.ndarray) -> NoiseModel:
         """The noise model of a vector of unknowns: measurement (when not given), then process noise."""

@@ -15,10 +15,10 @@ from casid.diagnosis.criteria import Criteria, NoiseCriteria
 from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.bounds import possible
 from casid.diagnosis.flight.hypothesis import Regressors, derivative_std
-from casid.diagnosis.flight.subject import Sizes, Subject
+from casid.diagnosis.flight.subject import Sizes, Subject, once
 from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import InputError
-from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch
+from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch, padded
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
@@ -30,7 +30,6 @@ from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.station import Station, coefficient, control, reading, wind
 from casid.model.system import Model
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
-from casid.native.compiler import BUILDING
 from casid.records.noise import pooled_sigma, real_updates
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
@@ -226,28 +225,20 @@ class Flight:
     def model(self, effects: Sequence = ()) -> Model:
         """The aircraft model of this flight, with symbolic `effects` among its parameters."""
         symbolic = [effect for effect in effects if effect.symbolic]
-        key = tuple(effect.name for effect in symbolic)
-        with BUILDING:
-            if key not in self._models:
-                scope = {"axes": self.axes, "outputs": self.outputs, "turning": self.turning}
-                scope["known"] = force_inputs(self.records)
-                self._models[key] = aircraft_model(self.aircraft, effects=symbolic, equations=False, **scope)
-        return self._models[key]
+        scope: dict = {"axes": self.axes, "outputs": self.outputs, "turning": self.turning, "equations": False}
+
+        def build() -> Model:
+            return aircraft_model(self.aircraft, effects=symbolic, known=force_inputs(self.records), **scope)
+
+        return once(self._models, tuple(effect.name for effect in symbolic), build)
 
     def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
         """The functions of one of its models, with derivatives by the `free` parameters."""
-        key = model, tuple(free)
-        with BUILDING:
-            if key not in self._functions:
-                self._functions[key] = PointFunctions(model, free)
-        return self._functions[key]
+        return once(self._functions, (model, tuple(free)), lambda: PointFunctions(model, free))
 
     def regressors(self, model: Model) -> Regressors:
         """The aerodynamic regressors of one of its models."""
-        with BUILDING:
-            if model not in self._regressors:
-                self._regressors[model] = Regressors(self, model)
-        return self._regressors[model]
+        return once(self._regressors, model, lambda: Regressors(self, model))
 
     def batch(self, model: Model) -> Batch:
         """The records as arrays, for one of its models."""
@@ -264,11 +255,7 @@ class Flight:
 
     def measured(self, model: Model) -> np.ndarray:
         """(N, R, states) Measured motion; states that are not measured have the values of the trim."""
-        X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
-        for j, record in enumerate(self.records):
-            guess = model.guess(record)
-            X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
-        return X
+        return padded([model.guess(record) for record in self.records])
 
     def within_the_motion(self) -> Flight:
         """The flight with only as many readings of doubted outputs as twice the band of the motion needs."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -12,7 +12,19 @@ from casid.diagnosis.time_limit import TimeLimit
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions
 from casid.model.effect import Effect
 from casid.model.system import Model
+from casid.native.compiler import BUILDING
 from casid.records.record import Record
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+def once(made: dict[K, V], key: K, build: Callable[[], V]) -> V:
+    """What is made for a key, now or before; one thread at a time builds expressions."""
+    with BUILDING:
+        if key not in made:
+            made[key] = build()
+    return made[key]
 
 
 class Subject(Protocol):

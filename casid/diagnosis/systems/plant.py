@@ -17,7 +17,7 @@ from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
 from casid.diagnosis.flight.fit import by_wider_noise, fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
-from casid.diagnosis.flight.subject import Sizes
+from casid.diagnosis.flight.subject import Sizes, once
 from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
@@ -29,6 +29,7 @@ from casid.filtering.innovations import (
     at_points,
     linearise,
     make_batch,
+    padded,
 )
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.causes.systems import (
@@ -44,7 +45,7 @@ from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
 from casid.model.station import Station, control, reading
 from casid.model.system import Model
-from casid.native.compiler import BUILDING, Compilable
+from casid.native.compiler import Compilable
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
@@ -84,11 +85,7 @@ class Terms:
         self._function = Compilable(ca.Function("terms", [base.x, base.u], [rows]))
         self.recorded = {name: self._batch.U[..., i] for i, name in enumerate(self._inputs)}
         self._read = {as_read(name): self._batch.Z[..., i] for i, name in enumerate(model.outputs)}
-        further = {name: np.zeros(self._batch.live.shape) for name in plant.channels}
-        for name, series in further.items():
-            for j, record in enumerate(plant.records):
-                series[: len(record), j], series[len(record) :, j] = record[name], record[name][-1]
-        self._read |= further
+        self._read |= {name: padded([record[name] for record in plant.records]) for name in plant.channels}
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
         """(N, R, nu) recorded inputs, corrected by their most likely `noise` (disturbance -> (N, R)) where they have
@@ -191,11 +188,7 @@ class Plant:
     def model(self, effects: Sequence[Effect] = ()) -> Model:
         """The model with its ports as disturbances, and symbolic `effects` among its parameters."""
         symbolic = [effect for effect in effects if effect.symbolic]
-        key = tuple(effect.name for effect in symbolic)
-        with BUILDING:
-            if key not in self._models:
-                self._models[key] = self._built(symbolic)
-        return self._models[key]
+        return once(self._models, tuple(effect.name for effect in symbolic), lambda: self._built(symbolic))
 
     def _built(self, effects: Sequence[Effect]) -> Model:
         if self.build is not None:
@@ -227,29 +220,19 @@ class Plant:
 
     def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
         """The functions of one of its models, with derivatives by the `free` parameters."""
-        key = model, tuple(free)
-        with BUILDING:
-            if key not in self._functions:
-                self._functions[key] = PointFunctions(model, free)
-        return self._functions[key]
+        return once(self._functions, (model, tuple(free)), lambda: PointFunctions(model, free))
 
     def regressors(self, model: Model) -> Terms:
         """The terms that effects of one of its models are made of."""
-        with BUILDING:
-            if model not in self._regressors:
-                self._regressors[model] = Terms(self, model)
-        return self._regressors[model]
+        return once(self._regressors, model, lambda: Terms(self, model))
 
     def batch(self, model: Model) -> Batch:
         return make_batch(model, self.records)
 
     def measured(self, model: Model) -> np.ndarray:
         """(N, R, states) motion from which a fit begins."""
-        X = np.zeros((max(map(len, self.records)), len(self.records), len(model.states)))
-        for j, record in enumerate(self.records):
-            guess = self.paths[record.name] if record.name in self.paths else self.base.guess(record)
-            X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
-        return X
+        known = self.paths
+        return padded([known[r.name] if r.name in known else self.base.guess(r) for r in self.records])
 
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
         """This plant with values of its parameters, and other records under its noise."""

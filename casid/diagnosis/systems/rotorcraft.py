@@ -33,7 +33,7 @@ from casid.diagnosis.sentences import noted, thrust_curve
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
-from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
+from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.aircraft import Aircraft
 from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
@@ -305,11 +305,7 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
 def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], noise: NoiseModel) -> Linear:
     """The model linearised about the motion that a smoother makes of the measured one."""
     functions, batch = PointFunctions(model, free), make_batch(model, records)
-    P, many = np.tile(model.nominal_vector(), (len(records), 1)), len(records)
-    X = np.zeros((len(batch.live), many, len(model.states)))
-    for j, record in enumerate(records):
-        guess = model.guess(record)
-        X[: len(record), j], X[len(record) :, j] = guess, guess[-1]
+    P, X = np.tile(model.nominal_vector(), (len(records), 1)), padded([model.guess(record) for record in records])
     measured = linearise(functions, batch, P, X)
     moved, _ = kalman_filter(measured, noise).smooth(*residual_column(measured))
     return linearise(functions, batch, P, X + moved[..., : len(model.states)])
