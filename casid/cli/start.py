@@ -120,6 +120,8 @@ def _said(error: Exception) -> int:
         message = str(error)
     elif isinstance(error, OSError) and error.errno in _NO_ROOM:
         message = f"the disk is full{f', at {error.filename}' if error.filename else ''}; nothing was changed"
+    elif isinstance(error, MemoryError):
+        message = "there is not enough memory; nothing was changed; take shorter records or a lower rate"
     else:
         raise error
     print(f"error: {' '.join(message.split())}", file=sys.stderr)

@@ -114,12 +114,19 @@ def test_a_stopped_run_leaves_nothing(tmp_path: Path, sent: signal.Signals, stat
     assert running.returncode == status and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
-def test_a_full_disk_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        (OSError(28, "No space left on device", "/somewhere/out"), "the disk is full, at /somewhere/out"),
+        (MemoryError(), "there is not enough memory"),
+    ],
+)
+def test_a_full_disk_or_memory_is_one_line(fault: Exception, said: str, capsys: pytest.CaptureFixture[str]) -> None:
     def work() -> None:
-        raise OSError(28, "No space left on device", "/somewhere/out")
+        raise fault
 
     assert status_of(script(work, "work"), []) == 2
-    assert capsys.readouterr().err.startswith("error: the disk is full, at /somewhere/out")
+    assert capsys.readouterr().err.startswith(f"error: {said}")
 
 
 def test_convert_writes_si_units(tmp_path: Path) -> None:
