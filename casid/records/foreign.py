@@ -168,11 +168,13 @@ def _number(cell: Any) -> float | None:
 
 
 def library(module: str, path: Path, extra: str) -> Any:
+    """A module of an extra; InputError where that is not installed."""
     try:
         return import_module(module)
     except ImportError:
         raise InputError(
-            f"{path}: reading it needs {module}; install it with: pip install 'casid[{extra}]', or save it as CSV"
+            f"{path}: reading it needs {module.partition('.')[0]}; install it with: pip install 'casid[{extra}]', or "
+            "save it as CSV"
         ) from None
 
 
@@ -201,12 +203,7 @@ def read_npz(path: Path, variable: str | None, time: str) -> RawTable:
 
 def read_parquet(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .parquet file; needs the extra `parquet`."""
-    try:
-        parquet = import_module("pyarrow.parquet")
-    except ImportError:
-        raise InputError(
-            f"{path}: reading .parquet needs pyarrow; install it with: pip install 'casid[parquet]', or save as CSV"
-        ) from None
+    parquet = library("pyarrow.parquet", path, "parquet")
 
     def load() -> dict[str, Any]:
         content = parquet.read_table(path)
