@@ -13,8 +13,8 @@ cheap but knows only curvature upwards and creeps along the limits at the end, w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -32,8 +32,12 @@ from casid.records.record import Record
 _STEPS = StepInput()
 _UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
 _FIRST_ITERATIONS = 24  # by BFGS from each start, of which the best goes on; after 12 the order still changes
+_COARSE = 3  # samples from one that is taken in these first steps to the next, at most
+_PER_CYCLE = 10  # samples in a cycle of the fastest sine, at least
 _ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from the best of these; with the exact Hessian from its end
+_MOST_EXACT = 20  # unknowns for which exact Hessians are made: one of 32 takes a second, as 65 steps of BFGS do
 _TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
+_STANDS = 1e-5  # relative change of the criterion by a step of BFGS that counts as none
 _MEMORY = 20  # steps that BFGS remembers
 _NEAR = 1e-6  # of a limit: how near to it a solver goes on where another stopped
 _PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "mult_bound_push")
@@ -125,10 +129,10 @@ def design_input(
     for _ in range(starts):
         parts = [shape.random(rng, experiment.duration) for _ in experiment.surfaces]
         guesses.append(np.concatenate(parts))
-    begun = [result for guess in guesses if (result := search.begun(guess)) is not None]
-    if not begun:
+    begun = next(filter(None, map(search.begun, _by_first_steps(search, guesses))), None)
+    if begun is None:
         raise EstimationError("design_input: no input within the limits was found; widen them, or try more starts")
-    best = search.finished(min(begun, key=lambda result: search.cost(result.z)))
+    best = search.finished(begun)
     return search.design(best.z, best.status, "designed")
 
 
@@ -168,6 +172,20 @@ def standard_3211(experiment: Experiment, *, criterion: str = "D", rise_s: float
     _check(experiment, shape, criterion)
     search = _InputSearch(experiment, shape, criterion)
     return search.design(_standard_unknowns(search, shape), "given", "standard 3-2-1-1")
+
+
+def _by_first_steps(search: _InputSearch, guesses: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Unknowns after the first steps from each guess, best first.
+
+    These are taken at every few samples, as edges and sines allow: the order of the starts needs no more.
+    """
+    experiment, shape = search.experiment, search.shape
+    finest = shape.rise_s if isinstance(shape, StepInput) else experiment.duration / (_PER_CYCLE * shape.lines)
+    every = min(int(finest / experiment.dt), _COARSE)
+    if every > 1 and len(experiment.t) > 10 * every * every:
+        search = _InputSearch(replace(experiment, dt=every * experiment.dt), shape, search.criterion)
+    begun = [found for guess in guesses if (found := search.begun(guess)) is not None]
+    return [found.z for found in sorted(begun, key=lambda found: search.cost(found.z))]
 
 
 def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
@@ -239,7 +257,8 @@ class _InputSearch:
     @cached_property
     def _quasi_newton(self) -> ca.Function:
         memory = {"hessian_approximation": "limited-memory", "limited_memory_max_history": _MEMORY}
-        return self._solver({"max_iter": _ITERATIONS} | memory | _WARM | {"acceptable_tol": 1e-3, "acceptable_iter": 8})
+        standing = {"acceptable_tol": 1e2, "acceptable_obj_change_tol": _STANDS, "acceptable_iter": 8}
+        return self._solver({"max_iter": _ITERATIONS} | memory | _WARM | standing)
 
     @cached_property
     def _exact(self) -> ca.Function:
@@ -298,7 +317,7 @@ class _InputSearch:
     def finished(self, found: _Found) -> _Found:
         """Go on by BFGS, and with the exact Hessian from where that stops, unless it stops at an optimum."""
         for solver in ("_quasi_newton", "_exact"):
-            if found.is_optimal:
+            if found.is_optimal or (solver == "_exact" and len(self.low) > _MOST_EXACT):
                 break
             further = self._run(getattr(self, solver), x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
             if further is not None and self.cost(further.z) <= self.cost(found.z) + further.is_optimal * _SLACK:
