@@ -260,8 +260,9 @@ class Linear:
     dt: np.ndarray
 
     def of_records(self, some: slice) -> Linear:
-        """The same of some records, as views."""
-        return replace(self, **{name: of[:, some] for name, of in vars(self).items() if isinstance(of, np.ndarray)})
+        """The same of some records, as copies."""
+        arrays = {name: of[:, some].copy() for name, of in vars(self).items() if isinstance(of, np.ndarray)}
+        return replace(self, **arrays)
 
 
 def linearise(

@@ -51,8 +51,8 @@ class Filter:
         return colouring(self.linear, self.noise.colour)
 
     def of_records(self, some: slice) -> Filter:
-        """The same of some records, as views."""
-        arrays = {name: of[:, some] for name, of in vars(self).items() if isinstance(of, np.ndarray)}
+        """The same of some records: copies, for every compiled recursion would make its own of views."""
+        arrays = {name: of[:, some].copy() for name, of in vars(self).items() if isinstance(of, np.ndarray)}
         linear = self.linear.of_records(some)
         through = linear if self.through is self.linear else self.through.of_records(some)
         return replace(self, linear=linear, through=through, **arrays)

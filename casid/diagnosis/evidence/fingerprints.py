@@ -195,8 +195,10 @@ def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]
         for port, by_column in entering.items():
             at = [j for j, one in enumerate(histories) if port in one]
             if at:
-                series = np.stack([histories[j][port] for j in at], axis=2)
-                both[:, :, at] += by_column.swapaxes(1, 2) @ series.swapaxes(0, 1)
+                series = np.stack([histories[j][port] for j in at], axis=2).swapaxes(0, 1)
+                acts = np.flatnonzero(series.any(axis=(0, 2)))  # events are nothing before they begin
+                some_time = slice(acts[0], acts[-1] + 1) if len(acts) else slice(0)
+                both[:, :, at] += by_column[:, some_time].swapaxes(1, 2) @ series[:, some_time]
         return _each(some, _squares(base, histories), both[:, 1:], both[:, 0])
 
     return [print_ for found in side_by_side(summed, parts) for print_ in found]

@@ -9,8 +9,9 @@ could imitate anything.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -82,6 +83,7 @@ def missing_at(evidence: Evidence, names: Sequence[str]) -> list[MissingInput]:
     grids = {slow: _grid(evidence, slow) for slow in {Station.at(name).kind == "reading" for name in names}}
     hats = {name: grids[Station.at(name).kind == "reading"] for name in names}
     products = products_at(evidence, {name: grid.hats for name, grid in hats.items()})
+    _find_grams(evidence, hats)
     found = side_by_side(lambda name: _one_station(evidence, name, hats[name], products[name]), names)
     return sorted(found, key=lambda m: -m.gain)
 
@@ -184,16 +186,26 @@ def _grid(evidence: Evidence, slow: bool) -> _Grid:
     return _Grid(nodes=nodes, hats=np.where(fit.batch.live[..., None], hats, 0.0), times=times)
 
 
+def _find_grams(evidence: Evidence, grids: Mapping[str, _Grid]) -> None:
+    """Find the products of the responses at ports that are not in `_GRAMS` yet, a few records at a time."""
+    known = _GRAMS.setdefault(evidence.fit, {})
+    new = [name for name in grids if name not in known]
+
+    def products(here: slice, fit: FlightFit, name: str) -> list[np.ndarray]:
+        white = response(fit, name, grids[name].hats[:, here])
+        return [gram_of(white[:, r].reshape(-1, white.shape[3])) for r in range(white.shape[1])]
+
+    in_parts = evidence.in_records() if new else ()
+    parts = [side_by_side(partial(products, here, own.fit), new) for here, own in in_parts]
+    for name, *by_part in zip(new, *parts, strict=True):
+        known[name] = np.stack([gram for part in by_part for gram in part])
+
+
 def _one_station(
     evidence: Evidence, station: str, grid: _Grid, products: tuple[np.ndarray, np.ndarray]
 ) -> MissingInput:
     """The latent input at one port."""
-    known = _GRAMS.setdefault(evidence.fit, {})
-    if station not in known:
-        white = response(evidence.fit, station, grid.hats)
-        flat = (white[:, r].reshape(-1, len(grid.nodes)) for r in range(white.shape[1]))
-        known[station] = np.stack([gram_of(one) for one in flat])
-    left = Projection.by_record(evidence, known[station], products)
+    left = Projection.by_record(evidence, _GRAMS[evidence.fit][station], products)
     return _most_likely(evidence, station, grid.nodes, left, grid.times)
 
 

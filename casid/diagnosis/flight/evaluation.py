@@ -150,7 +150,7 @@ class FlightFit:
         return _with_arrays(replace(self), {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
 
     def of_records(self, some: slice) -> FlightFit:
-        """The time histories, filter and sensitivities of some records, as views; estimates are those of all."""
+        """The time histories, filter and sensitivities of some records; estimates are those of all."""
         names = ("output", "read", "seen", "disturbances", "errors", "white", "columns")
         arrays = {name: getattr(self, name)[:, some] for name in names}
         for name in ("known", "regressors"):
