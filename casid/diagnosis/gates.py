@@ -76,6 +76,11 @@ def no_time_left() -> Gate:
     return at_least("time left", 0.0, 1.0)
 
 
+def promises_enough(part: float, criteria: Criteria) -> Gate:
+    """The gate on what the full model predicts of a fit, over what a name and the best fit so far ask of it."""
+    return at_least("predicted statistic, of what it needs", part, criteria.naming.tried, "naming.tried")
+
+
 # --- a fitted cause alone ---------------------------------------------------------------------------------------------
 
 

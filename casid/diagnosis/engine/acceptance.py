@@ -354,6 +354,17 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
     return float(min(ways))
 
 
+def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
+    """Trials of a round that may replace its leader: all that look alike, and a few that explain nearly as much in
+    nearly the same way.
+    """
+    best, by = round_.leader, criteria.naming
+    possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
+    alike = [t for t in possible if look_alike(t.effect, best.effect)]
+    near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
+    return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
+
+
 def sine(one: Trial, other: Trial) -> float:
     """Sine of the angle between two fingerprints; 1 if one of the trials was not fitted."""
     a, b = one.fingerprint.astype(float), other.fingerprint.astype(float)  # the sine of a small angle needs all digits

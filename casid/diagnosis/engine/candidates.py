@@ -12,11 +12,11 @@ from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import look_alike, size_gates
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.diagnosis.evidence.evidence import Evidence, weigh
+from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
 from casid.diagnosis.evidence.onsets import Intervals, at_peak, in_its_records, sudden, weak_members
 from casid.diagnosis.evidence.screening import Candidate, equivalence
 from casid.diagnosis.evidence.size import meaningful_share
-from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness
+from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import kinematic_check
@@ -43,7 +43,6 @@ def worth_trying(
     """
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
-    apart = criteria.numerics.events.apart
     first, *others_ranked = rankings
     chosen, screened = _best_few(base, first, trials)
     switching, others = _best_few(base, switches, 1)
@@ -51,7 +50,8 @@ def worth_trying(
     for ranking in others_ranked:
         before = tuple(chosen)
         further, others = _best_few(base, ranking, few)
-        chosen += [c for c in further if not any(is_same(c.attached, b.attached, apart) for b in before)]
+        # a fit moves an onset to its best place in the whole record, wherever the linearisation begins it
+        chosen += [c for c in further if not any(is_same(c.attached, b.attached, np.inf) for b in before)]
         screened = {**others, **screened}
     beside = {c.name: gates.beside_turbulence(c.attached.effect, c.net, required, criteria) for c in chosen}
     faint = {name: asked for name, asked in beside.items() if not all_passed(asked)}
@@ -63,11 +63,11 @@ def worth_trying(
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
     """Whether two candidates are the same cause.
 
-    An event with onsets `apart` [s] or more from the other's, or with the opposite sign, is another cause.
+    An event with onsets more than `apart` [s] from the other's, or with the opposite sign, is another cause.
     """
     if one.name != other.name or not one.effect.timed:
         return one.name == other.name
-    near = all(abs(other.onsets.get(record, np.inf) - onset) < apart for record, onset in one.onsets.items())
+    near = all(abs(other.onsets.get(record, np.inf) - onset) <= apart for record, onset in one.onsets.items())
     return near and one.values["value"] * other.values["value"] > 0.0
 
 
@@ -255,14 +255,9 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     known = {slot.name for slot in base.slots}
     beside = np.array([slot.name in known for slot in fitted.slots])
     own = [slot.name for slot in fitted.slots].index(one.name)
-    basis, direction = flat[:, beside], np.zeros(len(beside))
-    size = np.maximum(np.linalg.norm(basis, axis=0), 1e-300)
-    basis /= size
-    wanted = flat[:, own]
-    if fitted.flight.closed_loop:
-        stated = np.sqrt(fitted.prior_weight[beside]) / size
-        basis, wanted = np.vstack([basis, np.diag(stated)]), np.append(wanted, np.zeros(len(stated)))
-    direction[beside] = -np.linalg.lstsq(basis, wanted, rcond=None)[0] / size
+    gram = gram_of(flat) + (np.diag(fitted.prior_weight) if fitted.flight.closed_loop else 0.0)
+    direction = np.zeros(len(beside))
+    direction[beside] = -scaled_inverse(gram[np.ix_(beside, beside)]) @ gram[beside, own]
     direction[own] = 1.0
     N, R, ny = fitted.white.shape
     return (flat @ direction).reshape(R, N, ny).swapaxes(0, 1).reshape(-1).astype(np.float32)

@@ -27,7 +27,7 @@ from casid.diagnosis.engine.acceptance import (
     can_be_named,
     explains,
     gains_enough,
-    look_alike,
+    near_rivals,
     ranked,
     ranked_behind,
     sine,
@@ -48,14 +48,14 @@ from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.evidence.onsets import Intervals, configuration_changes
-from casid.diagnosis.evidence.screening import Candidate, Screen, rank, screen
+from casid.diagnosis.evidence.screening import Candidate, Screen, predicted_statistics, rank, screen
 from casid.diagnosis.evidence.structure import demanded_offsets
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
-from casid.diagnosis.gates import no_time_left, required_gain
+from casid.diagnosis.gates import no_time_left, promises_enough, required_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
 from casid.diagnosis.kinematics.turbulence import still_air
@@ -64,6 +64,7 @@ from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 
 Say = Callable[[str], None]
+_NOTHING: Mapping[Candidate, np.ndarray] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -220,7 +221,7 @@ def _without_refused(accepted: State, state: State) -> State:
 def _with_next_best(accepted: State, state: State) -> State:
     """The state with its last cause, which was refused, replaced by the best of the others that is not."""
     at, round_ = len(state.rounds) - 1, state.rounds[-1]
-    others = [t for t in round_.rivals if t.meaningful and can_be_named(t)]
+    others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
     for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
         other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,)))
         if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
@@ -261,7 +262,8 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     if state.kinematic is not None:
         state.kinematic.forget()  # until the fits are begun
     screened = _screened(state, effects)
-    trials, fits, intervals = _tried(state, with_look_alikes(screened.chosen, effects, state.fit.batch.names))
+    chosen = with_look_alikes(screened.chosen, effects, state.fit.batch.names)
+    trials, fits, intervals = _tried(state, chosen, screened.likely)
     trials, equivalents = ranked(trials, fits, state.criteria)
     named = any(trial.meaningful for trial in fits)
     this = Round(
@@ -289,6 +291,7 @@ class _Screening:
     refused: Mapping[str, tuple[Gate, ...]]  # gates of the causes that are not fitted, by name
     candidates: tuple[Candidate, ...]  # all causes, by net score statistic
     detectable: Mapping[str, float]  # smallest detectable sizes by name; only in the first round
+    likely: Mapping[Candidate, np.ndarray]  # predicted statistics of a candidate in the full model
 
 
 def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
@@ -313,6 +316,7 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     more = [c for c in left if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
     return _Screening(
         chosen=[*chosen, *more],
+        likely=predicted_statistics(rankings),
         refused=refused,
         candidates=tuple(sorted([*candidates, *switches], key=lambda one: -one.net)),
         detectable={} if state.rounds else smallest_sizes(exactly, prints, candidates, sigmas),
@@ -352,24 +356,30 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
 
 
 def _tried(
-    state: State, candidates: Sequence[Candidate]
+    state: State, candidates: Sequence[Candidate], likely: Mapping[Candidate, np.ndarray] = _NOTHING
 ) -> tuple[list[Trial], dict[Trial, FlightFit], dict[str, Intervals]]:
     """Fit all candidates.
 
     A fixed number of candidates is fitted side by side, whatever the number of processors, so that the result does not
-    depend on it. Later candidates are abandoned when they are unlikely to come near the best earlier one.
+    depend on it. Later candidates are abandoned when they are unlikely to come near the best earlier one. None is begun
+    whose `likely` statistics are a small part of what that, or a name, takes.
 
     fits       the fits of the trials that can be named, or that are too small to be named
     intervals  95 % intervals of the onsets, by name of the cause
     """
     trials: list[Trial] = []
     fits: dict[Trial, FlightFit] = {}
-    intervals, give_up = dict[str, Intervals](), np.inf
+    intervals, give_up, least = dict[str, Intervals](), np.inf, np.zeros(2)
     earlier, required = [one.leader for one in state.named], state.baseline.required
     seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
     state.forget()  # the arrays of the fits that are tried are enough to hold
 
     def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
+        needed = np.maximum(least, required_gain(one[0].attached.effect, state.criteria))
+        part = float(np.max(likely.get(one[0], needed) / needed))
+        promise = promises_enough(part, state.criteria)
+        if not promise.passed:
+            return given_up(state.fit, one[0], promise), state.fit, {}
         try:
             limit.check()
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
@@ -378,7 +388,8 @@ def _tried(
             return given_up(state.fit, one[0], no_time_left()), state.fit, {}
         return trial, joint.fit, interval
 
-    at_once, limit = state.criteria.numerics.naming.side_by_side, state.fit.flight.limit
+    by, limit = state.criteria.naming, state.fit.flight.limit
+    at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
@@ -389,11 +400,13 @@ def _tried(
             trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
-                give_up = min(give_up, fitted.deviance + (1.0 - state.criteria.naming.rival) * abs(trial.gain.raw))
+                give_up = min(give_up, fitted.deviance + (1.0 - by.rival) * abs(trial.gain.raw))
             if interval:
                 intervals[trial.candidate.name] = interval
             if can_be_named(trial):
                 fits[trial] = fitted
+                if trial.meaningful and (trial.confirmed or not trial.check.judges):  # no other can take its place
+                    least = np.maximum(least, by.rival * np.array([trial.gain.exact, trial.gain.raw]))
     return trials, fits, intervals
 
 
@@ -463,21 +476,10 @@ def swapped(state: State) -> State:
     for at in range(len(state.rounds) - 1):
         round_, taken = state.rounds[at], {one.effect.key for one in state.fit.attached}
         best = round_.leader
-        rivals = [t for t in _near_rivals(round_, state.criteria) if t.effect.key not in taken]
+        rivals = [t for t in near_rivals(round_, state.criteria) if t.effect.key not in taken]
         if rivals and round_.named and best.effect.key in taken and best.meaningful:
             state = _with_best_of(state, at, (best, *rivals))
     return state
-
-
-def _near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
-    """Trials of a round that may replace its leader: all that look alike, and a few that explain nearly as much in
-    nearly the same way.
-    """
-    best, by = round_.leader, criteria.naming
-    possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
-    alike = [t for t in possible if look_alike(t.effect, best.effect)]
-    near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
-    return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
 
 
 def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:

@@ -70,6 +70,11 @@ class Trial:
         return self.given_up is None and all_passed(self.size)
 
     @property
+    def waits(self) -> bool:
+        """Whether it was not fitted because what is predicted of it is little beside what others reached."""
+        return self.given_up is not None and self.given_up.criterion == "naming.tried"
+
+    @property
     def not_refuted(self) -> tuple[Gate, ...]:
         """The gates of the kinematic check, and of being fitted at all.
 

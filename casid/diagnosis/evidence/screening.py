@@ -140,6 +140,14 @@ def rank(judge: Screen, prints: Iterable[Fingerprint]) -> list[Candidate]:
     return sorted(found, key=lambda c: -c.net)
 
 
+def predicted_statistics(rankings: Sequence[Sequence[Candidate]]) -> Mapping[Candidate, np.ndarray]:
+    """Candidate -> (2,) its predicted statistics in the full model, with the structure taken as exact and with model
+    discrepancy; also of one that the kinematics rank."""
+    exactly, cautious = ({c.name: c.statistic for c in reversed(ranking)} for ranking in rankings[:2])
+    every = [one for ranking in rankings for one in ranking]
+    return {one: np.array([exactly.get(one.name, np.inf), cautious.get(one.name, np.inf)]) for one in every}
+
+
 def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     """The best of the tried shapes in all records, or in some records for an effect that may change between flights.
 

@@ -131,32 +131,35 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
         """The rotation of the air with the opposite sign about some axes."""
         return {axis: -sign if axis in axes else sign for axis, sign in signs.items()}
 
-    def at(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
+    def other(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
+        """The fit in another form of turbulence; `start` itself if it does not come below that."""
         noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
         flown = of_aircraft(start.flight)
         air = flown if flown.turning == turning else flight.turned_by_air(turning)
-        return fit(air, start.attached, noise, start, extent="rough")
+        to_beat = start.deviance if start.noise.coloured else np.inf
+        found = fit(air, start.attached, noise, start, extent="rough", give_up=to_beat)
+        return found.lighter() if found.deviance < to_beat else start
 
-    def larger(moments: Sequence[str], least: FlightFit) -> FlightFit:
-        best = least
-        for trial in side_by_side(
-            lambda scale: at(moments, scale, least, of_aircraft(least.flight).turning), scales[1:]
-        ):
-            if trial.deviance > best.deviance:
+    def larger(moments: Sequence[str], best: FlightFit) -> FlightFit:
+        for scale in scales[1:]:  # one after the other: the first is mostly worse, and ends it
+            found = other(moments, scale, best, of_aircraft(best.flight).turning)
+            if found is best:
                 break
-            best = trial
+            best = found
         return best
 
-    best = at(_ROLLING, scales[0], start, signs)
+    first = other(_ROLLING, scales[0], start, signs)
     forms = (({}, ()), *((turned_about(axis), _ROLLING) for axis in _TURNED))
-    uniform, *others = side_by_side(lambda form: at(form[1], scales[0], best, form[0]), forms)
-    turned = [axis for axis, other in zip(_TURNED, others, strict=True) if other.deviance < best.deviance]
+    uniform, *others = side_by_side(lambda form: other(form[1], scales[0], first, form[0]), forms)
+    turned = [axis for axis, one in zip(_TURNED, others, strict=True) if one is not first]
     if len(turned) > 1:
-        best = at(_ROLLING, scales[0], best, turned_about(*turned))
-    best = larger(_ROLLING, min(best, *others, key=lambda one: one.deviance))
+        others.append(other(_ROLLING, scales[0], first, turned_about(*turned)))
+    best = larger(_ROLLING, min(others, key=lambda one: one.deviance))
     if uniform.deviance < best.deviance:
         return relaxed(uniform)
-    besides = larger(tuple(_DAMPING), at(tuple(_DAMPING), scales[0], best, of_aircraft(best.flight).turning))
+    besides = other(tuple(_DAMPING), scales[0], best, of_aircraft(best.flight).turning)
+    if besides is not best:
+        besides = larger(tuple(_DAMPING), besides)
     return relaxed(
         besides if best.deviance - besides.deviance > flight.criteria.naming.approximate * turbulent.gain else best
     )
@@ -216,15 +219,15 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return _in_air(flight, best if gain > 0.0 else 0.0, best, gain)
     axes = [axis for axis in WIND if axis in found.model.disturbances]
     along = sorted(side_by_side(lambda axis: at(best, unknown, found, (axis,)), axes), key=lambda one: one.deviance)
-    still, moving, *others = side_by_side(lambda one: with_offsets(one).lighter(), [calm, found, *along[:1]])
-    beyond = others[0].deviance - moving.deviance
-    judged = _in_air(flight, best, best, still.deviance - moving.deviance, beyond)
+    still = with_offsets(calm).lighter()
+    moving, *others = side_by_side(lambda one: with_offsets(one).deviance, [found, *along[:1]])
+    judged = _in_air(flight, best, best, still.deviance - moving, others[0] - moving)
     if not judged.along_all_axes:
         return judged
-    others += side_by_side(lambda one: with_offsets(one).lighter(), along[1:])
+    others += side_by_side(lambda one: with_offsets(one).deviance, along[1:])
     judged = replace(
         judged,
-        beyond_one_axis=min(one.deviance for one in others) - moving.deviance,
+        beyond_one_axis=min(others) - moving,
         as_histories=sum(one.gain for one in moving_air(weigh(still, discrepancy=False))),
     )
     if not (judged.along_all_axes and judged.slow):

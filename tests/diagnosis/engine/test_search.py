@@ -14,7 +14,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.baseline import baseline_from
 from casid.diagnosis.engine.candidates import checked, try_cause
-from casid.diagnosis.engine.search import State, dropped, swapped, with_gates_of_set
+from casid.diagnosis.engine.search import State, added, dropped, swapped, with_gates_of_set
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit
@@ -108,6 +108,22 @@ def test_no_cause_of_a_set_is_named_with_a_gate_that_failed(left: float, passes:
     judged = with_gates_of_set(before, after)
     assert all(all_passed(one.accepted_by) for one in judged.rounds) == passes
     assert all_passed(judged.rounds[-1].accepted_by)
+
+
+def test_a_round_fits_each_event_once_and_no_cause_that_cannot_reach_the_best() -> None:
+    """Truth: an elevator that loses 30 % at 9 s. The statistics that are predicted of it dwarf those of the others."""
+    loss = Attached(effect=effectiveness_change("delta_e"), values={"value": -0.3}, onsets={"m1": 9.0})
+    flight = prepare(do328(), flights([loss], 3))
+    (round_,) = added(state_of(flight, [], ()), flight.effects).rounds
+    leader = round_.leader.candidate.attached
+    assert leader.effect.key == loss.effect.key and leader.values["value"] == pytest.approx(-0.3, abs=0.05)
+    fitted = [trial.candidate.attached for trial in round_.trials if trial.given_up is None]
+    places = [(one.name, one.values["value"] > 0.0, tuple(sorted(one.onsets))) for one in fitted if one.effect.timed]
+    assert len(places) == len(set(places))
+    best = round_.leader.gain
+    for one in (trial for trial in round_.trials if trial.given_up is not None):
+        assert one.given_up is not None and not one.given_up.passed
+        assert one.candidate.statistic < max(best.raw, best.exact, 40.0)
 
 
 @pytest.mark.parametrize("named", [LAGGED, LATE])
