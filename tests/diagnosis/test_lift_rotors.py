@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from multirotor_flights import Craft, G, flight, quad
 
 import casid as cs
+from problems.rotors.newton import Craft, G, flight, quad
 
 MASS, ARM, RHO = 3.0, 0.3, 1.225
 INERTIA = np.diag([0.12, 0.14, 0.22])

@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from multirotor_flights import Craft, G, flight, quad
 
 import casid as cs
 from casid.formats.absorbed import absorbed
+from problems.rotors.newton import Craft, G, flight, quad
 
 MASS, ARM = 0.8, 0.106
 INERTIA = np.diag([4.5e-3, 4.5e-3, 8.3e-3])

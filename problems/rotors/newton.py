@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-G, STEP, EVERY = 9.80665, 0.0025, 4  # records at 100 Hz
+G, STEP, EVERY, SECONDS = 9.80665, 0.0025, 4, 20.0  # records at 100 Hz
+BREEZE = 0.15  # m/s2, r.m.s. acceleration by gusts
 NOISE = {"p": 0.005, "phi": 0.002, "ax": 0.05, "v_north": 0.02, "north": 0.01}
 OF_A_KIND = {
     "p": ("p", "q", "r"),
@@ -47,9 +48,13 @@ def quad(arm: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def flight(
-    craft: Craft, seed: int, *, seconds: float = 20.0, size: float = 1.0, speed: float = 0.0, breeze: float = 0.15
+    craft: Craft, seed: int, *, size: float = 1.0, speed: float = 0.0, gains: tuple[float, float] = (80.0, 16.0)
 ) -> dict[str, np.ndarray]:
-    """Channel -> series at 100 Hz of sines of a `size` [m] about a point that goes north at a `speed`."""
+    """Channel -> series at 100 Hz of a flight of 20 s.
+
+    size   of the sines that are flown [m], about a point that goes north at a `speed` [m/s]
+    gains  of the attitude [1/s2] and of the rates [1/s]
+    """
     rng = np.random.default_rng(seed)
     mass = craft.mass(0.0)
     mix = np.linalg.pinv(
@@ -62,7 +67,7 @@ def flight(
     leaning = np.zeros(3)
     rows: dict[str, list] = {name: [] for name in ("t", "u", "x", "v", "R", "omega", "force")}
     settle = 3.0
-    for k in range(int((seconds + settle) / STEP)):
+    for k in range(int((SECONDS + settle) / STEP)):
         t = k * STEP - settle
         angle = frequency * t + phase
         want = np.sum(amplitude * np.sin(angle), axis=0) + [speed * (t + settle), 0.0, 0.0]
@@ -76,11 +81,11 @@ def flight(
         wanted = np.column_stack([np.cross(across, down), across, down])
         off = 0.5 * (wanted.T @ R - R.T @ wanted)
         turn = np.array([off[2, 1], off[0, 2], off[1, 0]])
-        moment = craft.inertia @ (-80.0 * turn * [1.0, 1.0, 0.3] - 16.0 * omega * [1.0, 1.0, 0.5])
+        moment = craft.inertia @ (-gains[0] * turn * [1.0, 1.0, 0.3] - gains[1] * omega * [1.0, 1.0, 0.5])
         share = mix @ np.array([-mass * pull @ R[:, 2], *moment])
         u = craft.input_for(np.maximum(share, 0.02 * mass * G))
         acts = acts + STEP / craft.lag * (u - acts)
-        gusts = gusts + STEP * (-gusts / 0.8) + breeze * np.sqrt(2.0 * STEP / 0.8) * rng.normal(size=3)
+        gusts = gusts + STEP * (-gusts / 0.8) + BREEZE * np.sqrt(2.0 * STEP / 0.8) * rng.normal(size=3)
         thrust, now, J = craft.thrust(t, acts), craft.mass(t), craft.inertia
         air = R.T @ v
         force = np.array([0.0, 0.0, -thrust.sum()]) - craft.drag * air + now * gusts
