@@ -18,7 +18,7 @@ Found = Mapping[str, Any]
 # effects outside the catalogue that the catalogue can say in other words
 OTHER_WORDS: Mapping[str, tuple[tuple[str, str, str | None], ...]] = {
     "rotor_gyroscope": (("aero_term", "Cm", "r"), ("aero_term", "Cn", "q")),
-    "wing_bending": (("unsteady_aero", "CL", None),),
+    "wing_bending": (("unsteady_aero", "CL", None), ("structural_mode", "q", None), ("structural_mode", "az", None)),
 }
 _OUTSIDE_AIRCRAFT = ("controls", "sensors", "air")  # families that leave the derivatives of the aircraft as they are
 _NORMAL = 1.96  # 1-sigmas of a 95 % interval
