@@ -175,6 +175,15 @@ class Gusts:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class AxisResponses:
+    """Answers of an aircraft with rotors to steps about an axis: axis -> rate [rad/s], or climb [m/s], at times t."""
+
+    t: np.ndarray
+    as_given: Mapping[str, np.ndarray]
+    extended: Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Document:
     """What a page of a diagnosis shows."""
 
@@ -222,6 +231,7 @@ class Document:
     suspects: tuple[Suspect, ...]
     turbulent: bool
     gusts: Gusts | None
+    axis_responses: AxisResponses | None  # of an aircraft with rotors
     detectable: tuple[Detectable, ...]
     criteria: Criteria
     seconds: Mapping[str, float]

@@ -44,6 +44,7 @@ from casid.diagnosis.shown import (
     titled,
     tried_of,
 )
+from casid.diagnosis.systems.axis_responses import axis_responses
 from casid.errors import InputError, noting, unknown
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
@@ -322,6 +323,10 @@ class Diagnosis:
             gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
         with noting(failed, "shapes"):
             shapes = self.shapes
+        responses = None
+        with noting(failed, "response of each axis"):
+            if isinstance(self.part, OfAircraft) and self.part.file.rotors is not None:
+                responses = axis_responses(self.part.file, self.extended_aircraft, self.as_given.fit.flight.records)
         with noting(failed, "next flight"):
             following = self.next_flights()
         least, of_aeroplane = self.criteria.given.from_records, self.of_aeroplane
@@ -345,6 +350,7 @@ class Diagnosis:
             suspects=tuple(suspects_of(self.kinematic)),
             turbulent=self.turbulence.named,
             gusts=gusts,
+            axis_responses=responses,
             detectable=tuple(detectable_of(known.values(), self.detectable)),
             next_flights=following,
             limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),

@@ -34,7 +34,7 @@ from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder,
 from casid.report.folder import provenance
 from casid.report.history_figures import PLANES, flown_again, histories, residuals, tracks
 from casid.report.next_flight import NextFlights, limited, next_flights
-from casid.report.rotor_figures import rotors_from_above
+from casid.report.rotor_figures import response_of_axes, rotors_from_above
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
 from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
@@ -89,6 +89,7 @@ def pictures(document: Document, failed: list[str] | None = None) -> dict[str, P
     if not document.of_aeroplane:
         makers = [
             partial(rotors_from_above, document),
+            partial(response_of_axes, document),
             budget_,
             partial(flown_again, document),
             ladder_,
@@ -181,7 +182,7 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
         "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
         "data": ("Data", "data.html", ("check",)),
-        "values": ("Values of the {source}", "values.html", ("rotors", "derivatives")),
+        "values": ("Values of the {source}", "values.html", ("rotors", "axes", "derivatives")),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
         "next": ("Next flight", "next_flight.html", ("next_flight",)),
         "numbers": ("Numbers", "numbers.html", ()),

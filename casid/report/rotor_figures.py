@@ -58,3 +58,31 @@ def rotors_from_above(document: Document) -> Picture | None:
         "±1σ. Orange: named, or inconsistent with the file. A rotor that is weak needs larger commands in hover.",
         alt=f"Top view of {len(rotors.each)} rotors with their thrust against the file: {', '.join(told)}.",
     )
+
+
+def response_of_axes(document: Document) -> Picture | None:
+    """The answers to a step about each axis, by the file and by the records."""
+    found = document.axis_responses
+    if found is None:
+        return None
+    with settings():
+        figure = blank(4.6)
+        panels = figure.subplots(2, 2, sharex=True).flat
+        told = []
+        for ax, (axis, given) in zip(panels, found.as_given.items(), strict=True):
+            scale, unit = (1.0, "m/s") if axis == "climb" else (math.degrees(1.0), "deg/s")
+            ax.plot(1e3 * found.t, scale * given, "--", color=BASELINE, label="as given")
+            ax.plot(1e3 * found.t, scale * found.extended[axis], color=EXTENDED, label="by the records")
+            ax.set_ylabel(f"{axis} [{unit}]")
+            told.append(f"{axis} {100.0 * (found.extended[axis][-1] / given[-1] - 1.0):+.0f} per cent")
+        figure.axes[0].legend(loc="upper left")
+        for ax in figure.axes[2:]:
+            ax.set_xlabel("time [ms]")
+    return Picture(
+        name="axes",
+        figure=figure,
+        title="Response of each axis",
+        caption="Rate after a step of the commands that, by the file, turns or lifts with 1 rad/s² or 1 m/s²; "
+        "about the mean commands of these records, with lag and delay of the rotors.",
+        alt=f"Answers to a step about each axis; half a second later, against the file: {', '.join(told)}.",
+    )

@@ -264,12 +264,17 @@ class Plant:
         return frozenset(effect.name for effect in self.imitated.values())
 
     def suspects(self, fit: FlightFit) -> list[tuple[Effect, float, float]]:
-        """(effect, value, stated 1-sigma) of every fitted number that left its stated uncertainty and is an effect."""
+        """(effect, value, stated 1-sigma) of every fitted number that left its stated uncertainty and is an effect.
+
+        A number that is drawn to its stated value moves by sqrt(stated^2 - fitted^2), 1-sigma, where that is right.
+        """
         found = []
         for name, make in self.imitated.items():
+            if not any(slot.name == name for slot in fit.slots):
+                continue
             given, std = self.base.nominal[name], self.base.prior_std.get(name, np.inf)
-            change = fit[name] - given if any(slot.name == name for slot in fit.slots) else 0.0
-            if abs(change) > fit.criteria.significance.sigmas * std:
+            change, moves = fit[name] - given, math.sqrt(max(std**2 - fit.std(name) ** 2, 0.0))
+            if abs(change) > fit.criteria.significance.sigmas * moves:
                 found.append((make, change / given, std / given))
         return found
 
