@@ -93,7 +93,7 @@ def of_log(
         names=names,
         values=np.stack(columns, axis=1),
         notes=notes,
-        grounded=bool(said) and airborne.all(),
+        grounded=bool(said and airborne.all()),
     )
 
 

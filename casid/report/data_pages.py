@@ -199,7 +199,7 @@ def _errors(found: Compatibility) -> ReportTable:
         factor, unit = for_a_person(one.unit)
         cells = (
             f"{one.kind.removeprefix('sensor_').replace('_', ' ')}: {one.target}",
-            digits(factor * one.value),
+            "not determined" if one.stated is None else digits(factor * one.stated),
             digits(factor * one.std, 2),
             digits(factor * one.allowed, 2),
             pretty(unit),

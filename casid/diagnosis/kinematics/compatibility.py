@@ -187,10 +187,11 @@ class Compatibility:
         """All that speaks against the measurements, in words: faults of the data, errors, what is left above noise."""
         high = [f"{label_of(n)} {x:.2g}" for n, x in self.left.items() if x > self.most_left]
         left = [f"More than noise is left between measured and reconstructed, times the noise: {', '.join(high)}."]
+        left = left if high else []
         if not self.followed:
             left += ["The reconstruction does not follow these records, so no error and no wind is stated."]
         errors = (one.sentence for one in self.failed)
-        return (*(one.sentence for one in self.data), *errors, *(left if high else ()))
+        return (*(one.sentence for one in self.data), *errors, *left)
 
     @property
     def passed(self) -> bool:
