@@ -76,6 +76,7 @@ _WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _SHORTEST = 1e-4  # part of a step
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
+_OVERSHOT, _ALIGNED = 0.5, 0.5  # of the last step's length: that goes back; of the squared one: along the last step
 _COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
 
 
@@ -175,6 +176,7 @@ class FilterSearch:
         self.widest = 100 * max(at.value.violation(), 1.0)
         self.relaxing = False  # near enough to the solution for residuals to be noise
         self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
+        self.last: tuple[np.ndarray, float] | None = None  # step of the parameters before, and its share that was taken
 
     def advance(self, at: Iteration, linear: Linearised) -> Status | None:
         """As of `Search`."""
@@ -192,7 +194,7 @@ class FilterSearch:
             if self.damping < _WHOLE and at.is_solution(step):
                 at.multipliers = step.limit_multipliers
                 return CONVERGED
-            found = self._found(at, step, relaxing)
+            found = self._found(at, step, relaxing, self._first_length(linear, step.theta))
             if found is not None:
                 break
             if not self._more_damping():
@@ -202,6 +204,7 @@ class FilterSearch:
             if at.clock.is_late():
                 return at.clock.status
         point, value, length = found
+        self.last = (step.theta, length) if self.damping < _WHOLE else None
         whole = length == 1.0 and self.damping < _WHOLE
         self.before, at.attracted = at.stationarity if whole else 0.0, at.attracted and whole
         at.move(point, value)
@@ -224,7 +227,23 @@ class FilterSearch:
             near = length < _NEAR * np.sqrt(2 * at.value.cost) or length < 1e-6 * at.value.noise.levels.size
             self.relaxing |= bool(near)
 
-    def _found(self, at: Iteration, step: SolverStep, relaxing: bool) -> tuple[Point, ObjectiveValue, float] | None:
+    def _first_length(self, linear: Linearised, step: np.ndarray) -> float:
+        """Share of a step that is tried first: of one that goes back over the last, what meets the optimum between.
+
+        Where the residuals are large their curvature, which Gauss-Newton leaves out, may be above its Hessian. Whole
+        steps then swing about the optimum, farther each time, and the filter accepts them.
+        """
+        if self.last is None or self.damping >= _WHOLE:
+            return 1.0
+        last, share = self.last
+        along, before, now = (float(a @ linear.hessian @ b) for a, b in ((step, last), (last, last), (step, step)))
+        if not along < -_OVERSHOT * before or not along**2 > _ALIGNED * before * now:
+            return 1.0
+        return min(share / (1.0 - along / before), 1.0)
+
+    def _found(
+        self, at: Iteration, step: SolverStep, relaxing: bool, first: float
+    ) -> tuple[Point, ObjectiveValue, float] | None:
         """The longest of the halved steps that the filter accepts, and its share of the whole."""
 
         def cost_of(value: ObjectiveValue) -> float:
@@ -253,4 +272,4 @@ class FilterSearch:
                 self.filter.append((violation, cost))
             return point, value, length
 
-        return longest(tried, 0.5, _SHORTEST)
+        return longest(tried, 0.5, _SHORTEST, first)

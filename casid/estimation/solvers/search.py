@@ -8,9 +8,9 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def longest(tried: Callable[[float], T | None], shrink: float, shortest: float) -> T | None:
-    """What `tried` finds at the longest part of a step that it takes: 1, shrink, shrink^2, ..., above the shortest."""
-    length = 1.0
+def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, first: float = 1.0) -> T | None:
+    """What `tried` finds at the longest part of a step that it takes: first, then each shrunk, above the shortest."""
+    length = first
     while length > shortest:
         found = tried(length)
         if found is not None:
