@@ -157,7 +157,7 @@ def replica(
     """Estimates from one draw; None when that estimation did not converge. The same seed gives the same numbers, so
     that any runner of many tasks can do the work and `collected` puts it together."""
     drawn = drawn_problem(fit, np.random.default_rng(seed), input_noise or {})
-    found = solve(drawn, method, solver)
+    found = solve(drawn, method, solver, starts=1)
     return found.values if found.converged else None
 
 

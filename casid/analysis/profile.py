@@ -204,7 +204,7 @@ class _ProfileSearch:
             constraints=(*self.others, limits_of(self.name, lower=value, upper=value)),
             start=dict(zip(problem.parameters, start.tolist(), strict=True)) | {self.name: value},
         )
-        fit = solve(held, self.method, self.solver)
+        fit = solve(held, self.method, self.solver, starts=1)
         if not fit.converged:
             return None
         deviance = 2.0 * (negative_log_posterior(fit) - self.best)

@@ -20,6 +20,7 @@ from casid.estimation.transcriptions.transcription import SingleShooting, Transc
 
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
 _WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
+_ROUNDS = 3  # of steps and priors, of which each moves the end on which the other is judged
 _LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
 
 
@@ -27,11 +28,16 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
     """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
     objective = build_objective(problem, method, solver.effort)
     end = Attempt(objective=objective, outcome=solver.minimise(objective), method=method)
-    if (stepping := as_stepping(method)) is not None:
-        end = integrated(objective, end.outcome, stepping, solver)
-    objective, outcome = _freed(end.objective, end.outcome, solver)
-    outcome = to_second_order(objective, outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
-    return replace(end, objective=objective, outcome=outcome)
+    asked = getattr(method, "substeps", None)
+    for _ in range(_ROUNDS):
+        if (stepping := as_stepping(end.method)) is not None:
+            end = integrated(end.objective, end.outcome, replace(stepping, substeps=asked), solver)
+        objective, outcome = _freed(end.objective, end.outcome, solver)
+        if outcome is end.outcome:
+            break
+        end = replace(end, objective=objective, outcome=outcome)
+    outcome = to_second_order(end.objective, end.outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
+    return replace(end, outcome=outcome)
 
 
 def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objective, Outcome]:

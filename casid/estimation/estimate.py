@@ -22,7 +22,7 @@ from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.solver import Outcome, Solver, linear_at
 from casid.estimation.solvers.timed import Timed, timed
-from casid.estimation.starts import best_of
+from casid.estimation.starts import best_of, confirmed
 from casid.estimation.strategy import Ending, ending, usual_of
 from casid.estimation.switching import without_switching
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription, is_implicit
@@ -44,7 +44,7 @@ def solve(
     method: Transcription = _DEFAULT_METHOD,
     solver: Solver = _DEFAULT_SOLVER,
     *,
-    starts: int = 1,
+    starts: int | None = None,
     seed: int = 0,
 ) -> Fit:
     """Estimate the free parameters of a problem.
@@ -69,7 +69,9 @@ def solve(
         How many starts are tried: the problem's own, and others drawn between the limits of each parameter, else as its
         prior is distributed, else within a decade either way. "converged" means a minimum, not the lowest one: several
         starts show whether there are others. With Automatic() those that Gauss-Newton loses give way to further ones,
-        up to five times as many, before more is tried from them.
+        up to five times as many, before more is tried from them. By default one, and with up to 30 readings per unknown
+        six quick ones more beyond the interval of its end, of which a more likely end is taken; ``starts=1`` leaves
+        them out.
     seed
         Of these draws.
 
@@ -105,7 +107,7 @@ def solve(
         return solve(one, method, clock.limited(), starts=starts, seed=seed)
 
     def again(one: Problem) -> Fit:
-        return solve(one, method, clock.limited())
+        return solve(one, method, clock.limited(), starts=1)
 
     if problem.spread:
         return solved_with_population(problem, first, again)
@@ -113,10 +115,18 @@ def solve(
         return solved_with_formulas(problem, first, again)
     if isinstance(problem.noise, StudentT | Huber):
         return solved_robustly(problem, problem.noise, first, again)
-    if whole(starts, "solve: starts") == 1:
-        return _solved(problem, method, solver)
     usual = None if problem.path_constraints else usual_of(solver)
     quick = usual and replace(usual, iterations=_QUICK, patient=True)
+    if starts is None:
+        fit = _solved(problem, method, solver)
+        if quick is None:
+            return fit
+        further = clock.with_solver(quick)
+        return confirmed(
+            problem, fit, lambda one: _solved(one, method, further.limited()) if further.left > 0.0 else None
+        )
+    if whole(starts, "solve: starts") == 1:
+        return _solved(problem, method, solver)
     tried = None if quick is None else lambda one: _solved(one, method, quick)
     return best_of(problem, starts, seed, lambda one: _solved(one, method, solver), tried)
 

@@ -41,6 +41,7 @@ MET = 1e-6  # scaled constraint residuals of a point that is a motion of the mod
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
 _MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
+_UNEVEN = 1.5  # times the shortest step
 # of rate times step: an implicit method has poles there, of one stage at 1 and of more beyond, and damps what grows
 # faster, by half steps too, so that the two agree on a motion that is none
 _GROWING = 1.0
@@ -201,6 +202,8 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
     excess = _excess(*_integration_error(objective, outcome, linear, finer))
     if not np.isfinite(excess) and finer.implicit:
         return 2 * steps
+    if not finer.implicit and (stable := _stable_steps_of_uneven(objective, outcome.value)) > steps:
+        return stable
     return steps if excess < 1.0 else max(_steps_for(excess, steps, finer.order), steps + 1)
 
 
@@ -226,13 +229,23 @@ def _is_motion(outcome: Outcome) -> bool:
     return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < MET)
 
 
-def _stable_steps(objective: Objective) -> int:
-    """Steps per sample interval with which a decaying motion at the start does not grow by the method alone."""
+def _stable_steps(objective: Objective, end: ObjectiveValue | None = None) -> int:
+    """Steps per sample interval with which a decaying motion at the start, or along an end, does not grow by the method
+    alone."""
     interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
-    parameters = objective.problem.model_parameters(start.theta)
-    eigenvalues = _eigenvalues(objective, start.nodes[:, None], parameters)
+    states, parameters = start.nodes[:, None], objective.problem.model_parameters(start.theta)
+    if end is not None and end.trajectory is not None:
+        states, parameters = end.trajectory.states, end.parameters
+    eigenvalues = _eigenvalues(objective, states, parameters)
     rate = float(np.abs(eigenvalues[np.real(eigenvalues) < 0.0]).max(initial=0.0))
     return math.ceil(min(rate * interval / _STABLE, 1e6))
+
+
+def _stable_steps_of_uneven(objective: Objective, end: ObjectiveValue) -> int:
+    """Of `_stable_steps` at an end, where only few steps may be too long for the method: their error stays small, and a
+    decay that cannot become faster looks like a minimum. Steps that are all too long show by their error."""
+    steps = objective.layout.dt[objective.layout.dt > 0.0]
+    return _stable_steps(objective, end) if steps.max(initial=0.0) > _UNEVEN * steps.min(initial=np.inf) else 0
 
 
 def _growing_steps(objective: Objective, outcome: Outcome) -> int:
@@ -309,15 +322,15 @@ def doubt_of_steps(end: Attempt) -> str:
             f"give substeps={needed} or more, or bounds of the parameters"
         )
     off, cost = _integration_error(objective, outcome, linear, replace(method, substeps=2 * steps))
+    steps_said = f"integration with {steps} step{'s' * (steps > 1)} per sample interval"
     if _excess(off, cost) < 1.0:
-        return ""
+        if method.implicit or _stable_steps_of_uneven(objective, outcome.value) <= steps:
+            return ""
+        return f"{steps_said} cannot follow a decay that the data hardly determine: give bounds of the parameters"
     far = f"ln(likelihood) by {abs(cost):.2g} and estimates by up to {off:.2g} standard errors"
     if not np.isfinite(off + cost):
         far = "the solution by more than can be told"
-    return (
-        f"integration with {steps} step{'s' * (steps > 1)} per sample interval changes {far}: give a larger substeps=, "
-        "or leave it out"
-    )
+    return f"{steps_said} changes {far}: give a larger substeps=, or leave it out"
 
 
 def _is_judged(objective: Objective) -> bool:

@@ -375,7 +375,7 @@ def noise_of(model: Model, records: Sequence[Record], criteria: NoiseCriteria) -
         sigma = pooled_sigma(there)
         found[name] = max(sigma, least) if np.isfinite(sigma) else np.nan
     if not np.isfinite(list(found.values())).all():
-        fitted = solve(Problem(model, records, free=["*"], prior=True))
+        fitted = solve(Problem(model, records, free=["*"], prior=True), starts=1)
         found = {name: sigma if np.isfinite(sigma) else fitted.noise[name] for name, sigma in found.items()}
     return found
 
