@@ -46,15 +46,8 @@ def answers(record: Record, aircraft: Aircraft) -> dict[str, np.ndarray]:
     moments = [
         qS * length * _by_surfaces(record, aircraft, c) for c, length in zip(("Cl", "Cm", "Cn"), lengths, strict=True)
     ]
-    inertia = aircraft.inertia
-    tensor = np.array(
-        [
-            [inertia.Ixx, -inertia.Ixy, -inertia.Ixz],
-            [-inertia.Ixy, inertia.Iyy, -inertia.Iyz],
-            [-inertia.Ixz, -inertia.Iyz, inertia.Izz],
-        ]
-    )
-    turning = dict(zip(("pdot", "qdot", "rdot"), np.linalg.solve(tensor, np.stack(moments)), strict=True))
+    accelerations = np.linalg.solve(aircraft.inertia.tensor, np.stack(moments))
+    turning = dict(zip(("pdot", "qdot", "rdot"), accelerations, strict=True))
     found = {name: series for name, series in (force | turning).items() if name in record}
     return {name: series for name, series in found.items() if np.isfinite(series).all()}
 
@@ -68,11 +61,12 @@ def _by_surfaces(record: Record, aircraft: Aircraft, coefficient: str) -> np.nda
 
 def _pressure(record: Record, aircraft: Aircraft) -> np.ndarray | None:
     """(N,) dynamic pressure [Pa] by what is recorded, or else by the trim."""
-    V = _filled(record, "V", aircraft.trim.get("V"))
-    rho = _filled(record, "rho", aircraft.trim.get("rho"))
-    if rho is None:
-        altitude = _filled(record, "altitude", aircraft.trim.get("altitude"))
-        rho = None if altitude is None else standard_density(altitude)
+    V, rho = _filled(record, "V", aircraft.trim.get("V")), _filled(record, "rho", None)
+    for otherwise in (None, aircraft.trim.get("altitude")):
+        altitude = _filled(record, "altitude", otherwise)
+        if rho is None and altitude is not None:
+            rho = standard_density(altitude)
+        rho = rho if rho is not None else _filled(record, "rho", aircraft.trim.get("rho"))
     return None if V is None or rho is None else 0.5 * rho * V**2
 
 
