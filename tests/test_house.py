@@ -27,7 +27,7 @@ MAX_FUNCTION = 60  # lines of a function without its docstring
 MAX_ARGUMENTS = 7  # of a function, see `arguments_of`
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "arguments", "signals", "views", "keeping", "criterion"}
+_CORE = {"errors", "arguments", "signals", "views", "keeping", "criterion", "frames"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
@@ -40,6 +40,7 @@ LAYERS: dict[str, set[str]] = {
     "keeping": {"errors", "arguments"},
     "signals": {"errors"},
     "criterion": {"errors"},
+    "frames": {"errors"},
     "native": {"errors"},
     "records": _CORE,
     "model": _DATA,

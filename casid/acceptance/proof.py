@@ -13,6 +13,7 @@ from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
 from casid.acceptance.justification import Findings, Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.tolerances import Standard
+from casid.frames import data_frame
 from casid.keeping import plain
 from casid.views import view
 
@@ -105,7 +106,13 @@ class ProofOfMatch:
 
     def to_frame(self) -> DataFrame:
         """A row for each row of each test, as a pandas data frame; needs the extra `pandas`."""
-        return view("match.frame")(self)
+        rows: dict[str, dict[str, object]] = {}
+        every = ((one, *sides) for one in self.tests for sides in one.sides.items())
+        for one, label, check in ((one, label, check) for one, label, side in every for check in side.checks):
+            name = f"{one.test.id} {one.record.name} {one.window.start:g} s: {check.tolerance.name}, {label}"
+            numbers = {key: getattr(check, key) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
+            rows[name] = {"passed": check.passed, **numbers, "paragraph": one.test.paragraph, "why": check.why}
+        return data_frame(rows, "row")
 
     def plot(self, test: str | None = None) -> Any:
         """The figure of a test by its id, of the first without: flight, simulations and tolerance bands.

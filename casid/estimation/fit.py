@@ -17,6 +17,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.remarks import jump_remarks, remarks
 from casid.estimation.solvers.status import Results, Status
 from casid.estimation.uncertainty import Rescaled, Uncertainty
+from casid.frames import data_frame, html_list, html_paragraph, html_table, latex_table
 from casid.keeping import save
 from casid.views import view
 
@@ -28,6 +29,13 @@ if TYPE_CHECKING:
 
 
 # what estimate.json has of the attributes as they are
+_COLUMNS = {
+    "value": "value",
+    "std": "std",
+    "std_cramer_rao": "Cramer-Rao",
+    "prior": "a priori",
+    "prior_std": "a-priori std",
+}
 _TEXTS = ("status", "reason", "remedy", "converged", "iterations", "method", "solver")
 _NUMBERS = ("seconds", "cost", "log_likelihood", "log_prior", "log_posterior", "stationarity", "defect")
 
@@ -346,14 +354,27 @@ class Fit:
 
     def to_frame(self) -> DataFrame:
         """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""
-        return view("fit.frame")(self)
+        rows = {n: {c: getattr(one, c) for c in _COLUMNS} for n, one in self.parameters.items()}
+        return data_frame(rows, "parameter")
 
     def to_latex(self) -> str:
         """Estimates as a LaTeX table, for the package booktabs."""
-        return view("fit.latex")(self)
+        rows = {n: [getattr(one, c) for c in _COLUMNS] for n, one in self.parameters.items()}
+        return latex_table(("parameter", *_COLUMNS.values()), rows)
 
     def _repr_html_(self) -> str:
-        return view("fit.html")(self)
+        head = f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}"
+        told = f"{self.status}; {self.iterations} iterations, ln(likelihood) {self.log_likelihood:.8g}"
+        numbers = {n: [getattr(one, c) for c in _COLUMNS] for n, one in self.parameters.items()}
+        cells = [[n, *(f"{v:.5g}" if math.isfinite(v) else "" for v in some)] for n, some in numbers.items()]
+        quality = self.channels.items()
+        channels = [[n, f"{c.rms:.4g}", f"{c.R2:.4f}", f"{c.theil:.3f}", str(c.samples)] for n, c in quality]
+        return (
+            html_paragraph(head, told)
+            + html_list(self.remarks)
+            + html_table(("parameter", *_COLUMNS.values()), cells)
+            + html_table(("channel", "rms", "R2", "Theil", "samples"), channels)
+        )
 
     def __repr__(self) -> str:
         worst = min(self.channels, key=lambda n: self.channels[n].R2, default="")

@@ -12,6 +12,7 @@ import numpy as np
 
 from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
+from casid.frames import data_frame
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
 from casid.keeping import plain, save
@@ -118,7 +119,9 @@ class FrequencyResponse:
 
     def to_frame(self) -> DataFrame:
         """A pandas data frame, a row for each frequency; needs the extra `pandas`."""
-        return view("response.frame")(self)
+        columns = self.columns()
+        rows = {str(k): {name: values[k] for name, values in columns.items()} for k in range(len(self.omega))}
+        return data_frame(rows, "row").set_index("omega")
 
     def columns(self) -> dict[str, np.ndarray]:
         """Name -> (frequencies,): what tables have."""

@@ -21,6 +21,7 @@ from casid.report.style import (
     blank,
     channel_axis,
     channel_scale,
+    legend,
     settings,
 )
 from casid.report.templating import ReportTable, Row
@@ -225,8 +226,7 @@ def envelope(document: Document) -> Picture | None:
                     axis.plot(x, y, marker, color=colour, ms=2.2, mew=0.6, alpha=0.5, label=word, rasterized=True)
             axis.set_xlabel(channel_axis(across), fontsize=9.5)
             axis.set_ylabel(channel_axis(up), fontsize=9.5)
-        shown = {word: line for line, word in zip(*axes[0].get_legend_handles_labels(), strict=True)}
-        figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=2, markerscale=3)
+        legend(figure, axes, 2, markerscale=3)
     return Picture(
         name="envelope",
         figure=figure,

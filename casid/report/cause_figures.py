@@ -25,7 +25,10 @@ from casid.report.style import (
     blank,
     channel_axis,
     channel_scale,
+    draw_channel,
+    legend,
     shown_unit,
+    stacked,
 )
 from casid.report.words import EVIDENCE, place, pretty, pretty_term
 from casid.signals import label_of, unit_of
@@ -72,7 +75,7 @@ def shape(cause: ReportedCause) -> Picture | None:
     )
     ax.set_xlabel(label)
     ax.set_ylabel(f"missing {where}")
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2, markerscale=1.3)
+    legend(figure, [ax], 2, markerscale=1.3)
     of = pretty_term(cause.term) if cause.term else "its rate"
     return Picture(
         name="shape",
@@ -101,7 +104,7 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
         ax.axhline(0.0, color=FAINT, lw=0.8)
         ax.set_xlabel(f"{one.over} [{unit}]" if unit not in ("", "1") else one.over)
         ax.set_ylabel(f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}")
-        figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend(figure, [ax], 2)
         depends = f"{one.times} times a function of {one.over}" if one.times else f"a function of {one.over}"
         yield Picture(
             name="unexplained_shape" if number == 1 else f"unexplained_shape-{number}",
@@ -121,8 +124,7 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
     at = Station.at(station)
     wind = at.kind == "wind"
     chosen = _liveliest(histories)
-    figure = blank(1.75 * len(chosen) + 0.7)
-    axes = figure.subplots(len(chosen), 1, squeeze=False, sharey=True)[:, 0]
+    figure, axes = stacked([1.75] * len(chosen), sharex=False, sharey=True)
     for ax, one in zip(axes, chosen, strict=True):
         ax.fill_between(one.t, one.mean - 2 * one.sigma, one.mean + 2 * one.sigma, color="#BBD7EA", lw=0, label="±2σ")
         ax.plot(one.t, one.mean, color=EXTENDED, label="reconstructed, form unknown")
@@ -133,7 +135,7 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
         ax.set_title(one.record, loc="left")
         ax.set_ylabel("[m/s]" if wind else f"missing {at.name}")
         ax.set_xlabel("time t [s]" if one is chosen[-1] else "")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    legend(figure, axes, 2)
     where, entering = place(station), "at the" if at.kind == "reading" else "as"
     return Picture(
         name=name,
@@ -153,9 +155,8 @@ def wind(document: Document) -> Picture | None:
     gusts = document.gusts
     if gusts is None:
         return None
-    record, count, sigma = gusts.record, len(gusts.velocity), gusts.sigma
-    figure = blank(1.6 * count + 0.7)
-    axes = figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    record, sigma = gusts.record, gusts.sigma
+    figure, axes = stacked([1.6] * len(gusts.velocity), sharey=True)
     for ax, (station, velocity) in zip(axes, gusts.velocity.items(), strict=True):
         ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the turbulence, {sigma:.2g} m/s")
         ax.plot(record.t, velocity, color=EXTENDED, label="reconstructed velocity")
@@ -163,7 +164,7 @@ def wind(document: Document) -> Picture | None:
         ax.set_ylabel("[m/s]")
         ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    legend(figure, axes, 2)
     return Picture(
         name="wind",
         figure=figure,
@@ -232,8 +233,7 @@ def onset(cause: ReportedCause) -> Picture | None:
         return None
     profiles = cause.onsets
     records = [name for name in profiles if name in cause.onset_s][:_MAX_ONSETS]
-    figure = blank(1.6 * len(records) + 0.7)
-    axes = figure.subplots(len(records), 1, squeeze=False)[:, 0]
+    figure, axes = stacked([1.6] * len(records), sharex=False)
     for ax, name in zip(axes, records, strict=True):
         t, statistic = profiles[name]
         low, high = cause.onset_s[name]
@@ -245,7 +245,7 @@ def onset(cause: ReportedCause) -> Picture | None:
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel("evidence")
     axes[-1].set_xlabel("time of onset t [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    legend(figure, axes, 2)
     times = ", ".join(f"{0.5 * sum(cause.onset_s[n]):.1f} s in {n}" for n in records)
     name = pretty(cause.title)
     return Picture(
@@ -283,7 +283,7 @@ def _drawn(
     axes[0, 0].tick_params(labelbottom=False)
     frequency_axis(axes[:, 0], flight)
     _histories(axes[0, 1], axes[1, 1], document, flight)
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    legend(figure, [axes[0, 0]], 4)
     name = pretty(cause.title)
     since = " Only what was flown from the onset on is in it." if cause.onset_s else ""
     return Picture(
@@ -304,15 +304,12 @@ def _histories(top, bottom, document: Document, flight: FrequencyResponse) -> No
     r = worst_record(before, [flight.output])
     record = before.records[r]
     part = telling_window(before, after, [flight.output], r, _SHOWN)
-    t, (factor, _) = record.t[part], channel_scale(flight.output)
-    top.plot(t, factor * record[flight.output][part], color=MEASURED, lw=2.6, alpha=0.35)
-    for view, colour, dash in ((before, BASELINE, "--"), (after, EXTENDED, "-")):
-        series = view.output[part, r, view.outputs.index(flight.output)]
-        top.plot(t, factor * series, dash, color=colour, lw=1.3)
+    t, i = record.t[part], before.outputs.index(flight.output)
+    curves = {AS_GIVEN: before.output[part, r, i], document.best: after.output[part, r, i]}
+    draw_channel(top, flight.output, t, record[flight.output][part], curves)
     bottom.plot(t, channel_scale(flight.input)[0] * record[flight.input][part], color=MEASURED, lw=1.2)
-    for ax, channel in ((top, flight.output), (bottom, flight.input)):
-        ax.set_ylabel(channel_axis(channel))
-        ax.margins(x=0.01)
+    bottom.set_ylabel(channel_axis(flight.input))
+    bottom.margins(x=0.01)
     top.set_title(f"record {record.name}", loc="left")
     top.tick_params(labelbottom=False)
     bottom.set_xlabel("time t [s]")

@@ -16,7 +16,18 @@ from casid.records.segments import Segment
 from casid.report import tables
 from casid.report.claims import about_data
 from casid.report.estimate_figures import file_name, histories
-from casid.report.style import ALERT, EXPLAINED, MEASURED, WIDE, Picture, blank, channel_axis, channel_scale, settings
+from casid.report.style import (
+    ALERT,
+    EXPLAINED,
+    MEASURED,
+    WIDE,
+    Picture,
+    channel_axis,
+    channel_scale,
+    legend,
+    settings,
+    stacked,
+)
 from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, pretty, to_noise
 from casid.signals import SURFACES, for_a_person, label_of
@@ -34,14 +45,12 @@ def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged
     if not suspected:
         return None
     with settings():
-        figure = blank(_HEIGHT * len(suspected) + 1.0, WIDE)
-        axes = figure.subplots(len(suspected), 1, sharex=True, squeeze=False)[:, 0]
+        figure, axes = stacked([_HEIGHT] * len(suspected), WIDE)
         for axis, name in zip(axes, suspected, strict=True):
             concerned = [one for one in findings if name in one.target.split("+")]
             _draw(axis, name, list(zip(recorded, judged, strict=True)), concerned)
         axes[-1].set_xlabel("time, records one after the other [s]")
-        shown = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-        figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=4)
+        legend(figure, axes, 4)
     said = " ".join(one.sentence for one in findings)
     return Picture(
         name="check",
@@ -97,8 +106,7 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     """Surfaces and rates over the whole record; the manoeuvres are shaded and numbered."""
     names = [name for name in _SHOWN if name in record]
     with settings():
-        figure = blank(1.1 * len(names) + 0.8, WIDE)
-        axes = figure.subplots(len(names), 1, sharex=True, squeeze=False)[:, 0]
+        figure, axes = stacked([1.1] * len(names), WIDE)
         for ax, name in zip(axes, names, strict=True):
             ax.plot(record.t, channel_scale(name)[0] * record[name], color=MEASURED, lw=0.8)
             ax.set_ylabel(channel_axis(name))

@@ -20,7 +20,9 @@ from casid.report.style import (
     blank,
     channel_axis,
     channel_scale,
+    legend,
     settings,
+    stacked,
 )
 from casid.report.words import effect_name
 from casid.signals import label_of
@@ -29,14 +31,13 @@ from casid.signals import label_of
 def designed_histories(name: str, records: Mapping[str, Record], channels: Sequence[str]) -> Picture:
     """Time histories of the named channels, one line per design (title -> record)."""
     with settings():
-        drawn = blank(1.5 * len(channels))
-        axes = np.atleast_1d(drawn.subplots(len(channels), 1, sharex=True))
+        drawn, axes = stacked([1.5] * len(channels))
         for axis, channel in zip(axes, channels, strict=True):
             for colour, (title, record) in zip(RECORD_COLOURS, records.items(), strict=False):
                 axis.plot(record.t, channel_scale(channel)[0] * record[channel], color=colour, label=title)
             axis.set_ylabel(channel_axis(channel))
         axes[-1].set_xlabel("t [s]")
-        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(records))
+        legend(drawn, axes, len(records))
     return Picture(
         name=f"{name}_histories",
         figure=drawn,
@@ -61,7 +62,7 @@ def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequ
         axis.set_yticks(at, parameters)
         axis.invert_yaxis()
         axis.set_xlabel("scatter of the estimates over that of the standard 3-2-1-1")
-        drawn.legend(*axis.get_legend_handles_labels(), loc="outside upper center", ncols=len(ratios))
+        legend(drawn, [axis], len(ratios))
     return Picture(
         name=f"{name}_scatter",
         figure=drawn,
@@ -81,8 +82,7 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
     names = [effect_name(effect_of(value)) for value in (rivals.first, rivals.second)]
     t, factor = found.record.t, channel_scale(channel)[0]
     with settings():
-        drawn = blank(4.6)
-        above, middle, below = drawn.subplots(3, 1, sharex=True)
+        drawn, (above, middle, below) = stacked([1.3] * 3)
         above.plot(t, channel_scale(surface)[0] * found.record[surface], color=EXPLAINED, label="command")
         above.set_ylabel(channel_axis(surface))
         middle.plot(t, factor * first[:, i], color=EXTENDED, label=names[0])
@@ -92,12 +92,7 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
         below.plot(t, (first[:, i] - second[:, i]) / rivals.noise[channel], color=MEASURED, label="difference")
         below.set_ylabel("difference / σ")
         below.set_xlabel("time t [s]")
-        lines = {
-            word: line
-            for ax in (above, middle, below)
-            for line, word in zip(*ax.get_legend_handles_labels(), strict=True)
-        }
-        drawn.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=2)
+        legend(drawn, (above, middle, below), 2)
     return Picture(
         name="next_flight" if number == 1 else f"next_flight-{number}",
         figure=drawn,

@@ -9,21 +9,24 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from casid.errors import check_known
+from casid.estimation.fit import Fit
+from casid.frequency.output_error import FourierOutputError
+from casid.frequency.regression import FourierEquationError
 from casid.report.style import (
-    BASELINE,
-    EXPLAINED,
-    EXTENDED,
-    MEASURED,
+    CURVES,
     NOISE,
     RECORD_COLOURS,
     Picture,
     blank,
     channel_axis,
     channel_scale,
+    draw_channel,
+    legend,
     settings,
+    window,
 )
 
-_CURVES = ((BASELINE, "-"), (EXTENDED, "--"), (EXPLAINED, "-."), ("#CC79A7", ":"))
 _LAGS = 30
 
 
@@ -59,11 +62,8 @@ def histories(
         heights = [1.35] * above + [1.0] * below
         axes = figure.subplots(above + below, beside, sharex=True, squeeze=False, height_ratios=heights)
         for i, channel in enumerate(channels):
-            ax, (factor, _) = axes.flat[i], channel_scale(channel)
-            ax.plot(t, factor * measured[:, i], color=MEASURED, lw=2.6, alpha=0.35, label="measured")
-            for (label, values), (colour, dash) in zip(curves.items(), _CURVES, strict=False):
-                ax.plot(t, factor * values[:, i], dash, color=colour, lw=1.1, label=label)
-            ax.set_ylabel(channel_axis(channel))
+            here = {label: values[:, i] for label, values in curves.items()}
+            draw_channel(axes.flat[i], channel, t, measured[:, i], here)
         for ax, (channel, values) in zip(axes.flat[beside * above :], inputs.items(), strict=False):
             ax.plot(t, channel_scale(channel)[0] * values, color="black", lw=1.1, label="recorded input")
             ax.set_ylabel(channel_axis(channel))
@@ -73,10 +73,7 @@ def histories(
             lowest = [ax for ax in column if ax.get_visible()][-1]
             lowest.set_xlabel(axis)
             lowest.tick_params(labelbottom=True)
-        first = [axes.flat[0], *axes.flat[beside * above : beside * above + 1]]
-        known = [pair for ax in first for pair in zip(*ax.get_legend_handles_labels(), strict=True)]
-        handles, labels = zip(*known, strict=True)
-        figure.legend(handles, labels, loc="outside upper center", ncols=min(len(labels), 3))
+        legend(figure, axes.flat, 3)
     drawn = ", ".join(["measured", *curves])
     return Picture(
         name=f"histories_{file_name(record)}",
@@ -88,6 +85,24 @@ def histories(
     )
 
 
+def plot_fit(fit: Fit, record: str | None) -> Figure:
+    """Measured and predicted channels of one record, or their amplitudes over frequency where they are transforms."""
+    records = {r.name: r for r in fit.problem.records}
+    name = next(iter(records)) if record is None else record
+    check_known("record", (name,), records, "fit.plot")
+    predicted = fit.predictions[name]
+    measured = predicted + fit.residuals[name]
+    if isinstance(cost := fit.problem.cost, FourierEquationError | FourierOutputError):
+        frequencies = cost.equations(fit.problem).frequencies[list(records).index(name)]
+        omega = np.unique(frequencies)
+        which = frequencies == omega[:, None]
+        values = (measured, predicted, fit.residuals[name])
+        measured, predicted, rest = (np.sqrt(which @ np.nan_to_num(one) ** 2) for one in values)
+        curves = {"fitted": predicted, "difference": rest}
+        return histories(name, omega, list(fit.channels), measured, curves, window, axis="frequency ω [rad/s]").figure
+    return histories(name, records[name].t, list(fit.channels), measured, {"fitted": predicted}, window).figure
+
+
 def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray]) -> Picture:
     """Autocorrelation of residuals (N, channels), by label, with the band in which that of white noise stays."""
     with settings():
@@ -96,7 +111,7 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
         axes = figure.subplots(rows, 4, sharex=True, sharey=True, squeeze=False)
         for i, channel in enumerate(channels):
             ax = axes.flat[i]
-            for (label, values), (colour, dash) in zip(residuals.items(), _CURVES, strict=False):
+            for (label, values), (colour, dash) in zip(residuals.items(), CURVES, strict=False):
                 series = values[np.isfinite(values[:, i]), i]
                 ax.plot(np.arange(_LAGS + 1), autocorrelation(series, _LAGS), dash, color=colour, label=label)
                 band = 1.96 / np.sqrt(len(series))
@@ -104,8 +119,7 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
             ax.set_title(channel)
         for ax in axes.flat[len(channels) :]:
             ax.set_visible(False)
-        handles, labels = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+        legend(figure, axes.flat, len(residuals))
         for ax in axes[-1]:
             ax.set_xlabel("lag [samples]")
     return Picture(
@@ -142,7 +156,7 @@ def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, 
         for ax, (rows, label) in zip(axes[:, 0], shown, strict=True):
             _estimate_rows(ax, names, rows, methods, base)
             ax.set_xlabel(label)
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(methods))
+        legend(figure, [axes[0, 0]], len(methods))
     return Picture(
         name="estimates",
         figure=figure,

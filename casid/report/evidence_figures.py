@@ -25,6 +25,7 @@ from casid.report.style import (
     NOISE,
     Picture,
     blank,
+    legend,
     powers_of_ten,
 )
 from casid.report.words import EVIDENCE, label, place, pretty, quantity
@@ -137,7 +138,7 @@ def missing(document: Document) -> Picture:
     ax.set_ylim(len(order) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
     ax.set_xlabel("statistic of a latent input there (log scale)")
-    figure.legend(loc="outside upper center", ncols=2)
+    legend(figure, [ax], 2)
     return Picture(
         name="missing",
         figure=figure,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
@@ -22,11 +23,12 @@ from casid.report.style import (
     NOISE,
     WIDE,
     Picture,
-    blank,
-    channel_axis,
     channel_scale,
+    draw_channel,
+    legend,
     settings,
     smooth,
+    stacked,
 )
 from casid.signals import label_of
 
@@ -42,6 +44,7 @@ _LONGEST = 180.0  # s on one axis
 _POINTS = 1500  # of a line over all records: more than its pixels
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
 _HELD = "#EAF4EE"
+AS_GIVEN = "file as given"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,9 +108,7 @@ def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture |
     if not shown:
         return None
     rows = [*inputs, *shown]
-    figure = blank(_INPUT_ROW * len(inputs) + _ROW * len(shown) + 1.1, WIDE)
-    heights = [_INPUT_ROW] * len(inputs) + [_ROW] * len(shown)
-    axes = figure.subplots(len(rows), 1, sharex=True, squeeze=False, gridspec_kw={"height_ratios": heights})[:, 0]
+    figure, axes = stacked([_INPUT_ROW] * len(inputs) + [_ROW] * len(shown), WIDE)
     for axis, name in zip(axes, rows, strict=True):
         _mark(axis, name, pieces, document)
         (_input if name in inputs else _output)(axis, name, pieces, document)
@@ -127,11 +128,10 @@ def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture |
             annotation_clip=False,
         )
     axes[-1].set_xlabel("time, records one after the other [s]")
-    lines = {label: line for axis in axes for line, label in zip(*axis.get_legend_handles_labels(), strict=True)}
-    handles, labels = [*lines.values(), Patch(color=_HELD)], [*lines, "held out: no fit has seen it"]
+    shades: dict[str, Artist] = {"held out: no fit has seen it": Patch(color=_HELD)}
     if any(_left_out(document, name, one.record.name) for name in rows for one in pieces):
-        handles, labels = [*handles, Patch(color=ALERT, alpha=0.4)], [*labels, "samples left out"]
-    figure.legend(handles, labels, loc="outside upper center", ncols=3)
+        shades["samples left out"] = Patch(color=ALERT, alpha=0.4)
+    legend(figure, axes, 3, shades)
     names = ", ".join(one.record.name for one in pieces)
     return Picture(
         name=f"tracks_{plane}",
@@ -173,16 +173,13 @@ def _input(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -
 
 def _output(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
     factor, low, high = channel_scale(name)[0], np.inf, -np.inf
-    for k, one in enumerate(pieces):
+    for one in pieces:
         n, i, thin = len(one.record), one.before.outputs.index(name), _thin(one.t, pieces)
-        t, read = one.t[thin], factor * one.record[name]
-        before, after = (factor * view.output[:n, one.number, i] for view in (one.before, one.after))
-        words = ("measured", "file as given", document.best) if k == 0 else ("", "", "")
-        axis.plot(t, read[thin], color="#BDBDBD", lw=3.2, label=words[0])
-        axis.plot(t, before[thin], "--", color=BASELINE, lw=1.1, label=words[1])
-        axis.plot(t, after[thin], color=EXTENDED, lw=1.1, label=words[2])
+        read = one.record[name]
+        before, after = (view.output[:n, one.number, i] for view in (one.before, one.after))
+        draw_channel(axis, name, one.t[thin], read[thin], {AS_GIVEN: before[thin], document.best: after[thin]})
         for series in (read, after):
-            inside = series[np.isfinite(series)]
+            inside = factor * series[np.isfinite(series)]
             if len(inside):
                 low, high = min(low, float(inside.min())), max(high, float(inside.max()))
     _follow(axis, low, high)
@@ -203,7 +200,6 @@ def _thin(t: np.ndarray, pieces: Sequence[Piece]) -> slice:
 
 
 _DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
-AS_GIVEN = "file as given"
 _WINDOW = 14.0  # s
 _RECORDS = 4  # held-out records of a system that are drawn
 
@@ -228,19 +224,14 @@ def histories(document: Document) -> Picture:
     r = worst_record(before, channels)
     record = before.records[r]
     window = telling_window(before, after, channels, r)
-    figure = blank(1.75 * len(channels) + 0.6)
-    axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = stacked([1.75] * len(channels))
     for ax, channel in zip(axes, channels, strict=True):
-        i, (factor, _) = before.outputs.index(channel), channel_scale(channel)
-        t = record.t[window]
-        ax.plot(t, factor * record[channel][window], color="#C4C4C4", lw=4.5, label="measured")
-        ax.plot(t, factor * before.output[window, r, i], "--", color=BASELINE, label=AS_GIVEN)
-        ax.plot(t, factor * after.output[window, r, i], color=EXTENDED, label=document.best)
-        ax.set_ylabel(channel_axis(channel))
+        i = before.outputs.index(channel)
+        curves = {AS_GIVEN: before.output[window, r, i], document.best: after.output[window, r, i]}
+        draw_channel(ax, channel, record.t[window], record[channel][window], curves)
         ax.set_title(label_of(channel), loc="left")
-        ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    legend(figure, axes, 3)
     names = ", ".join(label_of(c) for c in channels)
     part = (
         ""
@@ -328,8 +319,7 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
     r = worst_record(before, channels)
     record = before.records[r]
     n = len(record)
-    figure = blank(1.85 * len(channels) + 0.7)
-    axes = figure.subplots(len(channels), 1, sharex=True, squeeze=False)[:, 0]
+    figure, axes = stacked([1.85] * len(channels))
     for ax, channel in zip(axes, channels, strict=True):
         i, noise = before.outputs.index(channel), before.channels[channel].noise
         wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
@@ -343,7 +333,7 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         ax.set_ylabel("residual / σ")
         ax.margins(x=0.01)
     axes[-1].set_xlabel("time t [s]")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+    legend(figure, axes, 2)
     return Picture(
         name=name,
         figure=figure,

@@ -6,7 +6,7 @@ import math
 import textwrap
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,7 +20,6 @@ from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
 from casid.report.estimate_figures import file_name
-from casid.report.notebook import data_frame
 from casid.report.style import (
     BASELINE,
     FAINT,
@@ -31,6 +30,7 @@ from casid.report.style import (
     Picture,
     blank,
     channel_scale,
+    legend,
     settings,
     window,
 )
@@ -40,9 +40,6 @@ from casid.report.style import (
 from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, with_std
 from casid.signals import SURFACES, label_of
-
-if TYPE_CHECKING:
-    from pandas import DataFrame
 
 _LINES = {GIVEN: (BASELINE, "--"), EXTENDED: (BLUE, "-")}
 _PANEL = 1.45  # inches
@@ -80,9 +77,7 @@ def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = bla
         for axis in panels[max(count - 2, 0) : count]:
             axis.tick_params(labelbottom=True)
             axis.set_xlabel("t [s]")
-        drawn = (zip(*axis.get_legend_handles_labels(), strict=True) for axis in panels[: len(channels)])
-        shown = {label: line for some in drawn for line, label in some}
-        figure.legend(shown.values(), shown.keys(), loc="outside upper center", ncols=len(shown))
+        legend(figure, panels[: len(channels)], 5)
     return Picture(
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s"),
         figure=figure,
@@ -198,18 +193,6 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     (Path(folder) / "match.html").write_text(render("match.html", context), encoding="utf-8")
 
 
-def frame(proof: ProofOfMatch) -> DataFrame:
-    """A row for each row of each test and each side."""
-    rows: dict[str, dict[str, object]] = {}
-    for one in proof.tests:
-        for label, side in one.sides.items():
-            for check in side.checks:
-                name = f"{one.test.id} {one.record.name} {one.window.start:g} s: {check.tolerance.name}, {label}"
-                numbers = {key: getattr(check, key) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
-                rows[name] = {"passed": check.passed, **numbers, "paragraph": one.test.paragraph, "why": check.why}
-    return data_frame(rows, "row")
-
-
 def _loop(proof: ProofOfMatch) -> str:
     if not proof.closed_loop:
         return "Open loop: the recorded surfaces and thrust drive the simulation, which starts at the measured state."
@@ -286,8 +269,7 @@ def related_figure(one: MatchedTest) -> Picture | None:
             axis.set_visible(False)
         for axis in axes[-1]:
             axis.set_xlabel("t [s]")
-        handles, labels = axes.flat[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside upper center", ncols=len(labels))
+        legend(figure, axes.flat, 4)
     return Picture(
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s_related"),
         figure=figure,

@@ -19,6 +19,7 @@ from casid.report.style import (
     blank,
     channel_axis,
     channel_scale,
+    legend,
     settings,
     window,
 )
@@ -100,8 +101,7 @@ def _draw_eigenvalues(figure: Any, found: Mapping[str, Handbook]) -> None:
         ax.margins(0.18, 0.18)
     axes[0].set_ylabel("ω [rad/s]")
     if len(found) > 1:
-        handles = {label: line for ax in axes for line, label in zip(*ax.get_legend_handles_labels(), strict=True)}
-        figure.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=len(handles))
+        legend(figure, axes, len(found))
 
 
 def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
@@ -117,8 +117,7 @@ def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
         ax.set_title(channel_axis(name))
         ax.set_xlabel("V [m/s]")
     if len(found) > 1:
-        lines, labels = axes[0].get_legend_handles_labels()
-        figure.legend(lines, labels, loc="outside upper center", ncols=len(found))
+        legend(figure, axes, len(found))
 
 
 FIGURES = "modes_figures"

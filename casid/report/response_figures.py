@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,25 +13,20 @@ from casid.frequency.mismatch import MismatchEnvelope, ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
 from casid.frequency.response_fit import ResponseFit
 from casid.report.estimate_figures import file_name
-from casid.report.notebook import data_frame
 from casid.report.style import (
-    BASELINE,
+    CURVES,
     EXPLAINED,
-    EXTENDED,
     FAINT,
     MEASURED,
     NOISE,
     Picture,
     blank,
+    legend,
     settings,
     window,
 )
 from casid.signals import label_of, unit_of
 
-if TYPE_CHECKING:
-    from pandas import DataFrame
-
-CURVES = ((BASELINE, "--"), (EXTENDED, "-"), (EXPLAINED, "-."), ("#CC79A7", ":"))
 _SIGMAS = 2.0
 _TURN = 45.0  # deg between ticks of a phase
 _MARGIN = 0.15  # of what flight shows, above and below it on an axis
@@ -48,13 +42,6 @@ def plot_comparison(comparison: ResponseComparison) -> Figure:
     return bode_mismatch(comparison, window).figure
 
 
-def frame(response: FrequencyResponse) -> DataFrame:
-    """A row for each frequency."""
-    columns = response.columns()
-    rows = {k: {name: values[k] for name, values in columns.items()} for k in range(len(response.omega))}
-    return data_frame({str(k): row for k, row in rows.items()}, "row").set_index("omega")
-
-
 def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) -> Picture:
     """Gain, phase and coherence of flight; `empty` makes the figure of a height."""
     with settings():
@@ -63,7 +50,7 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
         draw_gain_and_phase(axes[0], axes[1], response, {})
         draw_coherence(axes[2], response)
         frequency_axis(axes, response)
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend(figure, [axes[0]], 2)
     given = f", with the part of {', '.join(response.other_inputs)} taken off" if response.other_inputs else ""
     return Picture(
         name=f"bode_{file_name(response.output)}_{file_name(response.input)}",
@@ -88,7 +75,7 @@ def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figur
         draw_coherence(axes[2], flight)
         _draw_mismatch(axes[3], axes[4], comparison)
         frequency_axis(axes, flight)
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend(figure, [axes[0]], 2)
     costs = "; ".join(f"{name}: J = {one.cost:.3g}" for name, one in comparison.mismatches.items())
     return Picture(
         name=f"bode_{file_name(flight.output)}_{file_name(flight.input)}",
@@ -245,5 +232,5 @@ def plot(fit: ResponseFit) -> Figure:
             if k % columns == 0:
                 gain.set_ylabel("gain [dB]")
                 phase.set_ylabel("phase [deg]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        legend(figure, [axes[0, 0]], 2)
     return figure

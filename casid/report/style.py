@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -12,6 +12,8 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
@@ -25,7 +27,9 @@ MEASURED, BASELINE, EXTENDED, EXPLAINED = "#222222", "#D55E00", "#0072B2", "#009
 NOISE, FAINT, ALERT = "#DDDDDD", "#9A9A9A", "#CC79A7"
 RECORD_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
+CURVES = ((BASELINE, "--"), (EXTENDED, "-"), (EXPLAINED, "-."), ("#CC79A7", ":"))  # of models, the first as given
 WIDTH, WIDE = 5.6, 8.2  # inches; a page shows them up to 40 and 46 rem wide
+_AROUND = 0.7  # inches above and below stacked panels
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -93,6 +97,35 @@ def window(height: float, width: float = WIDTH) -> Figure:
     from matplotlib import pyplot  # here, as it looks for a display
 
     return pyplot.figure(figsize=(width, height), layout="constrained")
+
+
+def stacked(
+    heights: Sequence[float], width: float = WIDTH, *, sharex: bool = True, sharey: bool = False
+) -> tuple[Figure, Sequence[Axes]]:
+    """A figure with panels of these heights [inches] above one another."""
+    figure = blank(sum(heights) + _AROUND, width)
+    axes = figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights, sharex=sharex, sharey=sharey)
+    return figure, list(axes[:, 0])
+
+
+def legend(
+    figure: Figure, axes: Iterable[Axes], columns: int, extra: Mapping[str, Artist] | None = None, **look: Any
+) -> None:
+    """A legend above all panels, of every label once; `extra` are further ones."""
+    lines = {word: line for ax in axes for line, word in zip(*ax.get_legend_handles_labels(), strict=True)}
+    lines |= extra or {}
+    figure.legend(lines.values(), lines.keys(), loc="outside upper center", ncols=min(columns, len(lines)), **look)
+
+
+def draw_channel(ax: Axes, channel: str, t: np.ndarray, measured: np.ndarray, curves: Mapping[str, np.ndarray]) -> None:
+    """A channel in the unit that people read: measured pale below, and over it what models give, by label."""
+    factor = channel_scale(channel)[0]
+    ax.plot(t, factor * measured, color=MEASURED, lw=2.8, alpha=0.32, label="measured")
+    looks = CURVES if len(curves) > 1 else CURVES[1:]
+    for (label, values), (colour, dash) in zip(curves.items(), looks, strict=False):
+        ax.plot(t, factor * values, dash, color=colour, lw=1.2, label=label)
+    ax.set_ylabel(channel_axis(channel))
+    ax.margins(x=0.01)
 
 
 def shown_unit(unit: str) -> tuple[float, str]:
