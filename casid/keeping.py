@@ -24,7 +24,7 @@ from casid.arguments import a_path
 from casid.errors import InputError
 
 _MAGIC = "casid.result"
-_FORMAT = 2  # goes up when a file of before cannot be read any more
+_FORMAT = 3  # goes up when a file of before cannot be read any more
 
 
 @contextmanager

@@ -97,5 +97,7 @@ def test_a_control_law_travels_with_its_model() -> None:
 @pytest.mark.parametrize("effect", [actuator_lag("delta_e"), gust("z")], ids=lambda e: e.name)
 def test_effects_travel_by_their_name(effect: Effect) -> None:
     copy = again(effect)
-    assert copy.name == effect.name and copy.grid == effect.grid and copy.limit == effect.limit
+    assert (
+        copy.name == effect.name and copy.further.grid == effect.further.grid and copy.size.limit == effect.size.limit
+    )
     assert (copy.change is None, copy.series is None) == (effect.change is None, effect.series is None)

@@ -366,7 +366,7 @@ def _row(evidence: Evidence, effect: Effect) -> tuple[tuple[Effect, Mapping[str,
     """The effect with typical further values, an event in the middle of every record; and the size that matters."""
     fitted = evidence.fit
     onset = 0.5 * min(record.duration for record in fitted.flight.records) if effect.timed else None
-    values = dict(effect.grid[len(effect.grid) // 2]) if effect.grid else {}
+    values = dict(effect.further.grid[len(effect.further.grid) // 2]) if effect.further.grid else {}
     smallest = fitted.flight.smallest_that_matters(effect)
     if effect.linear and not smallest:
         onsets = {r.name: r.t[0] + (onset or 0.0) for r in fitted.flight.records} if effect.timed else {}

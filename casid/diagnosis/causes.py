@@ -107,7 +107,7 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
         refused = cause_of(present, state, (), held, asked)
         return noted(refused, NOT_NEEDED) if leader.meaningful else refused, False
     cause = cause_of(present, state, round_.equivalents, held, asked)
-    if leader.effect.expected and not round_.equivalents:
+    if leader.effect.traits.expected and not round_.equivalents:
         return expected_of(cause, "a propeller aircraft"), False
     return cause, True
 
@@ -228,7 +228,7 @@ def cause_of(
         held_out_gain=held,
         indistinguishable_from=(*_equal(one, fit, trial.gain.raw), *(_named(t) for t in equivalents)),
         sentence=cause_sentence(one, value, std, len(names), (onsets, ends)),
-        parameters={k: v for k, v in values.items() if k != "value" and v != effect.defaults.get(k)},
+        parameters={k: v for k, v in values.items() if k != "value" and v != effect.further.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
         on_readings=trial.gain.raw / max(trial.candidate.surviving, 1e-3) ** 2,
@@ -292,9 +292,9 @@ def _named(trial: Trial) -> Mapping[str, object]:
 
 def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, object]]:
     """The entry of the effect that is equal to a cause by algebra; empty without one."""
-    if one.effect.equal is None or one.records:
+    if one.effect.traits.equal is None or one.records:
         return []
-    other, factor = one.effect.equal(of_aircraft(fit.flight).aircraft)
+    other, factor = one.effect.traits.equal(of_aircraft(fit.flight).aircraft)
     return [_entry(other, factor * one.values["value"], gain)]
 
 

@@ -167,7 +167,9 @@ class StructureCriteria:
     )
     oswald: float = number(0.5, "lowest Oswald factor of a wing", "chosen: below the usual 0.7 to 0.85")
     known: float = number(
-        0.005, "smallest relative 1-sigma of a value", "chosen: sampling and the simulator leave that uncertain"
+        0.005,
+        "smallest relative 1-sigma of a value, and of a statistic",
+        "chosen: sampling and the simulator leave that uncertain",
     )
     stretch: float = number(
         5.0, "length of the stretches of record that the scatter of a value is computed from", unit="s"
@@ -185,8 +187,6 @@ class ScreeningCriteria:
         "measured: the same decisions from 4.8 to 10.3 on 60 sets",
         unit=_GAIN,
     )
-    equivalent_part: float = number(0.005, "the same distance over the statistic, if that is more")
-    surviving: float = number(0.02, "share of a fingerprint below which it counts as a combination of derivatives")
     nonlinear: float = number(
         3.0, "ratio of predicted and tried size of a nonlinear effect above which the prediction is not valid"
     )
@@ -273,7 +273,9 @@ class NamingCriteria:
         "and clearness, over what a name requires",
     )
     approximate: float = number(
-        0.02, "the same for an event or turbulence, whose shape is approximate, and the least that it leaves elsewhere"
+        0.02,
+        "the same for an event or turbulence, whose shape is approximate, the least that it leaves elsewhere, and the "
+        "share of a fingerprint below which it counts as a combination of derivatives",
     )
     left_to_others: float = number(
         0.001,

@@ -14,6 +14,7 @@ from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnosed import DiagnosedAircraft
 from casid.diagnosis.engine.baseline import baseline_of
 from casid.diagnosis.engine.held_out import Kept, split
 from casid.diagnosis.engine.search import search
@@ -24,7 +25,6 @@ from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.scope import out_of_sight, scope_of
 from casid.diagnosis.judgement import Stages, judged
-from casid.diagnosis.part import OfAircraft
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.time_limit import TimeLimit
@@ -96,14 +96,14 @@ def diagnose_aircraft(
         report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
 
-        def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
+        def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedAircraft:
             extended = extended_aircraft(of_aircraft(state.baseline.flight).aircraft, kept.fit, causes, minor)
-            return OfAircraft(file=aircraft, extended=extended)
+            return DiagnosedAircraft(file=aircraft, extended=extended)
 
-        found = judged(state, given, scope.held, part, stages)
+        found = judged(state, given, scope.held, diagnosed, stages)
         std = {name: one.std for name, one in found.flight.items() if one.determined}
         extended = with_estimates(found.extended_aircraft, {}, std)
-        found = replace(found, part=OfAircraft(file=aircraft, extended=extended))
+        found = replace(found, diagnosed=DiagnosedAircraft(file=aircraft, extended=extended))
         found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
         return concluded(
             found,
@@ -147,7 +147,7 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
         if cause.key not in missing:
             continue
         missing.remove(cause.key)
-        take_up = cause.effect.into_tables
+        take_up = cause.effect.forms.into_tables
         held = take_up(tables or aircraft.tables, cause.value) if take_up else None
         if held is not None:
             tables = held

@@ -89,7 +89,7 @@ def required_gain(effect: Effect, criteria: Criteria) -> float:
 
     Against a stated uncertainty it is that of a value beyond it: neither noise nor a choice of shapes enters.
     """
-    if effect.stated:
+    if effect.size.stated:
         return criteria.significance.sigmas**2
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
@@ -101,7 +101,7 @@ def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:
     not of the noise, and a negligible cause can be many standard deviations from zero. A statistic against a stated
     uncertainty is that of the value itself.
     """
-    if effect.stated:
+    if effect.size.stated:
         return required_gain(effect, criteria)
     return criteria.significance.search if noise_by_fit else criteria.naming.clear
 
@@ -124,11 +124,11 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
 def possible(one: Attached) -> tuple[Gate, ...]:
     """Ask that the values of an effect are physically possible."""
     effect, values = one.effect, one.values
-    lowest = -effect.limit if effect.lowest is None else effect.lowest
+    lowest = -effect.size.limit if effect.size.lowest is None else effect.size.lowest
     gates = (
         at_least("smallest possible value", values["value"], lowest),
-        at_most("largest possible value", values["value"], effect.limit),
-        *(at_most(f"largest possible {name}", abs(values[name]), most) for name, most in effect.limits.items()),
+        at_most("largest possible value", values["value"], effect.size.limit),
+        *(at_most(f"largest possible {name}", abs(values[name]), most) for name, most in effect.size.limits.items()),
     )
     return tuple(gate for gate in gates if math.isfinite(gate.threshold))
 

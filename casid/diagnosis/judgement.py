@@ -12,6 +12,7 @@ import numpy as np
 from casid.diagnosis import gates, sentences
 from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
+from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.acceptance import tempered
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, part_of_a_fitted_record, with_events
@@ -29,7 +30,6 @@ from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.kinematics.turbulence import in_other_air
-from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.records.record import Record
@@ -87,7 +87,7 @@ def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tu
     Structure that is expected of an aircraft and part of the final model is among the first.
     """
     there = {one.effect.key for one in fitted.attached}
-    usual = {one.key for one in causes if one.key in there and (is_usual(one.effect) or one.effect.expected)}
+    usual = {one.key for one in causes if one.key in there and (is_usual(one.effect) or one.effect.traits.expected)}
     small = [one.share < 1.0 or one.key in usual for one in causes]
     first, second = (tuple(c for c, is_ in zip(causes, small, strict=True) if is_ is side) for side in (True, False))
     return first, second
@@ -203,14 +203,14 @@ def judged(
     state: State,
     given: AsGiven,
     held: Sequence[Record],
-    part: Callable[[Kept, Sequence[Cause], Sequence[Cause]], OfAircraft | OfSystem],
+    diagnosed: Callable[[Kept, Sequence[Cause], Sequence[Cause]], DiagnosedAircraft | DiagnosedSystem],
     stages: Stages,
 ) -> Diagnosis:
     """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
 
-    given   simulations by the file or model as given
-    part    makes what only an aircraft or a system has, from the final model, the named and the minor causes
-    stages  takes the time of each stage
+    given      simulations by the file or model as given
+    diagnosed  makes what is diagnosed, as given and as extended, from the final model, the named and the minor causes
+    stages     takes the time of each stage
     """
     begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
@@ -231,11 +231,11 @@ def judged(
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
-    added = part(kept, causes, (*minor, *refused))
+    added = diagnosed(kept, causes, (*minor, *refused))
     stages.end()
     return Diagnosis(
         remark=sentences.remarks(minor, faint),
-        part=added,
+        diagnosed=added,
         causes=causes,
         minor=minor,
         not_tried=tuple(NotJudged(what=what, because=limit.because) for what in limit.left_out),

@@ -15,6 +15,7 @@ from casid.design.next_flight import NextFlights, Setting, Untold, next_flights
 from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.document import Document, Unexplained
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
@@ -31,7 +32,6 @@ from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape, shapes_of
 from casid.diagnosis.kinematics.turbulence import Turbulence
 from casid.diagnosis.left_open import questions, untold
-from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.shown import (
     alike_of,
     detectable_of,
@@ -46,21 +46,18 @@ from casid.diagnosis.shown import (
 )
 from casid.diagnosis.systems.axis_responses import axis_responses
 from casid.errors import InputError, noting, unknown
+from casid.frames import data_frame, html_list, html_paragraph, html_table
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
-from casid.model.numbers import digits
+from casid.model.numbers import digits, with_deviation
 from casid.records.record import Record
-from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 SCHEMA = "casid.diagnosis/4"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
-_SIMULATIONS = (
-    *("as_given", "refitted", "extended"),
-    *("held_out_as_given", "held_out_refitted", "held_out_extended"),
-)
+_FITTED = ("as_given", "refitted", "extended")
 _IN_BOTH = (
     *("verdict", "headline", "sentence", "opening", "values_told", "best", "no_cause", "not_judged", "data"),
     *("contradicted", "parameters", "flight", "trace", "budget", "rms_ratio", "criteria", "seconds"),
@@ -73,7 +70,7 @@ class Diagnosis:
 
     Attributes
     ----------
-    part
+    diagnosed
         What only an aircraft has, or only a system; see `aircraft`, `extended_aircraft` and `system`.
     not_judged, not_tried
         What these records or this file leave open, and why; with what the search did not try, which is also alone.
@@ -151,7 +148,7 @@ class Diagnosis:
     held_out_is_new: str = ""
     seconds_of_processor: float = 0.0
     account: tuple[AccountStep, ...] = ()
-    part: OfAircraft | OfSystem
+    diagnosed: DiagnosedAircraft | DiagnosedSystem
     causes: tuple[Cause, ...]
     minor: tuple[Cause, ...]
     ranking: tuple[Candidate, ...]
@@ -229,34 +226,34 @@ class Diagnosis:
     @property
     def of_aircraft(self) -> bool:
         """Whether an aircraft was diagnosed, and not another system."""
-        return isinstance(self.part, OfAircraft)
+        return isinstance(self.diagnosed, DiagnosedAircraft)
 
     @property
     def of_aeroplane(self) -> bool:
         """Whether an aircraft without rotors was diagnosed: its coefficients have figures and tables of their own."""
-        return isinstance(self.part, OfAircraft) and self.part.file.rotors is None
+        return self.of_aircraft and self.aircraft.rotors is None
 
     @property
     def aircraft(self) -> Aircraft:
         """The aircraft as given."""
-        return self._aircraft_part().file
+        return self._diagnosed_aircraft().file
 
     @property
     def extended_aircraft(self) -> Aircraft:
         """The aircraft with estimated values and the named causes."""
-        return self._aircraft_part().extended
+        return self._diagnosed_aircraft().extended
 
-    def _aircraft_part(self) -> OfAircraft:
-        if isinstance(self.part, OfAircraft):
-            return self.part
-        raise InputError(f"this diagnosis is of '{self.part.name}', which is no aircraft; see diagnosis.system")
+    def _diagnosed_aircraft(self) -> DiagnosedAircraft:
+        if isinstance(self.diagnosed, DiagnosedAircraft):
+            return self.diagnosed
+        raise InputError(f"this diagnosis is of '{self.diagnosed.name}', which is no aircraft; see diagnosis.system")
 
     @property
-    def system(self) -> OfSystem:
+    def system(self) -> DiagnosedSystem:
         """The system as given, and with the named causes."""
-        if isinstance(self.part, OfSystem):
-            return self.part
-        raise InputError(f"this diagnosis is of the aircraft '{self.part.name}'; see diagnosis.extended_aircraft")
+        if isinstance(self.diagnosed, DiagnosedSystem):
+            return self.diagnosed
+        raise InputError(f"this diagnosis is of the aircraft '{self.diagnosed.name}'; see diagnosis.extended_aircraft")
 
     @property
     def noise(self) -> dict[str, float]:
@@ -278,7 +275,7 @@ class Diagnosis:
             kind = effect.kind.removeprefix("sensor_")
             if effect.name in self.detectable and effect.kind in (f"sensor_{k}" for k in _INSTRUMENT_FAULTS):
                 size = self.detectable[effect.name]
-                found.setdefault(effect.target, {})[kind] = size if size <= effect.limit else math.inf
+                found.setdefault(effect.target, {})[kind] = size if size <= effect.size.limit else math.inf
         return found
 
     @cached_property
@@ -310,6 +307,7 @@ class Diagnosis:
         """Everything that a page shows, in words, numbers and arrays; takes some seconds, of which the design of next
         flights is most. What cannot be computed is noted in it."""
         failed, most = list[str](), self.criteria.numerics.naming.listed
+        aircraft = self.aircraft if self.of_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
@@ -325,17 +323,17 @@ class Diagnosis:
             shapes = self.shapes
         responses = None
         with noting(failed, "response of each axis"):
-            if isinstance(self.part, OfAircraft) and self.part.file.rotors is not None:
-                responses = axis_responses(self.part.file, self.extended_aircraft, self.as_given.fit.flight.records)
+            if aircraft is not None and aircraft.rotors is not None:
+                responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
         with noting(failed, "next flight"):
             following = self.next_flights()
         least, of_aeroplane = self.criteria.given.from_records, self.of_aeroplane
         return Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(),
-            name=self.part.name,
-            source=self.part.source,
-            witness=self.part.witness,
-            aircraft=self.part.file if isinstance(self.part, OfAircraft) else None,
+            name=self.diagnosed.name,
+            source=self.diagnosed.source,
+            witness=self.diagnosed.witness,
+            aircraft=aircraft,
             moved=tuple(one.sentence for one in (*self.moved, *self.combinations)),
             left=self.claim("nothing that matters is left").because,
             causes=tuple(causes),
@@ -359,7 +357,7 @@ class Diagnosis:
 
     def _simulated(self) -> dict[str, Any]:
         """The simulations by their names; two of one view are one."""
-        views = {name: getattr(self, name) for name in _SIMULATIONS}
+        views = {name: getattr(self, name) for name in (*_FITTED, *(f"held_out_{name}" for name in _FITTED))}
         made = {id(view): simulated_of(view) for view in views.values()}
         return {name: made[id(view)] for name, view in views.items()}
 
@@ -388,7 +386,7 @@ class Diagnosis:
     @property
     def best(self) -> str:
         """The name of the extended model; without any added cause it is the re-estimated file or model."""
-        return "extended model" if self.is_extended else f"re-estimated {self.part.source}"
+        return "extended model" if self.is_extended else f"re-estimated {self.diagnosed.source}"
 
     @property
     def bic(self) -> float:
@@ -399,7 +397,7 @@ class Diagnosis:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every parameter of the file or model, effects of the file included: its value there, and its estimates."""
-        before, after, a_priori = self.refitted.fit, self.extended.fit, self.part.values
+        before, after, a_priori = self.refitted.fit, self.extended.fit, self.diagnosed.values
         names = [slot.name for slot in before.slots]
         units = {name: before.model.units.get(name, "") for name in before.derivatives}
         units |= {one.name: one.effect.unit for one in before.attached}
@@ -420,10 +418,16 @@ class Diagnosis:
 
     def __repr__(self) -> str:
         count = f"{len(self.causes)} causes, {len(self.minor)} minor"
-        return f"<Diagnosis of '{self.part.name}': {self.verdict}; {count}; print it for the words>"
+        return f"<Diagnosis of '{self.diagnosed.name}': {self.verdict}; {count}; print it for the words>"
 
     def _repr_html_(self) -> str:
-        return view("diagnosis.html")(self)
+        every = [(one, "") for one in self.causes] + [(one, "minor") for one in self.minor]
+        rows = [[c.name, f"{with_deviation(c.value, c.std)} {c.unit}", minor, c.sentence] for c, minor in every]
+        return (
+            html_paragraph(f"{self.diagnosed.name}: {self.verdict}", self.sentence)
+            + html_list(one.sentence for one in (*self.data, *self.contradicted))
+            + html_table(("cause", "size ± 1σ", "", "what it is"), rows)
+        )
 
     def save(self, path: str | Path) -> None:
         """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
@@ -440,14 +444,20 @@ class Diagnosis:
         """
         if not self.of_aircraft:
             raise InputError(
-                f"diagnosis.save: '{self.part.name}' is no aircraft, and its causes are functions that a file cannot "
-                "hold; write(path) keeps the document"
+                f"diagnosis.save: '{self.diagnosed.name}' is no aircraft, and its causes are functions that a file "
+                "cannot hold; write(path) keeps the document"
             )
         save(self, path)
 
     def to_frame(self) -> DataFrame:
         """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""
-        return view("diagnosis.frame")(self)
+        told = ("kind", "target", "term", "value", "std", "unit", "held_out_gain", "sentence")
+        rows = {
+            cause.name: {name: getattr(cause, name) for name in told}
+            | {"records": ", ".join(cause.records), "minor": cause in self.minor}
+            for cause in (*self.causes, *self.minor)
+        }
+        return data_frame(rows, "cause")
 
     def __str__(self) -> str:
         lines = [f"verdict: {self.verdict}", self.sentence]
@@ -472,7 +482,7 @@ class Diagnosis:
         """The content of diagnosis.json."""
         return {
             "schema": SCHEMA,
-            **({} if self.of_aircraft else {"system": self.part.name}),
+            **({} if self.of_aircraft else {"system": self.diagnosed.name}),
             "verdict": self.verdict,
             "sentence": self.sentence,
             "not_judged": [one.to_dict() for one in self.not_judged],

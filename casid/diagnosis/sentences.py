@@ -53,7 +53,7 @@ def cause_sentence(one: Attached, value: float, std: float, records: int, times:
         return text[:-1] + ": " + ", ".join(f"{r} from t = {t:.1f} s" for r, t in one.onsets.items()) + "."
     if one.records and len(one.records) < records:
         others = " (or the other way in the others: free parameters show differences between records only)"
-        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.relative else ''}."
+        return text[:-1] + f", in {', '.join(one.records)} only{others if effect.traits.relative else ''}."
     return text
 
 
@@ -343,9 +343,9 @@ def _would_have_shown(detectable: Mapping[str, Mapping[str, float]]) -> str:
 
 def _hidden_by_air(found: Diagnosis) -> str:
     """The sentence of the smallest sudden changes that turbulence would have left visible, the largest of them."""
-    steps = [e for e in found.bare.flight.effects if e.timed and e.unit == "1" and not e.lasts]
+    steps = [e for e in found.bare.flight.effects if e.timed and e.unit == "1" and not e.event.lasts]
     sizes = [(found.detectable.get(effect.name, math.inf), effect) for effect in steps]
-    seen = [(size, title_of(effect)) for size, effect in sizes if size <= effect.limit]
+    seen = [(size, title_of(effect)) for size, effect in sizes if size <= effect.size.limit]
     size, title = max(seen, default=(0.0, ""))
     return f"The turbulence would hide: {title} under {100.0 * size:.2g} %." if seen else ""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from casid.diagnosis.kinematics.turbulence import WIND
 from casid.errors import InputError
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.causes import configuration_change, group_channels
-from casid.model.effect import Effect
+from casid.model.effect import Effect, with_grid
 from casid.model.effects import effect_named
 from casid.model.terms import parse_term
 from casid.model.vocabulary import title_of
@@ -133,7 +133,7 @@ def detectable_of(effects: Iterable[Effect], sizes: Mapping[str, float]) -> Iter
     for name, size in sizes.items():
         if (effect := known.get(name)) is not None:
             label = " ".join(part for part in (effect.target, effect.term or "", effect.variant) if part)
-            yield Detectable(kind=effect.kind, label=label, size=size, unit=effect.unit, limit=effect.limit)
+            yield Detectable(kind=effect.kind, label=label, size=size, unit=effect.unit, limit=effect.size.limit)
 
 
 def titled(name: str, effects: Mapping[str, Effect]) -> str:
@@ -242,7 +242,7 @@ def onset_profiles(base: FlightFit, attached: Attached) -> dict[str, tuple[np.nd
     effect = attached.effect
     if effect.members:
         effect = configuration_change(effect.members[0])
-    effect = replace(effect, grid=({key: attached.values[key] for key in effect.grid[0]},))
+    effect = with_grid(effect, {key: attached.values[key] for key in effect.further.grid[0]})
     evidence = weigh(base)
     judge, names, step = Screen(evidence), base.batch.names, base.criteria.numerics.events.gust_step
     longest = max(record.duration for record in base.flight.records)
@@ -265,7 +265,7 @@ def _answer(cause: Cause, before: View, after: View) -> Answer | None:
     response.
     """
     effect = cause.effect
-    if effect.transfer is None and not effect.of_a_surface:
+    if effect.forms.transfer is None and not effect.of_a_surface:
         return None
     flown = _cut(cause, after.fit.flight.records)
     pairs = _pairs(group_channels(effect.target), before.fit.model.outputs)

@@ -71,7 +71,7 @@ def concluded(
     else:
         doubted = False
     if claims.grown(facts):
-        found = replace(found, part=found.part.kept)
+        found = replace(found, diagnosed=found.diagnosed.kept)
     withheld = claims.no_values(facts)
     told_values = () if withheld else facts.contradicted
     return replace(
@@ -110,11 +110,11 @@ def facts_of(
     factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}
     causes = {(one.kind, one.target) for one in found.causes}
-    fit, given, criteria = found.extended.fit, found.part.values, found.criteria
+    fit, given, criteria = found.extended.fit, found.diagnosed.values, found.criteria
     changed = changed_values(fit, given, found.flight, criteria.prior.unstated)
     facts = Facts(
-        source=found.part.source,
-        witness=found.part.witness,
+        source=found.diagnosed.source,
+        witness=found.diagnosed.witness,
         budget=found.budget,
         criteria=criteria.given,
         listed=criteria.numerics.naming.listed,

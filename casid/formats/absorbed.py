@@ -68,7 +68,7 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
         elif effect.kind == "inertia":
             inertia[effect.target] += effect.value
         else:
-            make = effect_of(effect).into_rotors
+            make = effect_of(effect).forms.into_rotors
             held = make(rotors, mass * aircraft.gravity, effect.value) if make and rotors is not None else None
             rotors = held or rotors
             if held is None:

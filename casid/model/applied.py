@@ -49,7 +49,7 @@ class Applied:
     def unseen_by_equations(self) -> tuple[str, ...]:
         """Effects of the file that the equation-error form of the model does not have."""
         effects = [effect_of(e) for e in self.aircraft.effects if e.value != 0.0]
-        lags = [e.name for e in effects if e.instrument is not None and e.name in self.model.parameters]
+        lags = [e.name for e in effects if e.forms.instrument is not None and e.name in self.model.parameters]
         return (*(e.name for e in effects if e.change is not None and not e.in_equations), *lags)
 
     def transfer(self, name: str, omega: np.ndarray) -> np.ndarray:
@@ -59,15 +59,15 @@ class Applied:
         total = np.ones(len(s), dtype=complex)
         for value in self._throughout:
             effect = effect_of(value)
-            if effect.transfer is not None and name in group_channels(effect.target):
-                factor = effect.transfer(s, values_of(value, effect))
+            if effect.forms.transfer is not None and name in group_channels(effect.target):
+                factor = effect.forms.transfer(s, values_of(value, effect))
                 total = total + factor - 1.0 if value in self._timed else total * factor
         return total
 
     @property
     def not_linear(self) -> tuple[str, ...]:
         """Effects of all records that `transfer` leaves out: they have no transfer function."""
-        return tuple(e.name for e in map(effect_of, self._throughout) if e.transfer is None)
+        return tuple(e.name for e in map(effect_of, self._throughout) if e.forms.transfer is None)
 
     @property
     def _throughout(self) -> list[EffectValue]:
@@ -177,8 +177,8 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
     rates, h = [], ca.SX(model.h)
     for i, (channel, effect) in enumerate(slow.items()):
         row = model.outputs.index(channel)
-        assert effect.instrument is not None
-        rates.append(effect.instrument(h[row], reading[i], {"value": T[names.index(effect.name)]}))
+        assert effect.forms.instrument is not None
+        rates.append(effect.forms.instrument(h[row], reading[i], {"value": T[names.index(effect.name)]}))
         mask = _mask(effect)
         present = model.u[model.inputs.index(mask)] if mask in model.inputs else 1.0
         h[row] = present * reading[i] + (1.0 - present) * h[row]
@@ -247,8 +247,8 @@ def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
             if effect.name in names:
                 raise InputError(f"aircraft '{aircraft.name}': effect {effect.name} stands twice; keep one of the two")
             names.add(effect.name)
-            for key in effect.further if effect.states else ():
-                if not value.parameters.get(key, effect.grid[0][key]) > 0.0:
+            for key in effect.beside if effect.states else ():
+                if not value.parameters.get(key, effect.further.grid[0][key]) > 0.0:
                     raise InputError(
                         f"aircraft '{aircraft.name}': effect {effect.name} cannot act; its parameter '{key}' must be "
                         f"positive, got {value.parameters[key]}"
@@ -256,7 +256,7 @@ def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
             symbolic.append(value)
         elif effect.series is not None:
             timed.append(value)
-        elif effect.instrument is not None and value.value != 0.0:
+        elif effect.forms.instrument is not None and value.value != 0.0:
             if value.value < 0.0:
                 raise InputError(
                     f"aircraft '{aircraft.name}': effect {effect.name} cannot act; a lag needs a positive time "
@@ -299,8 +299,8 @@ def _series(value: EffectValue, record: Record) -> dict[str, np.ndarray]:
 
 def values_of(value: EffectValue, effect: Effect) -> dict[str, float]:
     """The numbers that an effect's functions take. Raises InputError when the file leaves out one that it may not."""
-    values = {"value": value.value, **effect.defaults, **value.parameters}
-    for name in effect.grid[0] if effect.grid else ():
+    values = {"value": value.value, **effect.further.defaults, **value.parameters}
+    for name in effect.further.grid[0] if effect.further.grid else ():
         if name not in values:
             raise InputError(
                 f"effect {effect.name}: its parameter '{name}' is missing; add parameters = {{ {name} = ... }}"
@@ -328,8 +328,8 @@ def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -
         if not _concerns(value, record.name):
             continue
         values, read = values_of(value, effect), record.channels
-        if effect.undo is not None:
-            record = record.with_channels(**effect.undo(record.t, read, values))
+        if effect.forms.undo is not None:
+            record = record.with_channels(**effect.forms.undo(record.t, read, values))
         elif effect.output is not None:
             twice = effect.output(record.t, read, values)
             record = record.with_channels(**{c: 2.0 * read[c] - series for c, series in twice.items()})

@@ -53,7 +53,7 @@ def by_station(effects: Iterable[Effect]) -> dict[str, list]:
 
 def _apply(effect: Effect, path: SignalPath) -> None:
     assert effect.change is not None
-    further = {key: path.parameter[f"{effect.name}.{key}"] for key in effect.further}
+    further = {key: path.parameter[f"{effect.name}.{key}"] for key in effect.beside}
     effect.change(path, {"value": path.parameter[effect.name], **further})
 
 
@@ -432,7 +432,7 @@ def parameter_units(
 ) -> dict[str, str]:
     """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
     units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
-    units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.further}
+    units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.beside}
     units |= {name: unit_of_parameter(name) for name in parameters_of(rotors)} if rotors else {}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
@@ -443,7 +443,7 @@ def parameter_units(
 
 def _parameters(effect: Effect) -> dict[str, float]:
     """Name of each parameter that a symbolic effect has in a model, with a value for a file that does not give it."""
-    return {effect.name: 0.0} | {f"{effect.name}.{key}": effect.grid[0][key] for key in effect.further}
+    return {effect.name: 0.0} | {f"{effect.name}.{key}": effect.further.grid[0][key] for key in effect.beside}
 
 
 def _effect_values(aircraft: Aircraft) -> dict[str, float]:

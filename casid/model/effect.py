@@ -46,16 +46,40 @@ class Words:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect:
-    """One cause at one target."""
+class Size:
+    """How large an effect matters, and how large it may be."""
 
-    kind: str
-    target: str = ""
-    term: str | None = None
-    variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
-    # the value is an amplitude that enters linearly at its null 0, so a score gives its size; otherwise (lag, dead
-    # zone) sizes of `grid` are tried
-    linear: bool = True
+    # the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it; None:
+    # judged by its part of a coefficient, or of a channel
+    meaningful: float | Callable[[Airframe], float] | None = None
+    # typical deflection of what drives an oscillation of the channel `target`: the value times this is judged by its
+    # part of the variation of that channel
+    amplitude: float | None = None
+    # it is judged against the stated uncertainty of a number of the file, and not against noise
+    stated: bool = False
+    limit: float = np.inf  # the largest plausible value, in `unit`
+    limits: Mapping[str, float] = field(default_factory=dict)  # the same of further parameters
+    lowest: float | None = None  # the lowest value, where it is not -limit
+    # what of the aircraft bounds it beside `limit`: "span", "chord", "mass" or "inertia"
+    within: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """When an effect acts."""
+
+    timed: bool = True  # it begins at an onset [s] of its own in every record concerned
+    recurring: bool = False  # other records may repeat it
+    # the value that says how long it takes from its onset to its end: records determine its middle
+    extent: str | None = None
+    # the value that says how long it acts: its onset and its end are apart, and nothing is left behind it
+    lasts: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Further:
+    """What is known of the parameters of an effect, its value among them, before they are fitted."""
+
     # values of the further parameters (and of "value" when not linear) that a screening tries
     grid: tuple[Mapping[str, float], ...] = ({},)
     # further parameters that an aircraft file may leave out
@@ -63,23 +87,13 @@ class Effect:
     unsigned: tuple[str, ...] = ()  # values of which only the size counts: a fit may come out on either side of zero
     # values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
     folded: tuple[str, ...] = ()
-    timed: bool = False  # it begins at an onset [s] of its own in every record concerned
-    # the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it; None:
-    # judged by its part of a coefficient, or of a channel
-    meaningful: float | Callable[[Airframe], float] | None = None
-    # the largest plausible size, in `unit`;  limits: of further parameters;  lowest: of the value, where it is not
-    # -limit
-    limit: float = np.inf
-    limits: Mapping[str, float] = field(default_factory=dict)
-    lowest: float | None = None
-    # what of the aircraft bounds its size beside `limit`: "span", "chord", "mass" or "inertia"
-    within: str | None = None
-    # typical deflection of what drives an oscillation of the channel `target`: the value times this is judged by its
-    # part of the variation of that channel
-    amplitude: float | None = None
-    reads: tuple[str, ...] = ()  # it shows in these channels alone: one of them must be measured
-    covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
-    kinematic: bool = False  # an instrument or the air is at fault: kinematics without aerodynamics can judge it
+    either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traits:
+    """What else a diagnosis knows of an effect: when it is accepted, and what imitates it."""
+
     grounded: bool = False  # believed only when kinematics see it: what a file lacks of the forces reads the same
     # it may be in some records and not in others: instruments and loading change between flights
     by_record: bool = False
@@ -92,36 +106,21 @@ class Effect:
     shows_as: str | None = None
     # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
     equal: Callable[[Airframe], tuple[Effect, float]] | None = None
+    covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
     # contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
     improbable: bool = False
     constant: bool = False  # an offset, which a drift imitates: believed only when its reading is steady beside it
     late: bool = False  # the value is by how much [s] the reading is late
-    recurring: bool = False  # an event that other records may repeat
-    # its size is judged against the stated uncertainty of a number of the file, and not against noise
-    stated: bool = False
     # it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     balance: bool = False
     last_resort: bool = False  # proposed only where something is still missing when all other causes were tried
-    # the value that says how long it takes from its onset to its end: records determine its middle
-    extent: str | None = None
-    # the value that says how long it acts: its onset and its end are apart, and nothing is left behind it
-    lasts: str | None = None
-    either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
-    regressor: str | None = None  # term that the value multiplies in the coefficient `target`
-    # coefficients that change together, the first by the value, the others by parameters of their names
-    members: tuple[str, ...] = ()
-    enters: str | None = None  # disturbance station at which an unknown time history would stand for it
-    # (1-sigma, sampling interval, values) -> (1-sigma, correlation time) of what white noise in the recorded input
-    # `target` is behind `series`, which then takes the record as it is; None: white still
-    noise: Callable[[float, float, Values], tuple[float, float]] | None = None
-    station: str | None = None
-    units: Mapping[str, str] = field(default_factory=dict)  # SI units of the further parameters that `change` takes
-    # further state -> channel that it starts from; `change` sets its rate in `path.derivative`
-    states: Mapping[str, str] = field(default_factory=dict)
-    change: Callable[[Any, Symbols], None] | None = None
-    series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
-    output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forms:
+    """Other forms of the same effect, which some of its users need."""
+
     # inverse of `output`: from what was read to what a perfect instrument gives; None: what `output` adds does not
     # depend on the reading it is added to, and is subtracted
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
@@ -130,12 +129,46 @@ class Effect:
     # (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`, or of what
     # is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
+    # (1-sigma, sampling interval, values) -> (1-sigma, correlation time) of what white noise in the recorded input
+    # `target` is behind `series`, which then takes the record as it is; None: white still
+    noise: Callable[[float, float, Values], tuple[float, float]] | None = None
     # (tables of an aircraft, value) -> the tables with it in them, or None where none can hold it: an extended file
     # then has it there, and not as an effect
     into_tables: Callable[[tuple[Table, ...], float], tuple[Table, ...] | None] | None = None
     # (rotors of an aircraft, its weight [N], value) -> the rotors with it in their numbers, for files of other
     # simulators; None where these cannot hold it
     into_rotors: Callable[[Rotors, float, float], Rotors | None] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Effect:
+    """One cause at one target."""
+
+    kind: str
+    target: str = ""
+    term: str | None = None
+    variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
+    # the value is an amplitude that enters linearly at its null 0, so a score gives its size; otherwise (lag, dead
+    # zone) sizes of `further.grid` are tried
+    linear: bool = True
+    further: Further = Further()
+    size: Size = Size()
+    event: Event = Event(timed=False)
+    traits: Traits = Traits()
+    forms: Forms = Forms()
+    reads: tuple[str, ...] = ()  # it shows in these channels alone: one of them must be measured
+    kinematic: bool = False  # an instrument or the air is at fault: kinematics without aerodynamics can judge it
+    regressor: str | None = None  # term that the value multiplies in the coefficient `target`
+    # coefficients that change together, the first by the value, the others by parameters of their names
+    members: tuple[str, ...] = ()
+    enters: str | None = None  # disturbance station at which an unknown time history would stand for it
+    station: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)  # SI units of the further parameters that `change` takes
+    # further state -> channel that it starts from; `change` sets its rate in `path.derivative`
+    states: Mapping[str, str] = field(default_factory=dict)
+    change: Callable[[Any, Symbols], None] | None = None
+    series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
+    output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     words: Words | None = None  # unit and sentence of an effect that is not in the register
 
     @property
@@ -169,9 +202,15 @@ class Effect:
         return self.change is not None and self.station in ("coefficients", "mass") and not self.states
 
     @property
-    def further(self) -> tuple[str, ...]:
+    def timed(self) -> bool:
+        """Whether it begins at an onset."""
+        return self.event.timed
+
+    @property
+    def beside(self) -> tuple[str, ...]:
         """Names of its parameters beside the value."""
-        return tuple(name for name in self.grid[0] if name != "value") if self.grid else ()
+        grid = self.further.grid
+        return tuple(name for name in grid[0] if name != "value") if grid else ()
 
     @property
     def quasi_steady(self) -> bool:
@@ -193,18 +232,23 @@ class Effect:
         made = _registered(self.kind, self.target, self.term, self.name)
         if made is None:
             raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
-        own = {f.name: getattr(self, f.name) for f in fields(self)}
-        further = {k: v for k, v in own.items() if not callable(v) and v != getattr(made, k)}
-        return _again, (self.kind, self.target, self.term, self.name, further)
+        return _again, (self.kind, self.target, self.term, self.name, _other_fields(self, made))
 
     def in_words(self, values: Values) -> dict[str, float]:
         """Fitted values as they are reported and written into a file."""
-        told = {name: abs(float(v)) if name in self.unsigned else float(v) for name, v in values.items()}
-        return told | {name: folded(told[name]) for name in self.folded if name in told}
+        by = self.further
+        told = {name: abs(float(v)) if name in by.unsigned else float(v) for name, v in values.items()}
+        return told | {name: folded(told[name]) for name in by.folded if name in told}
 
     def smallest_that_matters(self, aircraft: Airframe) -> float | None:
-        """`meaningful` for this aircraft."""
-        return self.meaningful(aircraft) if callable(self.meaningful) else self.meaningful
+        """`size.meaningful` for this aircraft."""
+        least = self.size.meaningful
+        return least(aircraft) if callable(least) else least
+
+
+def with_grid(effect: Effect, values: Values) -> Effect:
+    """The effect with these values alone to be tried."""
+    return replace(effect, further=replace(effect.further, grid=(values,)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,6 +308,7 @@ def _product(unit: str, per: str) -> str:
     return f"{unit}{divided}"
 
 
+_GROUPS = (Size, Event, Further, Traits, Forms)
 KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
 
 
@@ -275,12 +320,32 @@ def _registered(kind: str, target: str, term: str | None, name: str) -> Effect |
     return next((e for e in (make(target, term) if term else make(target) for make in makers) if e.name == name), None)
 
 
+def _other_fields(own: Any, made: Any) -> dict[str, Any]:
+    """The fields that differ and are no functions; of a group, its own such fields."""
+    found: dict[str, Any] = {}
+    for name in (f.name for f in fields(own)):
+        value, before = getattr(own, name), getattr(made, name)
+        if isinstance(value, _GROUPS) and type(value) is type(before):
+            if inside := _other_fields(value, before):
+                found[name] = inside
+        elif not callable(value) and value != before:
+            found[name] = value
+    return found
+
+
+def _with(made: Any, further: Mapping[str, Any]) -> Any:
+    """With fields of `_other_fields`."""
+    now = {name: getattr(made, name) for name in further}
+    groups = {name: _with(now[name], value) for name, value in further.items() if isinstance(now[name], _GROUPS)}
+    return replace(made, **{**further, **groups})
+
+
 def _again(kind: str, target: str, term: str | None, name: str, further: Mapping[str, Any]) -> Effect:
     """An effect that was pickled."""
     made = _registered(kind, target, term, name)
     if made is None:
         raise InputError(f"{name}: not in the register of causes; import the module that defines it before")
-    return replace(made, **further)
+    return _with(made, further)
 
 
 def cause(

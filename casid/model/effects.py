@@ -23,7 +23,7 @@ def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
     shown = [e for kind in kinds for e in kind.candidates(aircraft) if _shows_in(e, measured)]
     if not aircraft.winged:
         shown = [e for e in shown if e.station not in _OF_A_WING and e.target not in (*SURFACES, "surfaces", "thrust")]
-        shown = [e for e in shown if e.amplitude is None]  # no surface drives an oscillation
+        shown = [e for e in shown if e.size.amplitude is None]  # no surface drives an oscillation
     known = {(e.kind, e.target) for e in shown}
     return [e for e in shown if not _is_one_channel(e, measured, known)]
 
@@ -36,7 +36,7 @@ def _is_one_channel(effect: Effect, measured: Collection[str], known: Collection
 
 def _shows_in(effect: Effect, measured: Collection[str]) -> bool:
     seen = not effect.reads or any(channel in measured for channel in effect.reads)
-    return seen and effect.covered_by not in measured and not effect.stochastic
+    return seen and effect.traits.covered_by not in measured and not effect.stochastic
 
 
 class Named(Protocol):
@@ -87,6 +87,6 @@ def effect_value(text: str) -> EffectValue:
     except ValueError:
         raise InputError(f"'{text}': expected a cause and its size in SI, like actuator_lag(delta_e)=0.1") from None
     effect = effect_named(name)
-    typical = effect.grid[0] if effect.grid else {}
+    typical = effect.further.grid[0] if effect.further.grid else {}
     further = {key: number for key, number in typical.items() if key != "value"}
     return EffectValue(kind=effect.kind, target=effect.target, term=effect.term, value=value, parameters=further)

@@ -85,7 +85,7 @@ def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
 
 def possible(effect: Effect, value: float) -> bool:
     """Whether the size of an effect is within what is plausible, and no lag or width below zero."""
-    return abs(value) <= effect.limit and not ("value" in effect.unsigned and value < 0.0)
+    return abs(value) <= effect.size.limit and not ("value" in effect.further.unsigned and value < 0.0)
 
 
 def _outside(value: float, bounds: tuple[float, float]) -> bool:

@@ -74,7 +74,7 @@ def _moved(found: Diagnosis) -> Iterator[str]:
     told, screen = {one.parameter for one in found.moved}, str(found)
     for one in found.parameters:
         stated = found.refitted.fit.prior_weight[[s.name for s in found.refitted.fit.slots].index(one.name)]
-        left = stated > 0.0 and one.name in found.part.values
+        left = stated > 0.0 and one.name in found.diagnosed.values
         if left and abs(one.extended - one.a_priori) > (1.0 + 1e-6) * stated**-0.5:
             if one.name not in told:
                 yield f"{one.name} left its stated uncertainty and is not told"

@@ -19,7 +19,7 @@ from casid.diagnosis.evidence.fingerprints import Projection, responses
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.model.applied import apply_effects
-from casid.model.effect import KINDS, Effect, cause
+from casid.model.effect import KINDS, Effect, Size, cause
 from casid.model.effects import effect_named, effect_value
 from casid.model.simulate import simulate
 from casid.model.station import coefficient, control
@@ -70,7 +70,7 @@ def same_twice() -> Iterator[list[Effect]]:
 
         @cause(kind, unit="1", quantity="too large by", sentence="It is too large by {size}.")
         def make(target: str = "", kind: str = kind, series=series) -> Effect:
-            return Effect(kind=kind, target=target, series=series, meaningful=0.1)
+            return Effect(kind=kind, target=target, series=series, size=Size(meaningful=0.1))
 
         made.append(make())
     yield made

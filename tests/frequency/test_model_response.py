@@ -134,7 +134,7 @@ def effects_with_a_transfer() -> list[Effect]:
     for kind in KINDS.values():
         if not kind.needs_term:
             made += [kind.make(target) for target in kind.targets or ("",)]
-    return [effect for effect in made if effect.transfer is not None]
+    return [effect for effect in made if effect.forms.transfer is not None]
 
 
 @pytest.mark.parametrize("effect", effects_with_a_transfer(), ids=lambda effect: effect.name)
@@ -153,8 +153,10 @@ def test_transfer_functions_are_those_of_the_operators(effect: Effect) -> None:
     late = (t > 10.0) & (t < 19.0)
     basis = np.stack([np.sin(omega * t), np.cos(omega * t)], axis=1)[late]
     fitted = np.linalg.lstsq(basis, acts[late], rcond=None)[0]
-    assert effect.transfer is not None
-    assert effect.transfer(np.array([1j * omega]), values)[0] == pytest.approx(fitted[0] + 1j * fitted[1], abs=1e-4)
+    assert effect.forms.transfer is not None
+    assert effect.forms.transfer(np.array([1j * omega]), values)[0] == pytest.approx(
+        fitted[0] + 1j * fitted[1], abs=1e-4
+    )
 
 
 def test_what_has_no_linear_response_is_named() -> None:

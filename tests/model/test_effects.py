@@ -69,8 +69,8 @@ def readings(t: np.ndarray) -> dict[str, np.ndarray]:
 def null_values(effect: Effect) -> dict[str, float]:
     """Its value absent, its further parameters somewhere: a rate limit is absent when it is infinite."""
     absent = np.inf if effect.kind == "rate_limit" else 0.0
-    further = {k: effect.grid[0][k] for k in effect.further}
-    return {"value": absent, **effect.defaults, **further} | ({"onset": 3.0} if effect.timed else {})
+    further = {k: effect.further.grid[0][k] for k in effect.beside}
+    return {"value": absent, **effect.further.defaults, **further} | ({"onset": 3.0} if effect.timed else {})
 
 
 # -- the whole catalogue -----------------------------------------------------------------------------------------------
@@ -130,7 +130,7 @@ def test_every_series_and_output_effect_changes_something_at_every_size_of_its_g
     t = np.arange(0.0, 10.0, 0.02)
     known = readings(t)
     for effect in (*SERIES, *OUTPUT):
-        for further in effect.grid:
+        for further in effect.further.grid:
             values = null_values(effect) | ({"value": 0.05} if "value" not in further else {}) | dict(further)
             produce = effect.series or effect.output
             assert produce is not None
@@ -145,11 +145,11 @@ def test_values_of_which_only_the_size_counts_are_even():
     """What is told without its sign acts the same with either sign."""
     t = np.arange(0.0, 10.0, 0.02)
     known = readings(t)
-    unsigned = [e for e in CATALOGUE if e.unsigned]
+    unsigned = [e for e in CATALOGUE if e.further.unsigned]
     assert {e.name for e in unsigned} >= {"actuator_lag(delta_e)", "sensor_lag(q)", "unsteady_aero(Cm, lagged)"}
     for effect in unsigned:
-        values = {"value": 0.05, **effect.grid[0]}
-        mirrored = {name: -v if name in effect.unsigned else v for name, v in values.items()}
+        values = {"value": 0.05, **effect.further.grid[0]}
+        mirrored = {name: -v if name in effect.further.unsigned else v for name, v in values.items()}
         produce = effect.series or effect.output
         assert produce is not None
         for name, series in produce(t, known, values).items():

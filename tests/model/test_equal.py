@@ -13,14 +13,14 @@ from casid.model.effect import Effect
 from problems.do328 import do328
 
 ALONE = [kind.make("") for kind in KINDS.values() if not (kind.targets or kind.terms)]
-PAIRS = [effect for effect in ALONE if effect.equal is not None]
+PAIRS = [effect for effect in ALONE if effect.traits.equal is not None]
 
 
 @pytest.mark.parametrize("effect", PAIRS, ids=lambda effect: effect.name)
 def test_equal_causes_move_the_aircraft_alike(effect: Effect) -> None:
     aircraft, record = do328(), flights(seed=1, count=1)[0]
-    assert effect.equal is not None
-    other, factor = effect.equal(aircraft)
+    assert effect.traits.equal is not None
+    other, factor = effect.traits.equal(aircraft)
 
     def rates(one: Effect, value: float) -> np.ndarray:
         model = aircraft_model(aircraft, effects=[one])

@@ -17,7 +17,7 @@ from casid.errors import InputError
 from casid.estimation import MultipleShooting, Problem, solve
 from casid.model.aircraft import Aircraft
 from casid.model.applied import apply_effects, with_estimates
-from casid.model.effect import KINDS, Effect, Symbols, cause
+from casid.model.effect import KINDS, Effect, Size, Symbols, Traits, cause
 from casid.model.path import SignalPath
 from casid.model.simulate import simulate
 from casid.records.record import Record
@@ -53,11 +53,10 @@ def gyro_tilt() -> Iterator[None]:
             target=rate,
             reads=(rate,),
             kinematic=True,
-            by_record=True,
+            traits=Traits(by_record=True),
             station="sensors",
             change=change,
-            meaningful=0.01,
-            limit=0.5,
+            size=Size(meaningful=0.01, limit=0.5),
         )
 
     yield

@@ -97,7 +97,7 @@ def explains(
         asked += objection(seen)
         if not all_passed(asked):
             return tuple(asked)
-    return tuple(asked) if seen.effect.improbable else (*asked, _explains_what_was_missing(seen))
+    return tuple(asked) if seen.effect.traits.improbable else (*asked, _explains_what_was_missing(seen))
 
 
 def _nearness(gate: Gate) -> tuple[bool, float]:
@@ -181,7 +181,7 @@ def _is_sure(seen: _Seen) -> list[Gate]:
 def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     """The gate on a reading with a constant error: no drift of the same reading may remain."""
     fit = seen.evidence.fit
-    biases = [a for a in fit.attached if a.effect.constant and meaningful_share(fit, a) >= 1.0]
+    biases = [a for a in fit.attached if a.effect.traits.constant and meaningful_share(fit, a) >= 1.0]
     biased = [reading(a.effect.target) for a in biases]
     return seen.gone([s for s in biased if s in seen.was], "doubt.left_by_terms")
 
@@ -196,7 +196,7 @@ def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
     """The gate on a cause that contradicts the symmetry of an aircraft: nothing may remain missing at any port."""
-    return seen.gone(seen.was) if seen.effect.improbable else []
+    return seen.gone(seen.was) if seen.effect.traits.improbable else []
 
 
 def _is_no_imitation(seen: _Seen) -> list[Gate]:
@@ -204,9 +204,9 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
     port, and nothing beside a cause of last resort.
     """
     effect = seen.effect
-    if effect.improbable or not (effect.quasi_steady or effect.members):
+    if effect.traits.improbable or not (effect.quasi_steady or effect.members):
         return []
-    if effect.last_resort:
+    if effect.traits.last_resort:
         left = max((m for m in seen.after if m.station in seen.own), key=lambda m: m.gain)
         return [gates.nothing_left(left.gain, missing_size(seen.evidence.fit, left), seen.criteria)]
     return seen.gone(seen.own, "doubt.left_by_terms", seen.last.gain.total)
@@ -256,7 +256,7 @@ def ranked(
     if small.gain.total > first.gain.total + equivalence(first.gain.raw, criteria):
         return _moved_first(small, ordered), ()
     alike = equivalents_of(first, ordered, criteria)
-    simpler = [t for t in alike if t in matter and t.effect.kind in first.effect.includes]
+    simpler = [t for t in alike if t in matter and t.effect.kind in first.effect.traits.includes]
     simpler = simpler or _in_fewer_records(first, [t for t in matter if t in ordered], criteria)
     if simpler:
         ordered = _moved_first(simpler[0], ordered)
@@ -328,7 +328,7 @@ def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
     """
     key = best.effect.key
     others = [t for t in trials if t.effect.key != key and not t.refuted and (t.meaningful or is_small(t))]
-    return [t for t in others if t.check.confirmed or not t.effect.grounded]
+    return [t for t in others if t.check.confirmed or not t.effect.traits.grounded]
 
 
 def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
@@ -376,7 +376,7 @@ def sine(one: Trial, other: Trial) -> float:
 
 def look_alike(one: Effect, other: Effect) -> bool:
     """Whether two causes have the same target and one shows as the other, because derivatives reproduce the rest."""
-    shown = {(one.shows_as, other.kind), (other.shows_as, one.kind)}
+    shown = {(one.traits.shows_as, other.kind), (other.traits.shows_as, one.kind)}
     return one.target == other.target and any(as_ == kind for as_, kind in shown)
 
 

@@ -136,7 +136,7 @@ def with_look_alikes(
     for candidate in candidates:
         one = candidate.attached
         found.append(candidate)
-        if one.effect.relative and one.records:
+        if one.effect.traits.relative and one.records:
             others = tuple(name for name in records if name not in one.records)
             found.append(replace(candidate, attached=replace(one, records=others, values=_reversed(one.values))))
         for effect in (e for e in effects if e.name not in names):
@@ -217,7 +217,7 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     check = kinematic_check(kinematic, one)
     size = size_gates(fitted, one, trial.share, clear, check.confirmed)
     trial = replace(trial, size=size, check=check)
-    if trial.meaningful and one.effect.recurring:
+    if trial.meaningful and one.effect.event.recurring:
         trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
     return trial
 
@@ -302,10 +302,10 @@ def _ended(fitted: FlightFit) -> FlightFit:
     An end behind all records has no gradient, so the iterations cannot find a better one.
     """
     one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
-    endless = [name for name in one.effect.further if one.values[name] > longest]
+    endless = [name for name in one.effect.beside if one.values[name] > longest]
     if not one.effect.timed or not endless:
         return fitted
-    shapes = [shape for shape in one.effect.grid if all(shape[name] < longest for name in endless)]
+    shapes = [shape for shape in one.effect.further.grid if all(shape[name] < longest for name in endless)]
     shorter = [replace(one, values={**one.values, **shape}) for shape in shapes]
 
     def ending(other: Attached) -> FlightFit:

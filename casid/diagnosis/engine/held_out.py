@@ -32,6 +32,7 @@ from casid.diagnosis.gates import borne_out, required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.diagnosis.kinematics.turbulence import gusts
 from casid.errors import InputError
+from casid.model.effect import with_grid
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -113,7 +114,7 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
             base = min(base, without, key=lambda f: f.deviance)
-    recurring = [a for a in fitted.attached if a.effect.recurring]
+    recurring = [a for a in fitted.attached if a.effect.event.recurring]
     for one in (*recurring, *recurring[:-1]):  # a second pass, beside those added after the first
         base = _recurred(base, one)
     return base
@@ -122,7 +123,7 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
 def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
     """The fit of held-out records with non-recurring events as well, if they happen there too."""
     for one in fitted.attached:
-        if one.effect.timed and not one.effect.recurring:
+        if one.effect.timed and not one.effect.event.recurring:
             held = _recurred(held, one)
     return held
 
@@ -154,7 +155,7 @@ def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
     judge, found = Screen(weigh(base, discrepancy=False)), {}
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
-    effect = replace(one.effect, grid=({**further, "value": size},))
+    effect = with_grid(one.effect, {**further, "value": size})
     step, length = judge.criteria.numerics.events.gust_step, further.get("length", np.inf)
     prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, step, length))
     for r, record in enumerate(base.flight.records):

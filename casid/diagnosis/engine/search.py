@@ -153,7 +153,7 @@ def _grown(state: State, say: Say) -> State:
     """The state with causes added one at a time for as long as the sets are accepted; where something is still missing
     at a port then, also those of last resort."""
     effects, limit, missing = state.fit.flight.effects, state.fit.flight.limit, state.criteria.verdict.missing
-    usual, further = ([e for e in effects if e.last_resort is last] for last in (False, True))
+    usual, further = ([e for e in effects if e.traits.last_resort is last] for last in (False, True))
     accepted, refused = _with_accepted(state, usual, say)
     before = None
     for catalogue in (further, effects) if further else ():
@@ -332,7 +332,7 @@ def _unbalanced(state: State, candidates: Sequence[Candidate], names: Collection
         one = Candidate(attached=attached, statistic=statistic, net=statistic, value=value, std=std, surviving=1.0)
         found += [one] if effect.name in names else []
     known = {one.name for one in found}
-    others = [one for one in candidates if one.attached.effect.balance and one.name not in known]
+    others = [one for one in candidates if one.attached.effect.traits.balance and one.name not in known]
     if len(found) == 1:  # what sits at the same place, or nothing
         return [*found, *(one for one in others if one.attached.effect.target == found[0].attached.effect.target)]
     return [*found, *others[: state.criteria.numerics.naming.trials]] if found else []
@@ -584,7 +584,7 @@ def _another_minimum(state: State, say: Say) -> Baseline | None:
 
 def _recalculated(begun: Baseline, calm: FlightFit) -> Baseline:
     """The baseline from another fit of the file, with the present result of the kinematic check."""
-    skews = [one for one in begun.kinematics.nuisance if one.effect.late]
+    skews = [one for one in begun.kinematics.nuisance if one.effect.traits.late]
     nuisance = [] if begun.turbulence.named else [*demanded_offsets(calm), *skews]
     return baseline_from(calm, replace(begun.kinematics, nuisance=nuisance))
 

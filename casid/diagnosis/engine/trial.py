@@ -81,7 +81,7 @@ class Trial:
         An instrument that the kinematics contain must be seen there: aerodynamics imitate a small fault of any reading.
         """
         before = () if self.given_up is None else (self.given_up,)
-        must_be_seen = self.effect.grounded or (self.effect.of_an_instrument and self.check.predicted > 0.0)
+        must_be_seen = self.effect.traits.grounded or (self.effect.of_an_instrument and self.check.predicted > 0.0)
         check = self.check
         seen = gates.must_be_seen(check.predicted, check.achieved, check.criteria) if must_be_seen else ()
         return (*before, *check.gates, *seen)

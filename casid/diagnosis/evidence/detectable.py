@@ -20,7 +20,7 @@ def sigmas_shown(left: np.ndarray, whole: np.ndarray, criteria: Criteria) -> np.
 
     `whole` and `left` are the squares of the whitened responses before and after the projection on all parameters.
     """
-    return np.sqrt(np.where(left >= criteria.screening.surviving**2 * whole, left, 0.0))
+    return np.sqrt(np.where(left >= criteria.naming.approximate**2 * whole, left, 0.0))
 
 
 def smallest_sizes(
@@ -41,7 +41,12 @@ def smallest_sizes(
 def _smallest(judge: Screen, prints: Sequence[Fingerprint], sigmas: float) -> float | None:
     """Smallest detectable size of one effect, from the tried size and shape nearest to it; None if it has none."""
     effect = prints[0].effect
-    if effect.timed or effect.quasi_steady or effect.members or (not effect.linear and "value" not in effect.grid[0]):
+    if (
+        effect.timed
+        or effect.quasi_steady
+        or effect.members
+        or (not effect.linear and "value" not in effect.further.grid[0])
+    ):
         return None
     everywhere = np.ones((1, len(prints[0].square)))
     tried = np.array([1.0 if effect.linear else abs(one.values["value"]) for one in prints])

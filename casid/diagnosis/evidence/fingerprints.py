@@ -118,7 +118,7 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     slowest = max(float(np.median(np.diff(record.t))) for record in base.flight.records)
     rows: list[_Row] = []
     for effect in effects:
-        for values in effect.grid:
+        for values in effect.further.grid:
             if values.get("frequency_hz", 0.0) * slowest > CYCLES:
                 continue
             if not effect.timed:

@@ -20,6 +20,7 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.filtering.kernel import SAMPLES
 from casid.model import operators
 from casid.model.causes import configuration_change
+from casid.model.effect import with_grid
 from casid.model.station import coefficient
 
 Intervals = dict[str, tuple[float, float]]
@@ -40,11 +41,11 @@ def moved_onsets(evidence: Evidence, one: Attached, far: bool = True) -> tuple[A
     intervals  95 % intervals of the onsets [s], by record
     """
     judge, moved, intervals = Screen(evidence), one, {}
-    if one.effect.lasts:  # with another size, an event that is moved to where nothing happens would not be missed
+    if one.effect.event.lasts:  # with another size, an event that is moved to where nothing happens would not be missed
         judge = judge.holding(one.name)
     times = {record: _looked_at(evidence, record, onset, far) for record, onset in one.onsets.items()}
     # Records are independent: all onsets are shifted at once, but where each leaves the end of its record where it is.
-    for records in [[record] for record in times] if one.effect.lasts else [list(times)]:
+    for records in [[record] for record in times] if one.effect.event.lasts else [list(times)]:
         most = max(len(times[record]) for record in records)
         at = ({record: float(times[record][min(i, len(times[record]) - 1)]) for record in records} for i in range(most))
         profile = _profile(judge, one, (begun(one, onsets) for onsets in at))
@@ -81,7 +82,7 @@ def _profile(judge: Screen, one: Attached, others: Iterable[Attached]) -> dict[s
 def begun(one: Attached, onsets: Mapping[str, float]) -> Attached:
     """The event with other onsets. One that lasts for a time of its own ends when it ended before, in the record that
     is moved most."""
-    lasts = one.effect.lasts
+    lasts = one.effect.event.lasts
     if lasts is None:
         return replace(one, onsets=dict(onsets))
     sooner = max((one.onsets[record] - onset for record, onset in onsets.items()), key=abs)
@@ -93,7 +94,7 @@ def end_intervals(evidence: Evidence, one: Attached) -> Intervals:
 
     While the surface concerned does not move, nothing tells the end. An interval that reaches the end of the record
     says that it may not have ended."""
-    lasts, found = one.effect.lasts, dict[str, tuple[float, float]]()
+    lasts, found = one.effect.event.lasts, dict[str, tuple[float, float]]()
     if lasts is None:
         return found
     judge, step = Screen(evidence).holding(one.name), evidence.criteria.numerics.events.coarse
@@ -223,7 +224,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     base, price, criteria = evidence.fit, Screen(evidence).price, evidence.criteria
     names, coefficients = base.batch.names, base.flight.coefficients
     onsets = onset_grid(evidence)
-    durations = [values["duration"] for c in coefficients[:1] for values in configuration_change(c).grid]
+    durations = [values["duration"] for c in coefficients[:1] for values in configuration_change(c).further.grid]
     best: Candidate | None = None
     every = _steps(evidence, coefficients, onsets, durations) if len(onsets) and coefficients else []
     for duration, steps in zip(durations, every, strict=False):
@@ -380,7 +381,7 @@ def in_its_records(evidence: Evidence, one: Attached) -> Attached:
     if len(one.onsets) == len(base.flight.records):
         return one
     further = {k: v for k, v in one.values.items() if k != "value"}
-    effect = replace(one.effect, grid=({**further, "value": one.values["value"]},))
+    effect = with_grid(one.effect, {**further, "value": one.values["value"]})
     step, edge = criteria.numerics.events.gust_step, criteria.numerics.events.step
     prints = fingerprints(evidence, [effect], onset_grid(evidence, step, further.get("length", np.inf)))
     onsets = dict(one.onsets)

@@ -94,7 +94,7 @@ class Screen:
         reproduce. In closed loop the numbers of the file are known well: only their priors tell a cause from them.
         """
         left, match, share = self.projected(parts, keep)
-        least = 0.0 if self.base.flight.closed_loop else self.criteria.screening.surviving
+        least = 0.0 if self.base.flight.closed_loop else self.criteria.naming.approximate
         if left <= 0.0 or share < least * _bent(self.base, parts[0].effect):
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
@@ -158,9 +158,11 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     R, criteria, longest = len(names), judge.criteria.screening, judge.criteria.numerics.screening.longest_start
     best: Candidate | None = None
     for one in prints:
-        sets = _onset_sets(judge, [one], R) if effect.by_record else []
+        sets = _onset_sets(judge, [one], R) if effect.traits.by_record else []
         some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
-        whole = [] if effect.relative else [np.ones(R)]  # only the prior of the file would tell it from derivatives
+        whole = (
+            [] if effect.traits.relative else [np.ones(R)]
+        )  # only the prior of the file would tell it from derivatives
         for keep in (*whole, *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
             if size == 0.0 or (not effect.linear and not 1.0 / criteria.nonlinear < size < criteria.nonlinear):
@@ -169,7 +171,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             dof = 1 + (effect.linear and len(one.values) > 0)
             net = statistic - dof * judge.price - 2.0 * np.log(tried)
             records = () if keep.all() else tuple(names[keep > 0].tolist())
-            before = best.attached.records if best is not None and effect.relative else ()
+            before = best.attached.records if best is not None and effect.traits.relative else ()
             in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
             if best is None or net > best.net + (equivalence(net, judge.criteria) if in_more else 0.0):
                 value = size if effect.linear else one.values["value"] * min(size, longest)
@@ -187,7 +189,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
 
 def equivalence(gain: float, criteria: Criteria) -> float:
     """Distance of the statistics within which causes are equivalent."""
-    return max(criteria.screening.equivalent, criteria.screening.equivalent_part * gain)
+    return max(criteria.screening.equivalent, criteria.structure.known * gain)
 
 
 def _subset(chosen: Iterable[int], R: int) -> np.ndarray:
@@ -205,15 +207,15 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
     effect = prints[0].effect
     names, R = judge.base.batch.names, len(prints[0].square)
     best: dict[bool, Candidate] = {}
-    for values in effect.grid:
+    for values in effect.further.grid:
         mine = [p for p in prints if p.values is values]
         for parts, chosen in _onset_sets(judge, mine, R):
             keep = np.stack([_subset([r], R) for r in chosen])
             statistic, size, std, share = judge.score(parts, keep)
             dof = 1 + len(values)
-            tries = float(len(mine)) ** len(chosen) * 2.0**R * len(effect.grid)
+            tries = float(len(mine)) ** len(chosen) * 2.0**R * len(effect.further.grid)
             net = statistic - dof * judge.price - 2.0 * np.log(tries)
-            sign = size > 0.0 and effect.either_sign
+            sign = size > 0.0 and effect.further.either_sign
             if sign not in best or net > best[sign].net:
                 first = {r.name: r.t[0] for r in judge.base.flight.records}
                 starts = {
@@ -273,7 +275,7 @@ class _ScreeningSums:
     def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:
         self._square, self._cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
         self._match = np.stack([p.match for p in prints]) - self._cross @ judge.newton
-        self._covariance, self._surviving = judge.covariance, judge.criteria.screening.surviving
+        self._covariance, self._surviving = judge.covariance, judge.criteria.naming.approximate
         self._spent = self._cross @ judge.covariance
         self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
 

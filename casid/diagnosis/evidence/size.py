@@ -50,14 +50,14 @@ class AircraftSizes:
         named.
         """
         effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
-        if effect.amplitude is not None:
+        if effect.size.amplitude is not None:
             return consequence(fitted, one)
         smallest = fitted.flight.smallest_that_matters(effect)
         if smallest is not None:
             own = abs(value) / smallest if smallest > 0 else np.inf
             return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
         share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
-        return max(share, 1.0) if effect.expected else share
+        return max(share, 1.0) if effect.traits.expected else share
 
     def missing_share(self, fitted: FlightFit, missing: MissingInput) -> float:
         """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, for the air over a

@@ -13,16 +13,17 @@ _MOMENTS = ("Ixx", "Iyy", "Izz")
 
 def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effect:
     """The effect with the largest size, in either direction, that is physically possible for this aircraft."""
-    if effect.within == "inertia":
+    size = effect.size
+    if size.within == "inertia":
         low, high = inertia_bounds(effect.target, aircraft, criteria)
-        return replace(effect, limit=high, lowest=low)
-    if effect.within is not None:
+        return replace(effect, size=replace(size, limit=high, lowest=low))
+    if size.within is not None:
         largest = {
             "span": criteria.arm * max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral),
             "chord": criteria.cg * aircraft.moment_length_pitch,
             "mass": criteria.mass * aircraft.mass,
         }
-        return replace(effect, limit=min(effect.limit, largest[effect.within]))
+        return replace(effect, size=replace(size, limit=min(size.limit, largest[size.within])))
     return effect
 
 

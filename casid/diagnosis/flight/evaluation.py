@@ -204,7 +204,7 @@ class FlightFit:
 
         It is also true if the noise does not yet pass through an effect that it should pass through.
         """
-        if any(one.effect.noise is not None and not one.passes for one in self.attached):
+        if any(one.effect.forms.noise is not None and not one.passes for one in self.attached):
             return True
         change = self.criteria.noise.density_ratio - 1.0
         return any(abs(held / self.noise.inputs[name] - 1.0) > change for name, held in self.held.inputs.items())
@@ -517,7 +517,7 @@ def lateness(attached: Sequence[Attached], flight: Subject, model: Model) -> np.
     """(R, ny) Delay of a reading in samples; the reading is compared with the state at the time that it refers to."""
     outputs, records = model.outputs, flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
-    for one in (a for a in attached if a.effect.late):
+    for one in (a for a in attached if a.effect.traits.late):
         rows = [outputs.index(c) for c in flight.channels_of(one.effect) if c in outputs]
         for j, record in enumerate(records):
             late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0

@@ -245,7 +245,7 @@ class Attached:
         """Whether noise of the recorded input is changed by the effect; not for an effect that acts in some records
         only.
         """
-        return self.passes and self.effect.noise is not None and not self.records
+        return self.passes and self.effect.forms.noise is not None and not self.records
 
     @property
     def numeric(self) -> tuple[str, ...]:
@@ -256,7 +256,7 @@ class Attached:
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
         """With other values. An event that becomes longer begins earlier, because the data determine its middle."""
-        extent, onsets = self.effect.extent, self.onsets
+        extent, onsets = self.effect.event.extent, self.onsets
         if extent is not None and extent in values:
             longer = values[extent] - self.values[extent]
             onsets = {record: onset - 0.5 * longer for record, onset in onsets.items()}
@@ -268,8 +268,8 @@ def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> 
     inputs, coloured = dict(noise.inputs), dict(noise.coloured)
     for one in attached:
         station = control(one.effect.target)
-        if one.passes_noise and one.effect.noise is not None and station in inputs:
-            coloured[station] = one.effect.noise(inputs.pop(station), dt, one.values)
+        if one.passes_noise and one.effect.forms.noise is not None and station in inputs:
+            coloured[station] = one.effect.forms.noise(inputs.pop(station), dt, one.values)
     return replace(noise, inputs=inputs, coloured=coloured)
 
 

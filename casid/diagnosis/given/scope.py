@@ -93,7 +93,8 @@ def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[No
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects
-        if (effect.of_an_instrument or effect.station == "surface") and detectable.get(effect.name, 0.0) > effect.limit
+        if (effect.of_an_instrument or effect.station == "surface")
+        and detectable.get(effect.name, 0.0) > effect.size.limit
     ]
     if beyond:
         yield NotJudged(what=_all_of(beyond), because="not identifiable: the derivatives absorb any plausible size")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
-from casid.model.effect import Effect
+from casid.model.effect import Effect, with_grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +100,7 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
         parts = prints_of(kinematic, effect, [history(kinematic.fit, one.with_values({"value": 1.0}))])
     else:
         further = {key: v for key, v in one.values.items() if key != "value"}
-        parts = fingerprints(kinematic, [replace(effect, grid=(further,))])
+        parts = fingerprints(kinematic, [with_grid(effect, further)])
     left, match, _ = judge.projected(parts, np.array([[float(one.concerns(name)) for name in names]]))
     return KinematicCheck(
         predicted=size**2 * left,

@@ -435,7 +435,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
         unit=one.effect.unit,
         allowed=float(allowed),
         sigmas=float(-special.ndtri(chance)),
-        largest=one.effect.limit,
+        largest=one.effect.size.limit,
         rivals=rivals,
     )
 

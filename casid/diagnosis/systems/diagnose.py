@@ -12,6 +12,7 @@ from casid.data_check.rotors import standing, until_one_stands
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, split
 from casid.diagnosis.engine.search import search
@@ -19,7 +20,6 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.judgement import Stages, judged
-from casid.diagnosis.part import OfAircraft, OfSystem
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
@@ -93,12 +93,12 @@ def diagnose_system(
     given = fly_as_given(plant, held, refitted)
     report(sentences.so_far(given, (), 0))
 
-    def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfSystem:
+    def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedSystem:
         base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
         extended = Extended(base=base, attached=kept.fit.attached, terms=plant.terms_of)
-        return OfSystem(model=model, extended=extended)
+        return DiagnosedSystem(model=model, extended=extended)
 
-    found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
+    found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))
 
 
@@ -133,10 +133,10 @@ def diagnose_rotorcraft(
     given = fly_as_given(plant, held, refitted)
     report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
 
-    def part(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> OfAircraft:
-        return OfAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
+    def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedAircraft:
+        return DiagnosedAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
 
-    found = judged(search(Baseline.alone(refitted), stages.begin), given, held, part, stages)
+    found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     found = with_thrust_curve(found)
     against = contradicted_parameters(plant.base, found.flight, criteria)
     stated, least = plant.base.prior_std, criteria.significance.sigmas

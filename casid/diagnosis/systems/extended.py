@@ -66,18 +66,18 @@ class Extended:
         """The extended model: causes in its equations are parameters, a lag of an instrument is a state. A cause of
         some records has an input of its name in brackets, 1 where it is there."""
         draft, base = Draft(self.base, self.terms), self.base
-        own = [one for one in self.attached if one.effect.symbolic or one.effect.instrument]
+        own = [one for one in self.attached if one.effect.symbolic or one.effect.forms.instrument]
         values = {one.name: ca.SX.sym("value") for one in own}
         there = {f"[{one.name}]": ca.SX.sym("there") for one in own if one.effect.symbolic and one.records}
         states: dict[str, tuple[ca.SX, ca.SX]] = {}
         for one in own:
             value, target = values[one.name], one.effect.target
-            if one.effect.instrument is None:
+            if one.effect.forms.instrument is None:
                 assert one.effect.change is not None
                 one.effect.change(draft, {"value": value * there.get(f"[{one.name}]", 1.0)})
                 continue
             state, true = ca.SX.sym("lagged"), draft.h[base.outputs.index(target)]
-            states[f"lagged[{target}]"] = state, one.effect.instrument(true, state, {"value": value})
+            states[f"lagged[{target}]"] = state, one.effect.forms.instrument(true, state, {"value": value})
             draft.reads(target, lambda y, state=state: state)
         rates = ca.vertcat(draft.f, *[rate for _, rate in states.values()])
         f, h = ca.substitute([rates, draft.h], [base.p], [draft.p])
@@ -100,7 +100,7 @@ class Extended:
 
     def _guess(self, record: Record) -> np.ndarray:
         """First guess of the states; a lagging instrument as it reads."""
-        lagged = [one.effect.target for one in self.attached if one.effect.instrument]
+        lagged = [one.effect.target for one in self.attached if one.effect.forms.instrument]
         read = [_filled(record, name) for name in lagged]
         return np.column_stack([self.base.guess(record), *read])
 
@@ -116,8 +116,8 @@ class Extended:
                 known = {target: record[target][:, None]}
                 added = disturbance_series([one], [record.name], record.t[:, None], known, [control(target)])
                 channels[target] = channels.get(target, record[target]) + added[:, 0, 0]
-            elif target in record and concerned and effect.undo:
-                channels |= effect.undo(record.t, {target: record[target]}, one.values)
+            elif target in record and concerned and effect.forms.undo:
+                channels |= effect.forms.undo(record.t, {target: record[target]}, one.values)
             elif target in record and concerned and effect.timed:
                 read = channels.get(target, record[target])
                 channels[target] = np.where(record.t < one.onsets[record.name], read, np.nan)

@@ -251,7 +251,8 @@ class Plant:
 
     def smallest_that_matters(self, effect: Effect) -> float | None:
         """None: the size of an effect of a system is judged by what it does."""
-        return None if self.build is None or callable(effect.meaningful) else effect.meaningful
+        least = effect.size.meaningful
+        return None if self.build is None or callable(least) else least
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -435,7 +436,7 @@ class PlantSizes:
         effect, value, share = one.effect, one.values["value"], fit.criteria.size.share
         if effect.timed:
             return abs(value) / share  # nothing is left of a reading that does not move
-        if effect.relative:
+        if effect.traits.relative:
             return abs(value) / (share * max(abs(fit.model.nominal[effect.target]), 1e-12))
         port = _port(fit, effect.enters)
         history = _history(fit, one)

@@ -360,7 +360,7 @@ def with_thrust_curve(found: Diagnosis) -> Diagnosis:
     rotors, changing = found.extended_aircraft.rotors, []
     assert rotors is not None
     for cause in found.causes:
-        make = cause.effect.into_rotors
+        make = cause.effect.forms.into_rotors
         held = make(rotors, weight, cause.value) if make else None
         if held and [one.thrust for one in held.each] != [one.thrust for one in rotors.each]:
             changing.append(cause)

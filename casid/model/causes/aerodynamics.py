@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.effect import Effect, Event, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
 from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, parse_term
 from casid.signals import SURFACES
@@ -74,8 +74,9 @@ def aero_term(coefficient: str, term: str) -> Effect:
         enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
-        improbable=_across_symmetry(coefficient, term),
-        expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ()),
+        traits=Traits(
+            improbable=_across_symmetry(coefficient, term), expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ())
+        ),
     )
 
 
@@ -111,9 +112,8 @@ def lagged_aero(coefficient: str) -> Effect:
         target=coefficient,
         variant="lagged",
         enters=station.coefficient(coefficient),
-        limit=60.0,
-        grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)),
-        unsigned=("time_constant",),
+        size=Size(limit=60.0),
+        further=Further(grid=tuple({"time_constant": v} for v in (0.1, 0.3, 0.8)), unsigned=("time_constant",)),
         units={"time_constant": "s"},
         states={behind: angle},
         station="coefficients",
@@ -145,7 +145,7 @@ def unsteady_aero(coefficient: str) -> Effect:
         enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
-        limit=60.0,
+        size=Size(limit=60.0),
     )
 
 
@@ -176,10 +176,10 @@ def configuration_change(coefficients: str) -> Effect:
         target=coefficients,
         members=names,
         enters=station.coefficient(names[0]),
-        timed=True,
-        recurring=True,
-        extent="duration",
-        grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
-        defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)},
+        event=Event(recurring=True, extent="duration"),
+        further=Further(
+            grid=tuple({"duration": v} for v in (0.1, 2.0, 5.0)),
+            defaults={"duration": 0.0, **dict.fromkeys(names[1:], 0.0)},
+        ),
         series=series,
     )

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from casid.model import operators, station
-from casid.model.effect import Effect, Series, Values, cause
+from casid.model.effect import Effect, Event, Further, Series, Size, Values, cause
 
 _AXES = ("x", "y", "z")
 _TO_THE_END = 1e3  # s: longer than any record
@@ -62,12 +62,12 @@ def wind_shear(axis: str) -> Effect:
         target=axis,
         enters=station.wind(axis),
         kinematic=True,
-        timed=True,
+        event=Event(),
         series=series,
-        grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)),
-        defaults={"duration": _TO_THE_END},
-        meaningful=0.05,
-        limit=5.0,
+        further=Further(
+            grid=tuple({"duration": v} for v in (_TO_THE_END, 8.0, 3.0)), defaults={"duration": _TO_THE_END}
+        ),
+        size=Size(meaningful=0.05, limit=5.0),
     )
 
 
@@ -90,11 +90,10 @@ def gust(axis: str) -> Effect:
         target=axis,
         enters=station.wind(axis),
         kinematic=True,
-        timed=True,
-        grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4)),
+        event=Event(),
+        further=Further(grid=tuple({"length": v} for v in (0.8, 1.6, 3.2, 6.4))),
         series=series,
-        meaningful=0.5,
-        limit=40.0,
+        size=Size(meaningful=0.5, limit=40.0),
     )
 
 
@@ -107,4 +106,11 @@ def gust(axis: str) -> Effect:
     sentence="The air is turbulent, with {size} r.m.s.; the model has calm air.",
 )
 def turbulence(target: str = "") -> Effect:
-    return Effect(kind="turbulence", target=target, kinematic=True, linear=False, grid=(), meaningful=0.1, limit=20.0)
+    return Effect(
+        kind="turbulence",
+        target=target,
+        kinematic=True,
+        linear=False,
+        further=Further(grid=()),
+        size=Size(meaningful=0.1, limit=20.0),
+    )

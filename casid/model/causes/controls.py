@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Values, cause
 from casid.model.path import SignalPath
 from casid.model.rotors import thrust_of
 from casid.signals import SURFACES
@@ -44,13 +44,10 @@ def _surface_operator(
         kind=kind,
         target=surface,
         linear=False,
-        grid=tuple({"value": v} for v in sizes),
+        further=Further(grid=tuple({"value": v} for v in sizes), unsigned=unsigned),
         series=series,
-        unsigned=unsigned,
-        meaningful=meaningful,
-        limit=limit,
-        noise=noise,
-        transfer=response if transfer else None,
+        size=Size(meaningful=meaningful, limit=limit),
+        forms=Forms(noise=noise, transfer=response if transfer else None),
     )
 
 
@@ -127,13 +124,14 @@ def backlash(surface: str) -> Effect:
         kind="backlash",
         target=surface,
         linear=False,
-        grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
-        defaults={"rest": 0.0},
+        further=Further(
+            grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
+            defaults={"rest": 0.0},
+            unsigned=("value",),
+            folded=("rest",),
+        ),
         series=series,
-        unsigned=("value",),
-        folded=("rest",),
-        meaningful=math.radians(0.1),
-        limit=math.radians(8.0),
+        size=Size(meaningful=math.radians(0.1), limit=math.radians(8.0)),
     )
 
 
@@ -159,13 +157,11 @@ def effectiveness_change(surface: str) -> Effect:
     return Effect(
         kind="effectiveness_change",
         target=surface,
-        timed=True,
-        recurring=True,
-        either_sign=True,
+        event=Event(recurring=True),
+        further=Further(either_sign=True),
         series=series,
-        transfer=from_the_onset_on,
-        meaningful=0.03,
-        limit=1.5,
+        forms=Forms(transfer=from_the_onset_on),
+        size=Size(meaningful=0.03, limit=1.5),
     )
 
 
@@ -187,15 +183,13 @@ def stuck(surface: str) -> Effect:
     return Effect(
         kind="stuck",
         target=surface,
-        timed=True,
-        recurring=True,
-        lasts="duration",
-        grid=tuple({"duration": v, "beside": 0.0} for v in (2.0, 5.0, _TO_THE_END)),
-        defaults={"duration": _TO_THE_END, "beside": 0.0},
+        event=Event(recurring=True, lasts="duration"),
+        further=Further(
+            grid=tuple({"duration": v, "beside": 0.0} for v in (2.0, 5.0, _TO_THE_END)),
+            defaults={"duration": _TO_THE_END, "beside": 0.0},
+        ),
         series=series,
-        meaningful=0.5,
-        limit=1.2,
-        lowest=0.0,
+        size=Size(meaningful=0.5, limit=1.2, lowest=0.0),
     )
 
 
@@ -258,10 +252,8 @@ def washed_out(surface: str, quantity: str) -> Effect:
         term=quantity,
         variant="washout",
         enters=station.control(surface),
-        meaningful=_gain_that_matters(surface, quantity),
-        limit=_LARGEST_GAIN,
-        grid=tuple({"time_constant": v} for v in (1.0, 3.0)),
-        unsigned=("time_constant",),
+        size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
+        further=Further(grid=tuple({"time_constant": v} for v in (1.0, 3.0)), unsigned=("time_constant",)),
         units={"time_constant": "s"},
         states={behind: quantity},
         station="air data",
@@ -291,8 +283,7 @@ def feedback(surface: str, quantity: str) -> Effect:
         target=surface,
         term=quantity,
         enters=station.control(surface),
-        meaningful=_gain_that_matters(surface, quantity),
-        limit=_LARGEST_GAIN,
+        size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
         station="air data",
         change=change,
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import SURFACES, unit_of
 
@@ -91,12 +91,10 @@ def sensor_bias(channel: str) -> Effect:
         target=channel,
         reads=(channel,),
         kinematic=True,
-        by_record=True,
+        traits=Traits(by_record=True, constant=True),
         station="sensors",
         change=change,
-        meaningful=partial(_bias_matters, channel),
-        limit=_BIAS_LIMIT[unit_of(channel)],
-        constant=True,
+        size=Size(meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT[unit_of(channel)]),
     )
 
 
@@ -117,13 +115,11 @@ def sensor_scale(target: str) -> Effect:
         kind="sensor_scale",
         target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
-        covered_by=_RATE_OF.get(target),
+        traits=Traits(covered_by=_RATE_OF.get(target), by_record=True),
         kinematic=True,
-        by_record=True,
         station="sensors",
         change=change,
-        meaningful=0.015,
-        limit=0.6,
+        size=Size(meaningful=0.015, limit=0.6),
     )
 
 
@@ -149,19 +145,13 @@ def _slow_reading(
         kind=kind,
         target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
-        covered_by=_RATE_OF.get(target),
+        traits=Traits(covered_by=_RATE_OF.get(target), by_record=True, late=True),
         kinematic=True,
         linear=False,
-        grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)),
+        further=Further(grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)), unsigned=unsigned),
         output=output,
-        undo=undo,
-        instrument=instrument,
-        transfer=response,
-        unsigned=unsigned,
-        meaningful=0.01,
-        limit=1.0,
-        by_record=True,
-        late=True,
+        forms=Forms(undo=undo, instrument=instrument, transfer=response),
+        size=Size(meaningful=0.01, limit=1.0),
     )
 
 
@@ -191,12 +181,11 @@ def _late_surfaces() -> Effect:
         kind="sensor_delay",
         target="surfaces",
         linear=False,
-        grid=tuple({"value": sign * v} for v in (0.02, 0.05, 0.1, 0.2) for sign in (1.0, -1.0)),
+        further=Further(grid=tuple({"value": sign * v} for v in (0.02, 0.05, 0.1, 0.2) for sign in (1.0, -1.0))),
         series=series,
-        transfer=ahead,
-        meaningful=0.01,
-        limit=0.5,
-        by_record=True,
+        forms=Forms(transfer=ahead),
+        size=Size(meaningful=0.01, limit=0.5),
+        traits=Traits(by_record=True),
     )
 
 
@@ -252,12 +241,13 @@ def structural_mode(channel: str) -> Effect:
         kind="structural_mode",
         target=channel,
         reads=(channel,),
-        covered_by=_RATE_OF.get(channel),
-        grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies),
-        defaults={"damping": _LIGHT},
+        traits=Traits(covered_by=_RATE_OF.get(channel)),
+        further=Further(
+            grid=tuple({"frequency_hz": float(f), "damping": _LIGHT} for f in frequencies), defaults={"damping": _LIGHT}
+        ),
         output=output,
-        amplitude=0.05,
-        limits={"damping": 0.1},  # above that it is half gone after one cycle, and looks like a lag of the reading
+        size=Size(amplitude=0.05, limits={"damping": 0.1}),
+        # above that it is half gone after one cycle, and looks like a lag of the reading
     )
 
 
@@ -274,14 +264,12 @@ def vane_position(channel: str) -> Effect:
 
     return Effect(
         kind="vane_position",
-        within="span",
+        size=Size(within="span", meaningful=0.3, limit=30.0),
         target=channel,
         reads=(channel,),
         kinematic=True,
         station="wind",
         change=change,
-        meaningful=0.3,
-        limit=30.0,
     )
 
 
@@ -299,13 +287,13 @@ def accelerometer_position(axis: str) -> Effect:
 
     return Effect(
         kind="accelerometer_position",
-        within="span",
+        size=Size(within="span", meaningful=0.1, limit=20.0),
         target=axis,
         reads=("ax", "ay", "az"),
         kinematic=True,
-        grounded=axis == "x",  # the lift or side force of a tail turns the aircraft as well: that much of it reads so
+        traits=Traits(
+            grounded=axis == "x"
+        ),  # the lift or side force of a tail turns the aircraft as well: that much of it reads so
         station="wind",
         change=change,
-        meaningful=0.1,
-        limit=20.0,
     )

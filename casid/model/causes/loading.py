@@ -9,7 +9,7 @@ import numpy as np
 
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
-from casid.model.effect import Effect, Symbols, cause
+from casid.model.effect import Effect, Forms, Size, Symbols, Traits, cause
 from casid.model.path import SignalPath, wing_loads
 from casid.model.rotors import ALL, Rotors, changed
 
@@ -42,17 +42,12 @@ def cg_offset(axis: str) -> Effect:
 
     return Effect(
         kind="cg_offset",
-        into_rotors=into_rotors,
-        within="chord",
-        balance=True,
+        forms=Forms(into_rotors=into_rotors),
+        size=Size(within="chord", meaningful=matters, limit=3.0),
+        traits=Traits(balance=True, by_record=True, relative=True, shows_as="accelerometer_position"),
         target=axis,
-        by_record=True,
-        relative=True,
-        shows_as="accelerometer_position",
         station="wind",
         change=change,
-        meaningful=matters,
-        limit=3.0,
     )
 
 
@@ -77,7 +72,11 @@ def moment_reference(axis: str) -> Effect:
         path.moment[2] += values["value"] * Y
 
     return Effect(
-        kind="moment_reference", target=axis, station="moments", change=change, meaningful=_CG_MATTERS, limit=3.0
+        kind="moment_reference",
+        target=axis,
+        station="moments",
+        change=change,
+        size=Size(meaningful=_CG_MATTERS, limit=3.0),
     )
 
 
@@ -96,13 +95,10 @@ def mass(target: str = "") -> Effect:
 
     return Effect(
         kind="mass",
-        within="mass",
+        size=Size(within="mass", meaningful=matters),
         station="mass",
         change=change,
-        meaningful=matters,
-        by_record=True,
-        relative=True,
-        balance=True,
+        traits=Traits(by_record=True, relative=True, balance=True),
     )
 
 
@@ -123,13 +119,11 @@ def inertia(component: str) -> Effect:
 
     return Effect(
         kind="inertia",
-        within="inertia",
+        size=Size(within="inertia", meaningful=matters),
         target=component,
-        by_record=True,
-        relative=True,
+        traits=Traits(by_record=True, relative=True),
         station="mass",
         change=change,
-        meaningful=matters,
     )
 
 
@@ -145,13 +139,12 @@ def thrust_asymmetry(target: str = "") -> Effect:
 
     return Effect(
         kind="thrust_asymmetry",
-        within="span",
-        by_record=True,
+        size=Size(within="span", meaningful=0.05, limit=20.0),
+        traits=Traits(
+            by_record=True, equal=lambda aircraft: (aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral)
+        ),
         station="moments",
         change=change,
-        equal=lambda aircraft: (aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral),
-        meaningful=0.05,
-        limit=20.0,
     )
 
 
@@ -167,10 +160,8 @@ def thrust_line(target: str = "") -> Effect:
 
     return Effect(
         kind="thrust_line",
-        within="span",
+        size=Size(within="span", meaningful=0.05, limit=10.0),
         station="moments",
         change=change,
-        equal=lambda aircraft: (aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch),
-        meaningful=0.05,
-        limit=10.0,
+        traits=Traits(equal=lambda aircraft: (aero_term("Cm", "Tc"), 1.0 / aircraft.moment_length_pitch)),
     )

@@ -12,7 +12,7 @@ import numpy as np
 from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.causes.instruments import SENSOR_GROUPS, group_channels
-from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.model.terms import parse_term
 
@@ -56,11 +56,10 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
         term=axis,
         reads=group_channels(target),
         kinematic=True,
-        by_record=True,
+        traits=Traits(by_record=True),
         station="sensors",
         change=change,
-        meaningful=math.radians(0.5),
-        limit=math.radians(10.0),
+        size=Size(meaningful=math.radians(0.5), limit=math.radians(10.0)),
     )
 
 
@@ -95,8 +94,7 @@ def position_error(channel: str, term: str) -> Effect:
         kinematic=True,
         station="sensors",
         change=change,
-        meaningful=matters,
-        limit=limit,
+        size=Size(meaningful=matters, limit=limit),
     )
 
 
@@ -110,7 +108,13 @@ def thrust_scale(target: str = "") -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         path.surface["thrust"] *= 1.0 + values["value"]
 
-    return Effect(kind="thrust_scale", by_record=True, station="surface", change=change, meaningful=0.05, limit=0.6)
+    return Effect(
+        kind="thrust_scale",
+        traits=Traits(by_record=True),
+        station="surface",
+        change=change,
+        size=Size(meaningful=0.05, limit=0.6),
+    )
 
 
 def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
@@ -141,16 +145,14 @@ def clock_drift(target: str) -> Effect:
     of_inputs = target == "surfaces"
     return Effect(
         kind="clock_drift",
-        includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"),
+        traits=Traits(includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"), by_record=True),
         target=target,
         reads=() if of_inputs else group_channels(target),
         kinematic=not of_inputs,
-        by_record=True,
         linear=False,
-        grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0)),
+        further=Further(grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0))),
         output=None if of_inputs else output,
-        undo=None if of_inputs else undo,
+        forms=Forms(undo=None if of_inputs else undo),
         series=series if of_inputs else None,
-        meaningful=0.001,
-        limit=0.1,
+        size=Size(meaningful=0.001, limit=0.1),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Series, Symbols, Values, cause
+from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import RotorSignal, SignalPath
 from casid.model.rotors import (
     ALL,
@@ -77,9 +77,13 @@ def rotor_effectiveness(target: str) -> Effect:
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
         return changed(rotors, target, lambda one: {"effectiveness": one.effectiveness * (1.0 + value)})
 
-    more: dict[str, Any] = {"enters": None if target == ALL else station.control(f"thrust_{target}"), "by_record": True}
-    more |= {"into_rotors": into_rotors, "balance": True}
-    return _of_rotors("rotor_effectiveness", target, act, meaningful=0.05, limit=0.95, **more)
+    enters = None if target == ALL else station.control(f"thrust_{target}")
+    size, traits, forms = (
+        Size(meaningful=0.05, limit=0.95),
+        Traits(balance=True, by_record=True),
+        Forms(into_rotors=into_rotors),
+    )
+    return _of_rotors("rotor_effectiveness", target, act, enters=enters, size=size, traits=traits, forms=forms)
 
 
 @cause(
@@ -123,14 +127,12 @@ def thrust_curve(target: str, term: str) -> Effect:
 
     return Effect(
         kind="thrust_curve",
-        into_rotors=into_rotors,
+        forms=Forms(into_rotors=into_rotors),
         target=target,
         term=term,
         station="rotors",
         change=change,
-        meaningful=_SLOPE_MATTERS,
-        limit=3.0,
-        lowest=-1.0 if term == "slope" else None,
+        size=Size(meaningful=_SLOPE_MATTERS, limit=3.0, lowest=-1.0 if term == "slope" else None),
     )
 
 
@@ -152,8 +154,9 @@ def rotor_torque(target: str) -> Effect:
         return changed(rotors, target, lambda one: {"torque": one.torque * (1.0 + value)})
 
     # steady flight balances all torques, whatever their size
-    more: dict[str, Any] = {"reads": ("r",) if target == ALL else (), "into_rotors": into_rotors, "by_record": True}
-    return _of_rotors("rotor_torque", target, act, meaningful=0.1, limit=3.0, **more)
+    reads, size, traits = ("r",) if target == ALL else (), Size(meaningful=0.1, limit=3.0), Traits(by_record=True)
+    forms = Forms(into_rotors=into_rotors)
+    return _of_rotors("rotor_torque", target, act, reads=reads, size=size, traits=traits, forms=forms)
 
 
 def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
@@ -178,12 +181,11 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
     return Effect(
         kind=kind,
         target=target,
-        into_rotors=into_rotors,
+        forms=Forms(into_rotors=into_rotors),
         linear=False,
-        grid=tuple({"value": size} for size in sizes),
+        further=Further(grid=tuple({"value": size} for size in sizes)),
         series=series,
-        meaningful=0.01,
-        limit=limit,
+        size=Size(meaningful=0.01, limit=limit),
     )
 
 
@@ -240,8 +242,8 @@ def rotor_position(target: str, axis: str) -> Effect:
         by = value * np.eye(3)["xyz".index(axis)]
         return changed(rotors, target, lambda one: {"position": tuple(map(float, one.position + by))})
 
-    more: dict[str, Any] = {"into_rotors": into_rotors, "meaningful": matters}
-    return _of_rotors("rotor_position", target, act, term=axis, limit=5.0, balance=True, **more)
+    size, traits, forms = Size(meaningful=matters, limit=5.0), Traits(balance=True), Forms(into_rotors=into_rotors)
+    return _of_rotors("rotor_position", target, act, term=axis, size=size, traits=traits, forms=forms)
 
 
 @cause(
@@ -260,7 +262,13 @@ def rotor_swap(target: str) -> Effect:
         change = values["value"] * (known[second] - known[first])
         return {station.control(first): change, station.control(second): -change}
 
-    return Effect(kind="rotor_swap", target=target, series=series, meaningful=0.5, limit=1.5, balance=True)
+    return Effect(
+        kind="rotor_swap",
+        target=target,
+        series=series,
+        size=Size(meaningful=0.5, limit=1.5),
+        traits=Traits(balance=True),
+    )
 
 
 @cause(
@@ -288,8 +296,14 @@ def added_mass(target: str) -> Effect:
     def matters(aircraft: Airframe) -> float:
         return _WEIGHT_SHARE * aircraft.mass
 
-    more: dict[str, Any] = {"balance": True, "by_record": True}
-    return Effect(kind="added_mass", target=target, station="mass", change=change, meaningful=matters, **more)
+    return Effect(
+        kind="added_mass",
+        target=target,
+        station="mass",
+        change=change,
+        size=Size(meaningful=matters),
+        traits=Traits(balance=True, by_record=True),
+    )
 
 
 @cause(
@@ -308,13 +322,10 @@ def mass_change(target: str = "") -> Effect:
 
     return Effect(
         kind="mass_change",
-        timed=True,
-        recurring=True,
-        either_sign=True,
+        event=Event(recurring=True),
+        further=Further(either_sign=True),
         series=series,
-        meaningful=_WEIGHT_SHARE,
-        limit=2.0,
-        lowest=-0.8,
+        size=Size(meaningful=_WEIGHT_SHARE, limit=2.0, lowest=-0.8),
     )
 
 
@@ -339,7 +350,12 @@ def body_drag(axis: str) -> Effect:
         return replace(rotors, drag=tuple(map(float, rotors.drag + by)))
 
     return Effect(
-        kind="body_drag", target=axis, station="rotors", change=change, meaningful=matters, into_rotors=into_rotors
+        kind="body_drag",
+        target=axis,
+        station="rotors",
+        change=change,
+        size=Size(meaningful=matters),
+        forms=Forms(into_rotors=into_rotors),
     )
 
 
@@ -363,7 +379,8 @@ def rotor_inflow(target: str = "") -> Effect:
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
         return replace(rotors, inflow=rotors.inflow + value)
 
-    return _of_all("rotor_inflow", "inflow", meaningful=0.02, limit=1.0, into_rotors=into_rotors)
+    size, forms = Size(meaningful=0.02, limit=1.0), Forms(into_rotors=into_rotors)
+    return _of_all("rotor_inflow", "inflow", size=size, forms=forms)
 
 
 @cause(
@@ -375,4 +392,4 @@ def rotor_inflow(target: str = "") -> Effect:
     "the aircraft file.",
 )
 def battery_sag(target: str = "") -> Effect:
-    return _of_all("battery_sag", "voltage_exponent", meaningful=0.3, limit=5.0)
+    return _of_all("battery_sag", "voltage_exponent", size=Size(meaningful=0.3, limit=5.0))

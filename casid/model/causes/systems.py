@@ -21,7 +21,7 @@ from casid.arguments import names as names_of
 from casid.criterion import number
 from casid.errors import InputError, check_known
 from casid.model import operators
-from casid.model.effect import Effect, Series, Values, Words
+from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Traits, Values, Words
 from casid.model.port import ModelPort as Port
 from casid.model.station import reading
 from casid.model.system import Model
@@ -185,7 +185,7 @@ def effects_of(
             found += _of_output(port, records, criteria)
         else:
             terms = [name for name in every if (port.name, name) not in scaled]
-            found += [replace(_term(port, name), last_resort=name in last) for name in terms]
+            found += [_term(port, name, name in last) for name in terms]
     if len(records) > 1:
         found += [_parameter(name) for name in free]
     return [replace(effect, words=_words(effect, model, ports)) for effect in found if effect.kind in library.kinds]
@@ -212,7 +212,7 @@ def _unit(effect: Effect, model: Model, ports: Sequence[Port]) -> str:
     """Unit of the value of an effect; empty if it is not stated."""
     if effect.kind in _IN_SECONDS:
         return "s"
-    if effect.relative:
+    if effect.traits.relative:
         return model.units.get(effect.target, "")
     if effect.regressor is not None or effect.kind == "sensor_scale":
         return ""
@@ -260,8 +260,7 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
                 kind=kind,
                 target=name,
                 linear=False,
-                grid=grid,
-                unsigned=() if kind == "input_delay" else ("value",),
+                further=Further(grid=grid, unsigned=() if kind == "input_delay" else ("value",)),
                 enters=port.disturbance,
                 series=partial(_acts, operator, name, port.disturbance),
             )
@@ -282,41 +281,40 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
     entering = {"target": name, "reads": (name,), "enters": reading(name)}
     yield Effect(
         kind="sensor_bias",
-        by_record=True,
+        traits=Traits(by_record=True),
         change=lambda draft, values: draft.reads(name, lambda y: y + values["value"]),
         **entering,
     )
     yield Effect(
         kind="sensor_scale",
-        by_record=True,
+        traits=Traits(by_record=True),
         change=lambda draft, values: draft.reads(name, lambda y: y * (1.0 + values["value"])),
         **entering,
     )
     variation = _variation(whole)
-    slow: tuple[tuple[str, Operator, Callable, dict[str, Any]], ...] = (
-        ("sensor_delay", operators.delay, _delayed, {"undo": partial(_earlier, name)}),
-        ("sensor_lag", operators.lag, _lagged, {"unsigned": ("value",), "instrument": _follows}),
+    slow: tuple[tuple[str, Operator, Callable, Forms], ...] = (
+        ("sensor_delay", operators.delay, _delayed, Forms(undo=partial(_earlier, name))),
+        ("sensor_lag", operators.lag, _lagged, Forms(instrument=_follows)),
     )
-    for kind, operator, output, further in slow:
+    for kind, operator, output, forms in slow:
         steps = _doubling(records)
         changes = {v: [operator(r.t, y, v) - y for r, y in zip(having, whole, strict=True)] for v in steps}
         if grid := _seen(changes, variation, criteria):
             yield Effect(
                 kind=kind,
                 linear=False,
-                grid=grid,
-                late=True,
+                further=Further(grid=grid, unsigned=("value",) if kind == "sensor_lag" else ()),
+                traits=Traits(late=True),
                 output=partial(output, name),
-                **further,
+                forms=forms,
                 **entering,
             )
     stays = partial(_stays, name, port.disturbance)
     yield Effect(
         kind="sensor_stuck",
-        timed=True,
+        event=Event(),
         series=stays,
-        lowest=1.0 - criteria.wholly,
-        limit=1.0 + criteria.wholly,
+        size=Size(lowest=1.0 - criteria.wholly, limit=1.0 + criteria.wholly),
         **entering,
     )
 
@@ -361,18 +359,18 @@ def _parameter(name: str) -> Effect:
     return Effect(
         kind="parameter_change",
         target=name,
-        by_record=True,
-        relative=True,
+        traits=Traits(by_record=True, relative=True),
         change=lambda draft, values: draft.shifts(name, values["value"]),
     )
 
 
-def _term(port: Port, name: str) -> Effect:
+def _term(port: Port, name: str, last: bool) -> Effect:
     return Effect(
         kind="missing_term",
         target=port.name,
         term=name,
         regressor=name,
+        traits=Traits(last_resort=last),
         enters=port.disturbance,
         change=lambda draft, values: draft.adds(port.name, values["value"] * draft.terms[name]),
     )

@@ -11,7 +11,7 @@ import numpy as np
 from casid.model import station
 from casid.model.aerodynamics import Tabulated
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Symbols, cause
+from casid.model.effect import Effect, Forms, Symbols, cause
 from casid.model.path import SignalPath, evaluate, quantities
 from casid.model.tables import Table, table
 from casid.model.terms import COEFFICIENTS, Stretch, Term, parse_term
@@ -122,7 +122,7 @@ def table_increment(coefficient: str, term: str) -> Effect:
         enters=station.coefficient(coefficient),
         station="coefficients",
         change=change,
-        into_tables=into_tables,
+        forms=Forms(into_tables=into_tables),
     )
 
 

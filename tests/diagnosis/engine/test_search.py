@@ -157,11 +157,11 @@ def test_a_tail_in_the_slipstream_is_told_from_another_thrust_line(hidden: Attac
     thrust line does that lies elsewhere. It is expected of propeller aircraft and no fault; the thrust line is one; and
     what is too little to tell them apart is a set."""
     found = diagnose(do328(), flights([hidden], 4, count=4 if alike else 3, rate_hz=50.0))
-    no_fault = hidden.effect.expected and not alike
+    no_fault = hidden.effect.traits.expected and not alike
     (named,) = (cause for cause in (found.minor if no_fault else found.causes) if cause.kind == hidden.effect.kind)
     assert (found.verdict == "explained") != no_fault
     assert named.sentence.startswith("Expected of a propeller aircraft") == no_fault
     assert named.value == pytest.approx(hidden.values["value"], rel=0.1)
-    equal = ["aero_term"] if hidden.effect.equal is not None else []  # Cm:Tc, by algebra
+    equal = ["aero_term"] if hidden.effect.traits.equal is not None else []  # Cm:Tc, by algebra
     assert [one["kind"] for one in named.indistinguishable_from] == (["thrust_line"] if alike else equal)
     assert {"thrust_line", "aero_term"} <= {trial.effect.kind for trial in found.rounds[0].trials}

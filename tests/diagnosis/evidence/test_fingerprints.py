@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from diagnosis_flights import NOISE, SURFACE_NOISE, multistep
 
-from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, products_at
 from casid.diagnosis.evidence.screening import Screen
@@ -21,6 +18,7 @@ from casid.model.aircraft import EffectValue
 from casid.model.applied import apply_effects
 from casid.model.causes import structural_mode
 from casid.model.dynamics import aircraft_model
+from casid.model.effect import with_grid
 from casid.model.effects import catalogue, effect_of
 from casid.model.simulate import simulate
 from casid.model.station import coefficient
@@ -74,7 +72,7 @@ def test_a_fingerprint_gives_the_size_that_was_flown(flown: EffectValue) -> None
     base, evidence = baseline(flown)
     wanted = effect_of(flown)
     (one,) = [e for e in catalogue(base.flight.aircraft, base.flight.outputs) if e.name == wanted.name]
-    prints = fingerprints(evidence, [replace(one, grid=(flown.parameters,))])
+    prints = fingerprints(evidence, [with_grid(one, flown.parameters)])
     statistic, size, std, _ = Screen(evidence).score(prints, np.ones((1, 2)))
     assert statistic > 50.0, "too small to be a test"
     assert abs(size - flown.value) < 5.0 * std + 0.05 * abs(flown.value)
@@ -96,7 +94,7 @@ def test_an_oscillation_too_fast_for_the_samples_is_not_looked_for() -> None:
     base = fit(flight, (), flight.noise())
     effect = structural_mode("alpha")
     tried = [one.values["frequency_hz"] for one in fingerprints(weigh(base), [effect])]
-    assert 0 < len(tried) < len(effect.grid) and max(tried) <= 5.0
+    assert 0 < len(tried) < len(effect.further.grid) and max(tried) <= 5.0
     fast = Attached(effect=effect, values={"value": 0.01, "frequency_hz": 5.1, "damping": 0.03})
     with pytest.raises(InputError, match="5.1 Hz.*up to 5 Hz"):
         fit(flight, [fast], base.noise, base)
@@ -112,14 +110,13 @@ def test_a_fit_of_an_oscillation_stays_where_the_samples_tell_of_it(damping: flo
     assert 0.0 < found["frequency_hz"] <= 50.0 and found["damping"] >= 0.0
 
 
-def test_records_gone_through_one_by_one_give_the_same_sums() -> None:
+def test_records_gone_through_one_by_one_give_the_same_sums(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums over long records are gathered from a few records at a time."""
     base, found = baseline(MEMORY)[0], []
     evidence = weigh(base)
     series = {coefficient("Cm"): np.random.default_rng(1).standard_normal((*base.batch.live.shape, 2))}
     for samples, parts in ((10**6, 1), (1, 2)):
-        criteria = Criteria().with_values({"numerics": {"screening": {"together": samples}}})
-        evidence = replace(evidence, fit=replace(base, flight=replace(base.flight, criteria=criteria)))
+        monkeypatch.setattr("casid.diagnosis.evidence.evidence.WHOLE", samples)
         assert len(list(evidence.in_records())) == parts
         prints = fingerprints(evidence, base.flight.effects)
         sums = [np.concatenate([one.square, one.cross.ravel(), one.match]) for one in prints]

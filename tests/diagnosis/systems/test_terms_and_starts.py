@@ -110,7 +110,7 @@ def test_no_power_is_named_for_what_it_only_imitates(seed: int) -> None:
     """Friction and a dead zone, drawn: a polynomial follows them, and leaves a part that matters at its port."""
     world = draw(seed)
     assert world.truth in ("friction", "dead zone")
-    assert not [one for one in diagnosed(world).causes if one.effect.last_resort]
+    assert not [one for one in diagnosed(world).causes if one.effect.traits.last_resort]
 
 
 def test_a_cause_is_not_refused_for_another_that_was_wrong() -> None:

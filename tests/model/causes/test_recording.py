@@ -76,11 +76,11 @@ def test_a_clock_that_gains_reads_later_and_later_and_is_undone(value):
     t = np.arange(0.0, 20.0, 0.01)
     truth = {name: np.sin(1.3 * t + i) for i, name in enumerate(("V", "alpha", "beta"))}
     effect = effect_of(EffectValue(kind="clock_drift", target="air_data", value=0.0))
-    assert effect.output is not None and effect.undo is not None
+    assert effect.output is not None and effect.forms.undo is not None
     read = effect.output(t, truth, {"value": value})
     inside = t / (1.0 + value) < t[-1]
     np.testing.assert_allclose(read["V"][inside], np.sin(1.3 * t / (1.0 + value))[inside], atol=1e-4)
-    back = effect.undo(t, read, {"value": value})
+    back = effect.forms.undo(t, read, {"value": value})
     known = np.isfinite(back["V"]) & (t * (1.0 + value) < t[-1] - 0.5)
     np.testing.assert_allclose(back["V"][known], truth["V"][known], atol=2e-4)
 

@@ -95,8 +95,8 @@ def test_a_change_of_the_table_flies_like_the_effect() -> None:
     increments = [e for e in catalogue(aircraft, ("q",)) if e.kind == "table_increment"]
     x = {name: ca.SX.sym(name) for name in ("alpha", "mach")}
     for effect in increments[::9]:
-        assert effect.into_tables is not None and effect.term is not None
-        taken = effect.into_tables(aircraft.tables, 0.03)
+        assert effect.forms.into_tables is not None and effect.term is not None
+        taken = effect.forms.into_tables(aircraft.tables, 0.03)
         assert taken is not None
         change = taken[0].at(x, {}) - aircraft.tables[0].at(x, {}) - 0.03 * parse_term(effect.term).evaluate(x)
         off = ca.Function("off", [*x.values()], [change])

@@ -12,7 +12,7 @@ from casid.model.system import Model
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OfAircraft:
+class DiagnosedAircraft:
     """What the diagnosis of an aircraft has beside that of any system."""
 
     file: Aircraft  # the aircraft as given
@@ -25,7 +25,7 @@ class OfAircraft:
         return self.file.name
 
     @property
-    def kept(self) -> OfAircraft:
+    def kept(self) -> DiagnosedAircraft:
         """The file as given in place of the extended one."""
         return replace(self, extended=self.file)
 
@@ -48,7 +48,7 @@ class OfAircraft:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class OfSystem:
+class DiagnosedSystem:
     """What the diagnosis of a system has beside that of an aircraft."""
 
     model: Model  # the system as given
@@ -62,7 +62,7 @@ class OfSystem:
         return self.model.name
 
     @property
-    def kept(self) -> OfSystem:
+    def kept(self) -> DiagnosedSystem:
         """The model as given in place of the extended one."""
         base = self.extended.base
         given = replace(base, nominal={**base.nominal, **self.model.nominal})
