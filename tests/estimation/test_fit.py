@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import json
+import weakref
 
 import numpy as np
 import pandas as pd
@@ -127,3 +129,13 @@ def test_what_is_public_shows_itself_briefly(fit: cs.Fit) -> None:
     things += [cs.identifiability(fit), fit.problem.initial_state]
     for thing in things:
         assert len(repr(thing).splitlines()) < 20 and len(repr(thing)) < 1500, type(thing)
+
+
+def test_nothing_keeps_a_model_whose_fit_is_gone() -> None:
+    model = short_period()
+    fit = cs.solve(cs.Problem(model, flight(), free=list(TRUTH), noise=NOISE, start=START))
+    assert fit.converged
+    held = weakref.ref(model)
+    del model, fit
+    gc.collect()
+    assert held() is None

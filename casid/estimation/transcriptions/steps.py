@@ -7,7 +7,6 @@ model in discrete time takes its own step, with u0. A step of no duration change
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Sequence
-from weakref import WeakKeyDictionary
 
 import casadi as ca
 import numpy as np
@@ -17,12 +16,15 @@ from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 
-_CACHE: WeakKeyDictionary[Model, dict] = WeakKeyDictionary()
+_BUILT = "_built"  # where it lies
 
 
 def cached(model: Model, key: tuple, build):
-    """What `build()` gives, kept as long as the model lives: a Monte Carlo over one model builds once."""
-    store = _CACHE.setdefault(model, {})
+    """What `build()` gives, kept as long as the model lives: a Monte Carlo over one model builds once.
+
+    It lies in the model, for much of it refers to the model: a table of weak references would keep both for ever.
+    """
+    store = vars(model).setdefault(_BUILT, {})
     if key not in store:
         store[key] = build()
     return store[key]
@@ -30,7 +32,7 @@ def cached(model: Model, key: tuple, build):
 
 def share_cache(model: Model, like: Model) -> Model:
     """The model, of the same expressions as `like`, with one store of what is built of them."""
-    _CACHE[model] = _CACHE.setdefault(like, {})
+    vars(model)[_BUILT] = vars(like).setdefault(_BUILT, {})
     return model
 
 
