@@ -177,7 +177,6 @@ def test_a_late_vane_of_an_aircraft_of_strips_is_named() -> None:
     ("case", "name", "beside"),
     [
         ("one-5", "dead_zone(delta_a)", ("aero_term", "Cl")),  # its cubic leaves a third, and is refused
-        ("one-13", "sensor_scale(V)", ("sensor_bias", "V")),  # the kinematics find more of the scale than of the bias
         ("one-17", "accelerometer_position(x)", ("data_sign", "ay")),  # in turbulence, where the force nearly vanishes
     ],
 )

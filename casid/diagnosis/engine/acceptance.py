@@ -283,14 +283,15 @@ def _in_order(trials: Sequence[Trial], nameable: Collection[Trial]) -> list[Tria
 
     If the first is a cause that the kinematic check can judge, the confirmed trial with the largest sum of both
     statistics comes first instead. An unconfirmed cause owes its statistic to the structure of the aerodynamics, which
-    the kinematics do not contain. The exception is a first trial whose fitted size explains more of the kinematics than
-    that of the confirmed one does.
+    the kinematics do not contain. The exception is a first trial to which the kinematics assign a smaller size, as
+    noise does, and a larger statistic than to the confirmed one.
     """
     ranked = sorted(trials, key=lambda t: (t not in nameable, -t.gain.total))
     confirmed = [t for t in ranked if t in nameable and t.check.confirmed]
     if confirmed and ranked[0].check.judges:
         first = max(confirmed, key=lambda t: t.gain.total + t.check.gain)
-        if ranked[0].check.achieved <= first.check.achieved:
+        leader = ranked[0].check
+        if not (leader.smaller and leader.gain > first.check.gain):
             ranked.remove(first)
             ranked.insert(0, first)
     return ranked

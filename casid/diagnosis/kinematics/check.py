@@ -57,10 +57,13 @@ class KinematicCheck:
 
     @property
     def confirmed(self) -> bool:
-        """Whether the kinematics find the cause with about the same size."""
-        least = 1.0 - self.criteria.kinematics.refuted
+        """Whether the kinematics find the cause with about the same size: most of it, or what their noise leaves."""
+        if not self.judges:
+            return False
+        least, apart = 1.0 - self.criteria.kinematics.refuted, gates.contradiction(self.predicted, self.achieved)
         larger = self._elsewhere and least * self.achieved > self.predicted
-        return self.judges and self.achieved > least * self.predicted and not larger
+        by_noise = self.achieved > 0.0 and apart <= self.criteria.significance.chance
+        return (self.achieved > least * self.predicted or by_noise) and not larger
 
     @property
     def smaller(self) -> bool:
