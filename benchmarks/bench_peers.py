@@ -5,7 +5,8 @@ Question     seconds of scipy with numpy, scipy with solve_ivp, jax with diffrax
 Set-up       stable Do 328, 1001 samples or the first SAMPLES of them, 16 moment derivatives from 0.7 x truth, known
              noise, initial state under a prior (problems/peers/common.py). Theirs and ours in turn in one process,
              medians of processor time (all run on one thread). Ours is `solve` of a problem, Cramer-Rao bounds in, on
-             compiled code; theirs has no bounds. acados and jax compile before, as ours does. `first_seconds` is the
+             compiled code and one search, as theirs; theirs has no bounds. acados and jax compile before, as ours does.
+             `first_seconds` is the
              first call with that; our own, with an empty cache, is that of `--cold`. A peer that is not installed is
              said and left out (CONTRIBUTING.md says what it takes).
 Expectation  ratio 1000 to scipy_rk4, 50 to casadi_ipopt_gn. A peer that ends elsewhere than at our optimum is an error:
@@ -143,7 +144,7 @@ def _compare(problem: str, name: str, pair: tuple[Problem, Task], repeats: int, 
             PEERS[name](data)
         first = processor_seconds() - begin
         for _ in range(repeats):
-            ours += processor_seconds_of(lambda: solve(replace(own)).covariance, OURS_PER_TURN)
+            ours += processor_seconds_of(lambda: solve(replace(own), starts=1).covariance, OURS_PER_TURN)
             begin = processor_seconds()
             parameters, cost = PEERS[name](data)
             theirs.append(processor_seconds() - begin)

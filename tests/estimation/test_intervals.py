@@ -26,7 +26,8 @@ def test_intervals_of_a_regression_hold_the_truth(count, given):
     for seed in range(RUNS):
         y = 19.0 * (1 - np.exp(-0.5 * h)) + np.random.default_rng([count, seed]).standard_normal(count)
         record = cs.Record(name="r", t=np.arange(float(count)), channels={"h": h, "y": y})
-        fit = cs.solve(cs.Problem(model, record, free=["*"], noise={"y": 1.0} if given else None))
+        problem = cs.Problem(model, record, free=["*"], noise={"y": 1.0} if given else None)
+        fit = cs.solve(problem, starts=1)
         for name, value in truth.items():
             low, high = fit[name].interval
             held[name] += low <= value <= high
