@@ -120,7 +120,7 @@ def legend(
 def draw_channel(ax: Axes, channel: str, t: np.ndarray, measured: np.ndarray, curves: Mapping[str, np.ndarray]) -> None:
     """A channel in the unit that people read: measured pale below, and over it what models give, by label."""
     factor = channel_scale(channel)[0]
-    ax.plot(t, factor * measured, color=MEASURED, lw=2.8, alpha=0.32, label="measured")
+    ax.plot(t, factor * measured, color=MEASURED, lw=3.6, alpha=0.3, label="measured")
     looks = CURVES if len(curves) > 1 else CURVES[1:]
     for (label, values), (colour, dash) in zip(curves.items(), looks, strict=False):
         ax.plot(t, factor * values, dash, color=colour, lw=1.2, label=label)
