@@ -147,9 +147,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
         closed_loop=True,
         known=lambda names: tuple(attached_effects(beside, names)),
-        imitated={
-            effectiveness(name): replace(rotor_effectiveness(name), stated=True) for name in aircraft.rotors.names
-        },
+        imitated={effectiveness(name): _judged_as_stated(rotor_effectiveness(name)) for name in aircraft.rotors.names},
     )
     return _with_noise(plant, by_band, criteria.rotors)
 
@@ -210,9 +208,14 @@ def _in_every_flight(value: EffectValue) -> bool:
     return effect.symbolic and not (value.records or value.onset_s or effect.states)
 
 
+def _judged_as_stated(effect: Effect) -> Effect:
+    """An effect that is judged against the stated uncertainty of its number."""
+    return replace(effect, size=replace(effect.size, stated=True))
+
+
 def _in_all_records(effect: Effect) -> Effect:
     """An effect of the loading shows in all records: the thrust of the rotors is known as well as weight is."""
-    return replace(effect, relative=False, shows_as=None)
+    return replace(effect, traits=replace(effect.traits, relative=False, shows_as=None))
 
 
 def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
