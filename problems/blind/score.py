@@ -8,7 +8,7 @@ was hidden are left out.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -73,7 +73,11 @@ def score(answer: Answer, found: Found) -> Score:
             seconds=0.0,
         )
     hidden = answer.hidden
-    causes = [c for c in found["causes"] if not any(same(one, other) for one in answer.besides for other in _set(c))]
+    causes = [
+        cause
+        for cause in found["causes"]
+        if _among(answer.hidden, cause) or not _among(answer.besides, cause)  # what was hidden may look like a beside
+    ]
     found = {**found, "causes": causes}
     strongest = list(_set(causes[0])) if causes else []
     first = any(same(one, other) for one in hidden for other in strongest)
@@ -98,6 +102,11 @@ def score(answer: Answer, found: Found) -> Score:
 def _set(cause: Found) -> Iterator[Found]:
     yield cause
     yield from cause["indistinguishable_from"]
+
+
+def _among(effects: Sequence[Hidden], cause: Found) -> bool:
+    """Whether a cause, or one of its set, is one of these effects."""
+    return any(same(one, other) for one in effects for other in _set(cause))
 
 
 def _key(found: Found) -> tuple[str, str, str | None]:
