@@ -306,7 +306,7 @@ class Diagnosis:
     def document(self) -> Document:
         """Everything that a page shows, in words, numbers and arrays; takes some seconds, of which the design of next
         flights is most. What cannot be computed is noted in it."""
-        failed, most = list[str](), self.criteria.numerics.naming.listed
+        failed, most, of_aeroplane = list[str](), self.criteria.numerics.naming.listed, self.of_aeroplane
         aircraft = self.aircraft if self.of_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
@@ -315,7 +315,7 @@ class Diagnosis:
         for number, cause in enumerate(self.causes):
             drawn = reported(cause)
             with noting(failed, cause.name):
-                drawn = drawn_cause(cause, self.bare, views, before) if number < most else drawn
+                drawn = drawn_cause(cause, self.bare, views, before) if of_aeroplane and number < most else drawn
             causes.append(drawn)
         with noting(failed, "moving air"):
             gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
@@ -327,7 +327,7 @@ class Diagnosis:
                 responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
         with noting(failed, "next flight"):
             following = self.next_flights()
-        least, of_aeroplane = self.criteria.given.from_records, self.of_aeroplane
+        least = self.criteria.given.from_records
         return Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(),
             name=self.diagnosed.name,

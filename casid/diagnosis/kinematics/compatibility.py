@@ -346,6 +346,8 @@ def _flight(records: Sequence[Record], plane: Aircraft, axes: str | None, criter
 
 def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
     """An aircraft of arbitrary size; mass and inertia do not matter if forces and moments are free."""
+    for record in records:
+        require_channels(record, ("V",), "the check of compatibility")
     speed = float(np.nanmedian(np.concatenate([record["V"] for record in records])))
     given = (
         {}

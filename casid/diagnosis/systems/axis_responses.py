@@ -53,7 +53,7 @@ def _behind(aircraft: Aircraft) -> Rotors:
     rotors = aircraft.rotors
     assert rotors is not None
     for value in aircraft.effects:
-        make = effect_of(value).into_rotors
+        make = effect_of(value).forms.into_rotors
         rotors = (make(rotors, aircraft.mass * aircraft.gravity, value.value) if make else None) or rotors
     return rotors
 

@@ -45,7 +45,7 @@ def kept(
     monkeypatch.setattr(held_out, "predicted_on", predicted_on)
     monkeypatch.setattr(held_out, "without", without)
     monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit, forget=lambda: None))
-    effect = SimpleNamespace(of_an_instrument=False, stated=False)
+    effect = SimpleNamespace(of_an_instrument=False, size=SimpleNamespace(stated=False))
     required = Criteria().naming.gain
     rounds = [
         SimpleNamespace(

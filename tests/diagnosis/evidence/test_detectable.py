@@ -40,6 +40,6 @@ def test_an_effect_of_that_size_stands_out_by_as_many_sigmas(effect) -> None:
 def test_what_derivatives_imitate_shows_at_no_plausible_size() -> None:
     """A thrust that hardly moves is a level of drag. A limit is left out: the lower it is, the more of it shows."""
     sizes = smallest_sizes(*judged(), SIGMAS)
-    assert sizes["thrust_scale"] > thrust_scale().limit
+    assert sizes["thrust_scale"] > thrust_scale().size.limit
     assert rate_limit("delta_e").name not in sizes
     assert 0.0 < sizes[gust("z").name] < 10.0
