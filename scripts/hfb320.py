@@ -77,12 +77,12 @@ def held_out(record: Record) -> dict[str, Any]:
     }
     for label, noise in ((OUTPUT_ERROR, {}), (FILTER_ERROR, TURBULENCE)):
         fit = filter_error(hfb320.problem(seen), noise)
-        here = predict(hfb320.problem(unseen), fit.values, fit.noise)
+        here, own = predict(hfb320.problem(unseen), fit.values, fit.noise), fit.innovations
         judged[label] = {
             "status": fit.status,
             "CL_alpha": fit.values["CL_alpha"],
-            "log_likelihood_per_sample": here.per_sample,
-            "fitted_log_likelihood_per_sample": fit.innovations.per_sample,
+            "log_likelihood_per_sample": here.log_likelihood / here.samples,
+            "fitted_log_likelihood_per_sample": own.log_likelihood / own.samples,
             "one_step_rms": rms(here.error[unseen.name]),
             "simulation_rms": rms(free_simulation(unseen, fit, here)),
         }
