@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 
 import casid as cs
 from casid.errors import InputError
+from problems.rotors.newton import OF_A_KIND
 
 RATE_HZ = 100.0
 DURATION_S = 20.0
@@ -24,13 +25,6 @@ RUN_IN_S = 1.0  # before the record, which begins in settled flight
 VEHICLES = ("crazyflie_params", "hummingbird_params")
 _FLIP = np.diag([1.0, -1.0, -1.0])  # forward-left-up and forward-right-down are one another's
 NOISE = {"p": 0.006, "phi": 0.003, "ax": 0.05, "v_north": 0.02, "north": 0.01}  # 1-sigma, of all three of a kind
-_OF_A_KIND = {
-    "p": ("p", "q", "r"),
-    "phi": ("phi", "theta", "psi"),
-    "ax": ("ax", "ay", "az"),
-    "v_north": ("v_north", "v_east", "v_down"),
-    "north": ("north", "east", "altitude"),
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,5 +229,5 @@ def _read(rows: Mapping[str, list], rng: np.random.Generator, moved: tuple[float
     channels = {f"m{i}": series for i, series in enumerate(np.stack(rows["command"]).T, start=1)}
     for first, values in columns.items():
         noisy = values + rng.normal(0.0, NOISE[first], values.shape)
-        channels |= dict(zip(_OF_A_KIND[first], noisy.T, strict=True))
+        channels |= dict(zip(OF_A_KIND[first], noisy.T, strict=True))
     return channels
