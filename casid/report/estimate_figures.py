@@ -197,8 +197,10 @@ def _estimate_rows(
 def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
     """Correlation matrix (parameters, parameters) of the errors of the estimates."""
     with settings():
-        figure = blank(min(0.22 * len(names), 5.5) + 1.2)
-        ax, scale = figure.subplots(1, 2, width_ratios=(1.0, 0.05))
+        figure = blank(min(0.22 * len(names), 4.5) + 1.2)
+        thin = 0.05
+        ax, scale = figure.subplots(1, 2, width_ratios=(1.0, thin))
+        scale.set_box_aspect(1.0 / thin)  # as high as the matrix, which is square
         image = ax.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
         ax.grid(visible=False)
         ax.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
