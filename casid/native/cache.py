@@ -15,6 +15,7 @@ import shutil
 import stat
 import tempfile
 import threading
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -25,6 +26,7 @@ import platformdirs
 _LOG = logging.getLogger(__name__)
 MOST_BYTES = 300_000_000  # of all libraries; the longest unused go first
 _seen: dict[Path, tuple[float, int]] = {}  # libraries checked by this process: modification time, size
+_names: dict[Path, tuple[int, tuple[str, ...]]] = {}  # folder -> its modification time, the libraries there, sorted
 
 
 def cache_folder() -> Path:
@@ -37,7 +39,7 @@ def find(key: str) -> Path | None:
     with suppress(OSError):  # a folder that cannot be read holds nothing for us
         if not cache_folder().exists():
             return None  # nothing is made before something is compiled
-        for library in _folder(cache_folder()).glob(f"{key}-*.so"):
+        for library in _of_key(_folder(cache_folder()), key):
             if _is_whole(library) and _loads_or_goes(library):
                 with suppress(OSError):
                     os.utime(library)  # the longest unused go first
@@ -45,6 +47,15 @@ def find(key: str) -> Path | None:
                 _seen[library] = (state.st_mtime, state.st_size)
                 return library
     return None
+
+
+def _of_key(folder: Path, key: str) -> list[Path]:
+    """The libraries of a key. The folder, which may hold thousands, is listed again only after it has changed."""
+    changed = folder.stat().st_mtime_ns
+    if _names.get(folder, (None, ()))[0] != changed:
+        _names[folder] = changed, tuple(sorted(name for name in os.listdir(folder) if name.endswith(".so")))
+    names = _names[folder][1]  # "." is the character after "-"
+    return [folder / name for name in names[bisect_left(names, f"{key}-") : bisect_left(names, f"{key}.")]]
 
 
 def check_loads(library: Path) -> None:
