@@ -24,7 +24,6 @@ from collections.abc import Callable, Mapping
 from statistics import median
 from typing import Any
 
-from casid.analysis import input_noise_errors
 from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
 from problems.bench.chain import chain_problem, chain_truth
@@ -32,6 +31,7 @@ from problems.bench.long_flight import long_problem
 from problems.bench.table import exponent, parser, processor_seconds_of, publish
 from problems.do328 import MOMENT_DERIVATIVES, STABLE
 from problems.paper.truth import SURFACES
+from problems.studies.input_noise import input_noise_errors
 
 SAMPLES = (250, 500, 1000, 2000, 4000, 8000, 16000, 32000, 64000)
 RECORDS = (1, 3, 10, 30, 100)

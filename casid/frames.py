@@ -1,11 +1,12 @@
-"""Tables of results as data frames, LaTeX and HTML."""
+"""Results as data frames, LaTeX, HTML and in few lines."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from html import escape
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from casid.errors import InputError
 
@@ -63,3 +64,20 @@ def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         for first, *cells in rows
     )
     return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>" if body else ""
+
+
+def brief(self: Any) -> str:
+    """The `repr` of a dataclass with arrays and tables in it, in a few lines: what it has, not all its numbers."""
+    inside = (f"{f.name}={_short(getattr(self, f.name))}" for f in fields(self) if not f.name.startswith("_"))
+    return f"{type(self).__name__}({', '.join(inside)})"
+
+
+def _short(value: Any) -> str:
+    if getattr(value, "shape", ()) != ():
+        return f"<{type(value).__name__} {'x'.join(map(str, value.shape))}>"
+    if isinstance(value, Mapping) and len(value) > 3:
+        return f"<{len(value)} by name: {', '.join(map(str, list(value)[:3]))}, ...>"
+    if isinstance(value, (tuple, list)) and len(value) > 3:
+        return f"<{len(value)} of {type(value[0]).__name__}>"
+    text = repr(value)
+    return text if len(text) <= 120 and "\n" not in text else f"<{type(value).__name__}>"

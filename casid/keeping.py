@@ -47,12 +47,23 @@ def whole_file(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def by_fields(self: Any) -> dict[str, Any]:
+    """Numbers, texts, lists and tables by name, for JSON; None for a number that is not finite."""
+    return plain(self, getattr(self, "in_json", "") or " ".join(f.name for f in fields(self)))
+
+
 def plain(value: Any, names: str = "") -> Any:
-    """Numbers, texts, lists and tables for JSON: of a result its fields, all or the named ones ("name value");
-    None for a number that is not finite."""
-    if names or is_dataclass(value):
-        wanted = names.split() or [f.name for f in fields(value)]
-        return {name: plain(getattr(value, name)) for name in wanted}
+    """Numbers, texts, lists and tables for JSON; None for a number that is not finite.
+
+    Of a result its `names`, as "name value from=before" where one has another name in JSON. Without names, what its
+    `to_dict` gives, or its fields, or those that its class has in `in_json`.
+    """
+    if names:
+        pairs = ((key, name or key) for key, _, name in (one.partition("=") for one in names.split()))
+        return {key: plain(getattr(value, name)) for key, name in pairs}
+    if is_dataclass(value):
+        own = getattr(value, "to_dict", None)
+        return by_fields(value) if own is None else plain(own())
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

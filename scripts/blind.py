@@ -37,12 +37,12 @@ from typing import Any, NoReturn
 from casid.diagnosis.criteria import Criteria
 from casid.errors import InputError
 from casid.model.vocabulary import KINDS
-from casid.report.evidence_figures import confusion_matrix
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.style import settings
 from problems.blind.calibration import log_score, reliability, stated
 from problems.blind.case import OUTSIDE, Answer
+from problems.blind.confusion import confusion_matrix
 from problems.blind.score import NOTHING, UNEXPLAINED, Score, score
 from problems.blind.sets import REPORTING_FROM, SETS, cases_of, generate, set_name
 from problems.blind.solve import solve

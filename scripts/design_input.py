@@ -25,11 +25,11 @@ import numpy as np
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.errors import InputError, unknown
 from casid.records.record import Record
-from casid.report.design_figures import designed_histories, scatter_bars
+from casid.report.design_figures import designed_histories
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from problems.paper.pages.page import Section, figure, paragraph, table, write_page
-from problems.studies.designed_inputs import EXPERIMENTS, flown, volume, volume_std
+from problems.studies.designed_inputs import EXPERIMENTS, flown, scatter_bars, volume, volume_std
 
 SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
 STANDARD = "3-2-1-1"

@@ -36,12 +36,13 @@ from casid.estimation import Fit, Problem, solve
 from casid.filtering.filter_error import FilterFit, Innovations, filter_error, predict
 from casid.model.simulate import simulate
 from casid.records.record import Record
-from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories, write_pictures
+from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
 from casid.report.style import Picture
 from problems.real import hfb320, hfb320_aircraft
+from problems.real.pictures import write_pictures
 
 FILE = "hfb320_1_10.asc"
 TURBULENCE = {"w_V": 0.0, "w_alpha": 0.0}  # disturbance -> correlation time [s]; 0: white

@@ -23,7 +23,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import NoReturn
 
-from casid.analysis import collected, input_noise_errors, profile
+from casid.analysis import collected, profile
 from casid.errors import EstimationError, InputError, unknown
 from casid.estimation import Fit
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
@@ -31,6 +31,7 @@ from casid.report.progress import progress
 from problems.campaign.run import counted, run_campaign
 from problems.campaign.store import ENGINE, open_store, source_digest
 from problems.studies.draws import draw, draw_tasks, fit_of
+from problems.studies.input_noise import input_noise_errors
 
 DEMO = Path(__file__).resolve().parent.parent / "casid" / "cli" / "demo"
 NORMAL = 1.959963984540054

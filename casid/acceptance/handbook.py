@@ -25,12 +25,12 @@ from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
+from casid.frames import brief
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import standard_density
 from casid.native.threads import single_threaded
 from casid.signals import label_of
-from casid.views import brief, view
 
 LEVEL = ("alpha", "delta_e", "thrust")
 _HEIGHTS = (-1e3, 2e4)  # m, of the standard atmosphere
@@ -112,7 +112,9 @@ class Handbook:
 
     def plot(self) -> Any:
         """Eigenvalues with their 2-sigma ellipses and trim curves with their 2-sigma bands, a matplotlib figure."""
-        return view("modes.plot")({self.aircraft: self})
+        from casid.report.modes_page import plot
+
+        return plot({self.aircraft: self})
 
     def __str__(self) -> str:
         lines = [f"{self.aircraft}: V = {self.flight['V']:.4g} m/s, rho = {self.flight['rho']:.4g} kg/m3"]
@@ -124,22 +126,19 @@ class Handbook:
         """Plain numbers, lists and texts; a number that does not exist is None."""
         curves = self.trim_curves
         return {
-            "aircraft": self.aircraft,
-            "flight": dict(self.flight),
+            **plain(self, "aircraft flight numbers notes"),
             "modes": {
                 name: {
                     "eigenvalue": [mode.eigenvalue.real, mode.eigenvalue.imag],
-                    "participation": dict(mode.participation),
+                    **plain(mode, "participation"),
                     **plain(mode.numbers),
                 }
                 for name, mode in self.modes.items()
             },
-            "numbers": plain(self.numbers),
             "trim_curves": {
                 "V": curves.V.tolist(),
                 **{n: plain({"value": y, "std": curves.std[n]}) for n, y in curves.values.items()},
             },
-            "notes": list(self.notes),
         }
 
 

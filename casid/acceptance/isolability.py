@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import ndtr, ndtri
@@ -35,6 +35,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.errors import InputError, check_known, unknown
+from casid.frames import brief
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import axes_of
@@ -44,7 +45,6 @@ from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import SURFACES
-from casid.views import brief, view
 
 _POWER = 0.9  # of the smallest size that is told
 _ALIKE = 0.05  # probability of confusion from which two causes are one set
@@ -56,6 +56,8 @@ _DEFAULT = tuple(f"aero_term({term})" for term in _TERMS)
 @dataclass(frozen=True, kw_only=True)
 class IsolableCause:
     """What a manoeuvre can tell of a cause."""
+
+    in_json: ClassVar[str] = "matters smallest unit detection told confusion"
 
     name: str  # as in tables, `actuator_lag(delta_e)`
     unit: str
@@ -136,25 +138,20 @@ class Isolability:
 
     def plot(self) -> Any:
         """The matrix of confusion, a matplotlib figure."""
-        return view("isolability.plot")(self)
+        from casid.report.isolability_page import plot
+
+        return plot(self)
 
     def __str__(self) -> str:
-        return view("isolability.text")(self)
+        from casid.report.isolability_page import text
+
+        return text(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of isolability.json; an infinite size is None."""
         return {
             "schema": "casid.isolability/1",
-            "aircraft": self.aircraft,
-            "manoeuvres": list(self.manoeuvres),
-            "channels": dict(self.channels),
-            "told": self.told,
-            "causes": {
-                name: plain(one, "matters smallest unit detection told confusion") for name, one in self.causes.items()
-            },
-            "sets": [list(one) for one in self.sets],
-            "additions": plain(self.additions),
-            "left_out": list(self.left_out),
+            **plain(self, "aircraft manoeuvres channels told causes sets additions left_out"),
         }
 
 

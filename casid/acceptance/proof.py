@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +15,6 @@ from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.tolerances import Standard
 from casid.frames import data_frame
 from casid.keeping import plain
-from casid.views import view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -91,14 +90,10 @@ class ProofOfMatch:
 
     def to_dict(self) -> dict[str, Any]:
         """As `match.json`, "casid.match/1": SI units and radians; what is no number is null."""
-        standard = {key: getattr(self.standard, key) for key in ("name", "edition", "source")}
         return {
             "schema": "casid.match/1",
-            "passed": self.passed,
-            "sentence": self.sentence,
-            "standard": standard,
-            "aircraft": dict(self.aircraft),
-            "closed_loop": self.closed_loop,
+            **plain(self, "passed sentence aircraft closed_loop"),
+            "standard": plain(self.standard, "name edition source"),
             "lost": [{"test": one.test.id, "record": one.record.name} for one in self.lost],
             "tests": [_test_dict(one, rationale_of(one, self.tests, self.lost, self.findings)) for one in self.tests],
             "left_out": [{"test": test, "because": why} for test, why in self.left_out.items()],
@@ -125,7 +120,9 @@ class ProofOfMatch:
         test
             Paragraph of the standard, like ``2.c.10``.
         """
-        return view("match.plot")(self, test)
+        from casid.report.match_page import plot
+
+        return plot(self, test)
 
     def report(self, folder: str | Path) -> None:
         """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made.
@@ -135,7 +132,9 @@ class ProofOfMatch:
         folder
             Name of the folder.
         """
-        view("match.report")(self, folder)
+        from casid.report.match_page import write_match
+
+        write_match(self, folder)
 
     def __str__(self) -> str:
         return "\n".join(_lines(self))
@@ -152,22 +151,13 @@ def _counted(count: int) -> str:
 def _test_dict(one: MatchedTest, rationale: Rationale | None) -> dict[str, Any]:
     test = one.test
     return {
-        "id": test.id,
-        "title": test.title,
-        "paragraph": test.paragraph,
-        "manoeuvre": test.manoeuvre,
+        **plain(test, "id title paragraph manoeuvre"),
+        **plain(one.window, "start_s=start begin_s=begin end_s=end"),
+        **plain(one, "shortfalls axes passed conditions fitted"),
         "record": one.record.name,
-        "start_s": one.window.start,
-        "begin_s": one.window.begin,
-        "shortfalls": list(one.shortfalls),
-        "end_s": one.window.end,
-        "axes": one.axes,
-        "passed": one.passed,
         "outcomes": {label: one.outcome(label) for label in one.sides},
-        "conditions": [asdict(condition) for condition in one.conditions],
-        "fitted": one.fitted,
-        "rationale": None if rationale is None else asdict(rationale),
-        "noise": dict(one.flight.noise),
+        "rationale": plain(rationale),
+        "noise": plain(one.flight.noise),
         "sides": {label: _side_dict(side) for label, side in one.sides.items()},
         "costs": [plain(c, "part changes lost fails used") for c in one.costs],
     }
@@ -180,9 +170,8 @@ def _side_dict(side: Side) -> dict[str, Any]:
     }
     rows = []
     for check in side.checks:
-        row = asdict(check.tolerance)
         told = "passed used deviation limit at_s in_s out_s flight simulation why"
-        rows.append({"name": check.tolerance.name, **row, **plain(check, told)})
+        rows.append({"name": check.tolerance.name, **plain(check.tolerance), **plain(check, told)})
     return {"passed": side.passed, "corrections": added, "diverged": side.flown.diverged, "rows": rows}
 
 

@@ -20,10 +20,10 @@ from casid.estimation.solvers.solver import Solver
 from casid.estimation.strategy import usual_of
 from casid.estimation.transcriptions.transcription import MultipleShooting, Transcription
 from casid.estimation.working import natural
+from casid.frames import brief
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.record import Record
-from casid.views import brief
 
 _DEFAULT_METHOD = MultipleShooting()
 _DEFAULT_SOLVER = Automatic()

@@ -20,10 +20,10 @@ from casid.arguments import require
 from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.frames import brief
 from casid.model.system import Model
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
-from casid.views import brief
 
 _DEFAULT_METHOD = MultipleShooting()
 _INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)

@@ -15,6 +15,7 @@ from casid.design.level_flight import SURFACES, Limits, experiment_of, level_riv
 from casid.design.separation import separating_manoeuvre
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
+from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of, effect_value
 from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
@@ -22,7 +23,7 @@ from casid.report.design_figures import designed_histories, separated
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.result_page import write_result
-from casid.report.words import expectation_in_words, manoeuvre_in_words, odds_in_words
+from casid.report.words import effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, quantity
 
 SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
 
@@ -154,9 +155,13 @@ def _separating(
     }
     expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
     said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}"
-    title = f"Manoeuvre that separates {separate[0]} and {separate[1]}"
+    title = f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}"
     write_result(folder, "design", title, said, [separated(found, rivals)])
     return json.dumps(told, indent=1), said
+
+
+def _in_words(value: EffectValue) -> str:
+    return f"{effect_name(effect_of(value))} of {quantity(value.value, value.unit)}"
 
 
 def document(experiment: Experiment, designs: dict[str, InputDesign]) -> dict[str, Any]:
@@ -175,7 +180,10 @@ def document(experiment: Experiment, designs: dict[str, InputDesign]) -> dict[st
 def table(designs: dict[str, InputDesign], shape: str) -> str:
     """Cramer-Rao bounds of both manoeuvres, one line per derivative."""
     standard, own = designs["3-2-1-1"], designs[shape]
-    lines = [f"{'derivative':16} {'3-2-1-1':>12} {shape:>12} {'ratio':>7}   {own.status}"]
+    lines = [
+        f"Least 1-sigma of each derivative (Cramer-Rao bound) with either manoeuvre; search: {own.status}",
+        f"{'derivative':16} {'3-2-1-1':>12} {shape:>12} {'ratio':>7}",
+    ]
     for name, std in standard.std.items():
         lines.append(f"{name:16} {std:12.4g} {own.std[name]:12.4g} {own.std[name] / std:7.2f}")
     return "\n".join(lines)

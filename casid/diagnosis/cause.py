@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, ClassVar
 
 from casid.errors import InputError, nearest, unknown
-from casid.keeping import plain
+from casid.keeping import by_fields, plain
 from casid.model.effect import Effect
 from casid.model.vocabulary import title_of
 
@@ -81,15 +81,7 @@ class Gate:
 
     def to_dict(self) -> dict[str, Any]:
         """An entry of `gates` in diagnosis.json."""
-        entry: dict[str, Any] = {
-            "gate": self.gate,
-            "value": float(self.value),
-            "threshold": float(self.threshold),
-            "criterion": self.criterion,
-            "least": self.least,
-            "passed": self.passed,
-        }
-        return entry | ({"or_else": [other.to_dict() for other in self.or_else]} if self.or_else else {})
+        return plain(self, "gate value threshold criterion least passed" + (" or_else" if self.or_else else ""))
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
@@ -172,12 +164,7 @@ class Decision:
             lines.append(f"  compared with {', '.join(self.against)}")
         return "\n".join(lines)
 
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `decisions` in diagnosis.json."""
-        return plain(self, "cause round outcome") | {
-            "gates": [gate.to_dict() for gate in self.gates],
-            "against": [*self.against],
-        }
+    to_dict = by_fields
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Decision:
@@ -376,6 +363,11 @@ class Cause:
     >>> [(cause.kind, cause.target, cause.value, cause.std) for cause in found.causes]  # doctest: +SKIP
     """
 
+    in_json: ClassVar[str] = (
+        "name kind target term value std unit statistic dof probability alone log_odds held_out_gain sentence share "
+        "records onset_s end_s indistinguishable_from parameters"
+    )
+
     effect: Effect
     value: float
     std: float
@@ -438,14 +430,4 @@ class Cause:
         alike = f" These data cannot tell that apart from {' or '.join(others)}." if others else ""
         return self.sentence + alike
 
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `causes` or `minor` in diagnosis.json."""
-        times = {"onset_s": self.onset_s, "end_s": self.end_s}
-        times = {name: {r: list(ends) for r, ends in one.items()} if one else None for name, one in times.items()}
-        told = ("name", "kind", "target", "term", "value", "std", "unit", "statistic", "dof", "probability", "alone")
-        return {name: getattr(self, name) for name in (*told, "log_odds", "held_out_gain", "sentence", "share")} | {
-            "records": list(self.records),
-            **times,
-            "indistinguishable_from": [dict(other) for other in self.indistinguishable_from],
-            "parameters": dict(self.parameters),
-        }
+    to_dict = by_fields

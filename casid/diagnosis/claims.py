@@ -18,20 +18,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.given.budget import AccountStep, account_of
-from casid.keeping import plain
 from casid.model.numbers import digits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Claim:
     """A statement, whether it is made, and why not."""
+
+    in_json: ClassVar[str] = "statement said because"
 
     statement: str  # what is stated, in a few words
     because: str = ""  # why it is not said; empty if it is said
@@ -40,10 +41,6 @@ class Claim:
     def said(self) -> bool:
         """Whether it is said."""
         return not self.because
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `claims` in diagnosis.json."""
-        return plain(self, "statement said because")
 
 
 def claims_of(facts: Facts) -> tuple[Claim, ...]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, overload
@@ -16,25 +17,27 @@ from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft
 from casid.diagnosis.engine.baseline import baseline_of
-from casid.diagnosis.engine.held_out import Kept, split
+from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
-from casid.diagnosis.given.scope import out_of_sight, scope_of
+from casid.diagnosis.given.contradicted import FlightValue
+from casid.diagnosis.given.scope import out_of_sight, scope_of, split
 from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.time_limit import TimeLimit
-from casid.diagnosis.verdict import concluded, named_in_errors
-from casid.errors import InputError, unknown
+from casid.diagnosis.verdict import concluded
+from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
 from casid.model.causes.systems import Library
 from casid.model.linearised import linearised
+from casid.model.plausible import Doubt
 from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.native.singular import singular_is
@@ -56,20 +59,7 @@ def diagnose_aircraft(
     axes: str | None = None,
     seconds: float | None = None,
 ) -> Diagnosis:
-    """Diagnose an aircraft file with flight records.
-
-    aircraft     the aircraft model, or the name of its file
-    records      flight records to be fitted, or names of files
-    hold_out     records that are never fitted. If none is given, the last record is held out, or the last third of a
-                 single one.
-    report       function that is called with the name of every stage
-    criteria     thresholds of the diagnosis; by default `Criteria()`
-    as_recorded  true: faults of the data are reported, and the data are neither corrected nor left out. Names of
-                 channels: these are trusted as recorded.
-    axes         scope: "longitudinal", "lateral" or "full"; by default the largest that the records support
-    seconds      time after which the search for causes ends; by default it ends by itself
-    raises       InputError if an argument has the wrong type, or the records lack channels that the model needs
-    """
+    """The diagnosis of an aircraft file; arguments and errors are those of `diagnose`."""
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
     channels_of(as_recorded, "diagnose: as_recorded")
@@ -96,14 +86,14 @@ def diagnose_aircraft(
         report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
         state = search(baseline_of(flight, known, stages.begin), stages.begin)
 
-        def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedAircraft:
+        def diagnosed(
+            kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], flown: Mapping[str, FlightValue]
+        ) -> DiagnosedAircraft:
             extended = extended_aircraft(of_aircraft(state.baseline.flight).aircraft, kept.fit, causes, minor)
-            return DiagnosedAircraft(file=aircraft, extended=extended)
+            std = {name: one.std for name, one in flown.items() if one.determined}
+            return DiagnosedAircraft(file=aircraft, extended=with_estimates(extended, {}, std))
 
         found = judged(state, given, scope.held, diagnosed, stages)
-        std = {name: one.std for name, one in found.flight.items() if one.determined}
-        extended = with_estimates(found.extended_aircraft, {}, std)
-        found = replace(found, diagnosed=DiagnosedAircraft(file=aircraft, extended=extended))
         found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
         return concluded(
             found,
@@ -113,6 +103,24 @@ def diagnose_aircraft(
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
+
+
+@contextmanager
+def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int) -> Iterator[None]:
+    """A block whose errors also name the likely reasons.
+
+    These are faults of the `data` that could not be corrected, and impossible numbers of the file (`doubts`); at most
+    `most` of each kind are listed.
+    """
+    try:
+        yield
+    except CasidError as error:
+        at_fault = [one for one in data if one.handled == "reported"]
+        stated = f"; {sentences.several(at_fault, most)}" if at_fault else ""
+        stated += f"; of the aircraft file: {sentences.several(doubts, most)}" if doubts else ""
+        if not stated:
+            raise
+        raise type(error)(f"{error}{stated}") from None
 
 
 def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:

@@ -1,31 +1,38 @@
-"""The document of a diagnosis: words, numbers and arrays, of which a page is drawn without a fit."""
+"""The document of a diagnosis, words, numbers and arrays: it is diagnosis.json, and its page is drawn without a fit."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from casid.data_check.reading import Finding
 from casid.design.next_flight import NextFlights, Untold
-from casid.diagnosis.cause import Trace
+from casid.diagnosis.cause import Cause, Decision, Trace
+from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.facts import Parameter
+from casid.diagnosis.facts import ChangedValue, Combination, Parameter
 from casid.diagnosis.flight.noise import ChannelStatistics
-from casid.diagnosis.given.budget import Budget
+from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
+from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.given.shape import Shape
 from casid.frequency.response import FrequencyResponse
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
+
+SCHEMA = "casid.diagnosis/4"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulated:
     """Open-loop simulation of some records by one model, with its statistics."""
+
+    in_json: ClassVar[str] = "channels log_likelihood"
 
     records: tuple[Record, ...]
     outputs: tuple[str, ...]
@@ -35,6 +42,7 @@ class Simulated:
     output: np.ndarray  # (N, R, outputs)
     residual: np.ndarray  # (N, R, outputs) measured minus simulated, NaN where not measured
     white: np.ndarray  # (N, R, outputs) whitened innovations of the fit
+    log_likelihood: float  # ln L of the innovations, with its constant
     samples: int  # readings
     bands: np.ndarray  # (bands + 1,) edges of bands of frequency [Hz]
     energy: np.ndarray  # (outputs, bands) energy of the residual over that of the noise
@@ -84,6 +92,8 @@ class Answer:
 class ReportedCause:
     """A named or minor cause with what its figures show; None or empty for what it does not have."""
 
+    in_json: ClassVar[str] = Cause.in_json
+
     name: str
     kind: str
     target: str
@@ -96,12 +106,16 @@ class ReportedCause:
     unit: str
     records: tuple[str, ...]
     statistic: float
+    dof: int
+    share: float
     parameters: Mapping[str, float]
     indistinguishable_from: tuple[Mapping[str, Any], ...]
     onset_s: Mapping[str, tuple[float, float]] | None
     end_s: Mapping[str, tuple[float, float]] | None
     held_out_gain: float | None
     probability: float | None
+    alone: float | None
+    log_odds: float | None
     enters: str  # the port where it enters; "" if it has none
     regressor: str | None  # of an aerodynamic term
     stochastic: bool  # of turbulence
@@ -133,14 +147,31 @@ class Tried:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspect:
-    """An instrument or a motion of the air that the kinematics judge: its strongest fault."""
+class Ranked:
+    """A cause with the size that one linearisation predicts."""
+
+    in_json: ClassVar[str] = "kind target term statistic value std surviving"
 
     title: str
     kind: str
+    target: str
+    term: str | None
     value: float
+    std: float
     unit: str
     statistic: float
+    surviving: float  # share of the fingerprint that fitted derivatives cannot reproduce
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Causes that explain the records together, none where nothing is wrong: names, titles, and their probability."""
+
+    in_json: ClassVar[str] = "causes probability"
+
+    causes: tuple[str, ...]
+    titles: tuple[str, ...]
+    probability: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,10 +189,17 @@ class Detectable:
 class Unexplained:
     """A latent input that no cause explains."""
 
+    in_json: ClassVar[str] = "port kind probability share gain sentence"
+
     station: str
     called: str  # the port in words, where these are not those of the station
+    port: str
+    kind: str  # of the port
     fitted: bool  # whether it enters in fitted records
     probability: float | None
+    share: float  # r.m.s. over the variation at its port
+    gain: float  # likelihood-ratio statistic
+    sentence: str
     histories: tuple[History, ...]
 
 
@@ -185,7 +223,14 @@ class AxisResponses:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Document:
-    """What a page of a diagnosis shows."""
+    """What a diagnosis says: the content of diagnosis.json, and what its page shows."""
+
+    in_json: ClassVar[str] = (
+        "verdict sentence not_judged data notes account factors contradicted moved combinations claims records "
+        "held_out_is_new causes minor ranking decisions unexplained shapes explanations believed nothing budget "
+        "as_given refitted extended gain parameters=by_name missing smallest_detectable detectable seconds "
+        "seconds_of_processor"
+    )
 
     # what was diagnosed: its name; the words for its values, and for what speaks against them
     name: str
@@ -198,7 +243,12 @@ class Document:
     sentence: str
     opening: str
     values_told: str
-    moved: tuple[str, ...]
+    account: tuple[AccountStep, ...]
+    factors: tuple[Factor, ...]
+    moved: tuple[ChangedValue, ...]
+    combinations: tuple[Combination, ...]
+    claims: tuple[Claim, ...]
+    held_out_is_new: bool | str  # true, or why the held-out records are no flights of their own
     left: str  # what is left; "" if nothing that matters is
     best: str  # the name of the extended model
     no_cause: str  # the words for causes of which none explains what is left
@@ -210,7 +260,10 @@ class Document:
     flight: Mapping[str, FlightValue]
     causes: tuple[ReportedCause, ...]
     minor: tuple[ReportedCause, ...]
-    explanations: tuple[tuple[tuple[str, ...], float], ...]  # titles of causes, and their probability together
+    ranking: tuple[Ranked, ...]
+    explanations: tuple[Explanation, ...]
+    believed: Mapping[str, float]  # name of a cause -> probability that it is present and matters
+    nothing: float | None  # probability that nothing that matters is wrong
     trace: Trace
     # simulations of fitted and of held-out records
     as_given: Simulated
@@ -221,6 +274,7 @@ class Document:
     held_out_extended: Simulated
     budget: Budget
     rms_ratio: Mapping[str, float]
+    bic: float  # change of the Bayesian information criterion by the extension
     # the search: fitted causes round by round, and |cos| between the fingerprints of those of the first
     tried: tuple[Tried, ...]
     alike: tuple[tuple[str, ...], np.ndarray]
@@ -228,13 +282,16 @@ class Document:
     missing_after: Mapping[str, float]
     unexplained: tuple[Unexplained, ...]
     shapes: tuple[Shape, ...]
-    suspects: tuple[Suspect, ...]
-    turbulent: bool
+    suspects: tuple[Ranked, ...]  # instruments and motions of the air that the kinematics judge
+    turbulent: tuple[str, ...]  # records in which the air is turbulent
     gusts: Gusts | None
     axis_responses: AxisResponses | None  # of an aircraft with rotors
-    detectable: tuple[Detectable, ...]
+    unseen: tuple[Detectable, ...]
+    smallest_detectable: Mapping[str, float]  # name of a cause -> size
+    detectable: Mapping[str, Mapping[str, float]]  # channel -> kind of fault -> size
     criteria: Criteria
     seconds: Mapping[str, float]
+    seconds_of_processor: float
     # what to fly next, and values that more of the same motion would not tell
     next_flights: NextFlights
     limited: tuple[Untold, ...]
@@ -244,3 +301,48 @@ class Document:
     def of_aeroplane(self) -> bool:
         """Whether an aircraft without rotors was diagnosed: its coefficients have figures and tables of their own."""
         return self.aircraft is not None and self.aircraft.rotors is None
+
+    @property
+    def notes(self) -> dict[str, list[str]]:
+        """Record -> notes of its reader; the fitted records, then those held out."""
+        return {one.name: list(one.notes) for one in (*self.refitted.records, *self.held_out_as_given.records)}
+
+    @property
+    def records(self) -> list[dict[str, Any]]:
+        """The errors of every record, and the causes that act in it and not in all."""
+        of_some = [one for one in self.causes if len(one.records) < len(self.extended.names)]
+        return [
+            plain(one)
+            | {
+                "causes": [cause.name for cause in of_some if one.record in cause.records],
+                "turbulent": one.record in self.turbulent,
+            }
+            for one in self.budget.by_record
+        ]
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """The decisions on every cause that was considered."""
+        return self.trace.decisions
+
+    @property
+    def by_name(self) -> dict[str, Parameter]:
+        """The parameters by their names."""
+        return {one.name: one for one in self.parameters}
+
+    @property
+    def missing(self) -> dict[str, Mapping[str, float]]:
+        """Statistics of latent inputs, before and after the causes were named."""
+        return {"before": self.missing_before, "after": self.missing_after}
+
+    @property
+    def gain(self) -> dict[str, Any]:
+        """What the extended model gains on the held-out records, and by the information criterion."""
+        before, after = self.held_out_as_given, self.held_out_extended
+        per_sample = (after.log_likelihood - before.log_likelihood) / before.samples
+        held_out = {"records": before.names, "rms_ratio": self.rms_ratio, "log_likelihood_per_sample": per_sample}
+        return {"held_out": held_out, "bic": self.bic}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of diagnosis.json."""
+        return {"schema": SCHEMA} | ({} if self.aircraft else {"system": self.name}) | plain(self, self.in_json)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,13 +20,14 @@ from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
-from casid.keeping import plain
 from casid.model.numbers import digits, with_deviation
 
 
 @dataclass(frozen=True, kw_only=True)
 class ChangedValue:
     """A value of the extended model beside that as given."""
+
+    in_json: ClassVar[str] = "parameter unit given extended stated_std sigmas identifiable sentence"
 
     parameter: str  # parameter, unit: its name, and the unit of its values
     unit: str
@@ -64,10 +65,6 @@ class ChangedValue:
             f"extended model, {digits(self.sigmas, 2)} times its stated uncertainty away{alone}."
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `moved` in diagnosis.json."""
-        return plain(self, "parameter unit given extended stated_std sigmas identifiable sentence")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Combination:
@@ -75,10 +72,6 @@ class Combination:
 
     parameters: tuple[str, str]  # the two names
     sentence: str  # what is determined, with its value as given and by the records
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `combinations` in diagnosis.json."""
-        return plain(self, "parameters sentence")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +15,7 @@ from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_miss
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.acceptance import tempered
 from casid.diagnosis.engine.baseline import Baseline
-from casid.diagnosis.engine.held_out import Kept, judge_on, keep, part_of_a_fitted_record, with_events
+from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
 from casid.diagnosis.engine.probability import Probabilities, probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.evidence.evidence import weigh
@@ -27,8 +27,8 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
 from casid.diagnosis.given.budget import AsGiven, budget_of
-from casid.diagnosis.given.contradicted import flight_values
-from casid.diagnosis.given.scope import NotJudged
+from casid.diagnosis.given.contradicted import FlightValue, flight_values
+from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
@@ -199,17 +199,23 @@ def _last_tests(
     return probabilities(causes, unexplained, state, left), minor, refused, unexplained
 
 
+# of the final model, the named and the minor causes, and the values by the records
+ByFit = Callable[
+    [Kept, Sequence[Cause], Sequence[Cause], Mapping[str, FlightValue]], DiagnosedAircraft | DiagnosedSystem
+]
+
+
 def judged(
     state: State,
     given: AsGiven,
     held: Sequence[Record],
-    diagnosed: Callable[[Kept, Sequence[Cause], Sequence[Cause]], DiagnosedAircraft | DiagnosedSystem],
+    diagnosed: ByFit,
     stages: Stages,
 ) -> Diagnosis:
     """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
 
     given      simulations by the file or model as given
-    diagnosed  makes what is diagnosed, as given and as extended, from the final model, the named and the minor causes
+    diagnosed  makes what is diagnosed, as given and as extended
     stages     takes the time of each stage
     """
     begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
@@ -231,7 +237,7 @@ def judged(
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
-    added = diagnosed(kept, causes, (*minor, *refused))
+    added = diagnosed(kept, causes, (*minor, *refused), flight)
     stages.end()
     return Diagnosis(
         remark=sentences.remarks(minor, faint),

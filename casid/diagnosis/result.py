@@ -16,7 +16,7 @@ from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
-from casid.diagnosis.document import Document, Unexplained
+from casid.diagnosis.document import Document, Explanation, Unexplained
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
@@ -25,7 +25,7 @@ from casid.diagnosis.facts import ChangedValue, Combination, Parameter
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import View
-from casid.diagnosis.given.budget import AccountStep, Budget, RecordError
+from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -38,9 +38,9 @@ from casid.diagnosis.shown import (
     drawn_cause,
     gusts_of,
     histories_of,
+    ranked_of,
     reported,
     simulated_of,
-    suspects_of,
     titled,
     tried_of,
 )
@@ -50,17 +50,16 @@ from casid.frames import data_frame, html_list, html_paragraph, html_table
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
 from casid.model.numbers import digits, with_deviation
-from casid.records.record import Record
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-SCHEMA = "casid.diagnosis/4"
 _INSTRUMENT_FAULTS = ("delay", "lag", "bias", "scale")
 _FITTED = ("as_given", "refitted", "extended")
 _IN_BOTH = (
     *("verdict", "headline", "sentence", "opening", "values_told", "best", "no_cause", "not_judged", "data"),
-    *("contradicted", "parameters", "flight", "trace", "budget", "rms_ratio", "criteria", "seconds"),
+    *("contradicted", "parameters", "flight", "trace", "budget", "rms_ratio", "criteria", "seconds", "account"),
+    *("factors", "moved", "combinations", "claims", "believed", "nothing", "bic", "seconds_of_processor"),
 )
 
 
@@ -303,30 +302,36 @@ class Diagnosis:
         unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
         return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
 
-    def document(self) -> Document:
-        """Everything that a page shows, in words, numbers and arrays; takes some seconds, of which the design of next
-        flights is most. What cannot be computed is noted in it."""
+    def document(self, figures: bool = True) -> Document:
+        """What the diagnosis says in words, numbers and arrays. What cannot be computed is noted in it.
+
+        Parameters
+        ----------
+        figures
+            Whether it has the curves of figures and the design of next flights, which take some seconds.
+        """
         failed, most, of_aeroplane = list[str](), self.criteria.numerics.naming.listed, self.of_aeroplane
         aircraft = self.aircraft if self.of_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
-        causes, gusts, shapes, following = [], None, tuple[Shape, ...](), NextFlights()
+        causes, gusts, shapes, following, responses = [], None, tuple[Shape, ...](), NextFlights(), None
         for number, cause in enumerate(self.causes):
             drawn = reported(cause)
             with noting(failed, cause.name):
-                drawn = drawn_cause(cause, self.bare, views, before) if of_aeroplane and number < most else drawn
+                if figures and of_aeroplane and number < most:
+                    drawn = drawn_cause(cause, self.bare, views, before)
             causes.append(drawn)
-        with noting(failed, "moving air"):
-            gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
         with noting(failed, "shapes"):
             shapes = self.shapes
-        responses = None
-        with noting(failed, "response of each axis"):
-            if aircraft is not None and aircraft.rotors is not None:
-                responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
-        with noting(failed, "next flight"):
-            following = self.next_flights()
+        if figures:
+            with noting(failed, "moving air"):
+                gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
+            with noting(failed, "response of each axis"):
+                if aircraft is not None and aircraft.rotors is not None:
+                    responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
+            with noting(failed, "next flight"):
+                following = self.next_flights()
         least = self.criteria.given.from_records
         return Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(),
@@ -334,22 +339,28 @@ class Diagnosis:
             source=self.diagnosed.source,
             witness=self.diagnosed.witness,
             aircraft=aircraft,
-            moved=tuple(one.sentence for one in (*self.moved, *self.combinations)),
+            held_out_is_new=self.held_out_is_new or True,
             left=self.claim("nothing that matters is left").because,
             causes=tuple(causes),
             minor=tuple(reported(one) for one in self.minor),
-            explanations=tuple((tuple(titled(name, known) for name in some), p) for some, p in self.explanations),
+            ranking=tuple(ranked_of(self.ranking)),
+            explanations=tuple(
+                Explanation(causes=names, titles=tuple(titled(name, known) for name in names), probability=p)
+                for names, p in self.explanations
+            ),
             tried=tuple(tried_of(self.rounds)),
             alike=alike_of(self.rounds),
             missing_before={one.station: one.gain for one in self.missing_before},
             missing_after={one.station: one.gain for one in self.missing_after},
             unexplained=tuple(self._shown(one) for one in self.unexplained),
             shapes=shapes,
-            suspects=tuple(suspects_of(self.kinematic)),
-            turbulent=self.turbulence.named,
+            suspects=tuple(ranked_of(self.kinematic)),
+            turbulent=self.turbulence.records if self.turbulence.named else (),
             gusts=gusts,
             axis_responses=responses,
-            detectable=tuple(detectable_of(known.values(), self.detectable)),
+            unseen=tuple(detectable_of(known.values(), self.detectable)),
+            smallest_detectable=self.detectable,
+            detectable=self.detectable_by_channel,
             next_flights=following,
             limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
             failed=tuple(failed),
@@ -363,13 +374,19 @@ class Diagnosis:
 
     def _shown(self, missing: MissingInput) -> Unexplained:
         """A latent input that no cause explains, with its time histories."""
-        fit = self.refitted.fit
+        fit, place = self.refitted.fit, missing.place
         fitted = missing.concerns(fit.batch.names)
+        by = self.extended.fit if fitted else self.held_out_extended.fit
         return Unexplained(
             station=missing.station,
             called=missing.called,
+            port=place.name if place.kind == "coefficient" or not self.of_aircraft else place.key,
+            kind=place.kind,
             fitted=fitted,
             probability=self.entered.get(missing.station),
+            share=missing_share(by, missing),
+            gain=missing.gain,
+            sentence=f"Something that {self.no_cause} explains enters at {missing.words}.",
             histories=tuple(histories_of(fit if fitted else self.held_out_extended.fit, missing)),
         )
 
@@ -479,77 +496,8 @@ class Diagnosis:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of diagnosis.json."""
-        return {
-            "schema": SCHEMA,
-            **({} if self.of_aircraft else {"system": self.diagnosed.name}),
-            "verdict": self.verdict,
-            "sentence": self.sentence,
-            "not_judged": [one.to_dict() for one in self.not_judged],
-            "data": [one.to_dict() for one in self.data],
-            "notes": {record.name: list(record.notes) for record in self._records},
-            "account": [one.to_dict() for one in self.account],
-            "factors": [one.to_dict() for one in self.factors],
-            "contradicted": [one.to_dict() for one in self.contradicted],
-            "moved": [one.to_dict() for one in self.moved],
-            "combinations": [one.to_dict() for one in self.combinations],
-            "claims": [one.to_dict() for one in self.claims],
-            "records": [self._record(one) for one in self.budget.by_record],
-            "held_out_is_new": self.held_out_is_new or True,
-            "causes": [cause.to_dict() for cause in self.causes],
-            "minor": [cause.to_dict() for cause in self.minor],
-            "ranking": [rank_entry(candidate) for candidate in self.ranking],
-            "decisions": [one.to_dict() for one in self.trace.decisions],
-            "unexplained": [self._unexplained(one) for one in self.unexplained],
-            "shapes": [one.to_dict() for one in self.shapes],
-            "explanations": [{"causes": list(names), "probability": p} for names, p in self.explanations],
-            "believed": dict(self.believed),
-            "nothing": self.nothing,
-            "budget": self.budget.to_dict(),
-            "as_given": self.as_given.to_dict(),
-            "refitted": self.refitted.to_dict(),
-            "extended": self.extended.to_dict(),
-            "gain": {"held_out": self._held_out(), "bic": self.bic},
-            "parameters": {one.name: one.to_dict() for one in self.parameters},
-            "missing": {
-                "before": {m.station: m.gain for m in self.missing_before},
-                "after": {m.station: m.gain for m in self.missing_after},
-            },
-            "smallest_detectable": {n: v if math.isfinite(v) else None for n, v in self.detectable.items()},
-            "detectable": self.detectable_by_channel,
-            "seconds": dict(self.seconds),
-            "seconds_of_processor": self.seconds_of_processor,
-        }
-
-    @property
-    def _records(self) -> tuple[Record, ...]:
-        """The fitted records, then the held-out ones."""
-        return (*self.refitted.fit.flight.records, *self.held_out_as_given.fit.flight.records)
-
-    def _record(self, one: RecordError) -> dict[str, Any]:
-        """An entry of `records`: errors, and the causes that act in this record alone or in some only."""
-        own = [c.name for c in self.causes if one.record in c.records and len(c.records) < len(self.extended.records)]
-        return {**one.to_dict(), "causes": own, "turbulent": one.record in self.turbulence.records}
-
-    def _unexplained(self, missing: MissingInput) -> dict[str, Any]:
-        fit = next(v.fit for v in (self.extended, self.held_out_extended) if missing.concerns(v.records))
-        place = missing.place
-        return {
-            "port": place.name if place.kind == "coefficient" or not self.of_aircraft else place.key,
-            "kind": place.kind,
-            "probability": self.entered.get(missing.station),
-            "share": missing_share(fit, missing),
-            "gain": missing.gain,
-            "sentence": f"Something that {self.no_cause} explains enters at {missing.words}.",
-        }
-
-    def _held_out(self) -> dict[str, Any]:
-        before, after = self.held_out_as_given, self.held_out_extended
-        return {
-            "records": list(before.records),
-            "rms_ratio": self.rms_ratio,
-            "log_likelihood_per_sample": (after.log_likelihood - before.log_likelihood) / before.samples,
-        }
+        """The content of diagnosis.json: the document without its curves."""
+        return self.document(figures=False).to_dict()
 
     @property
     def rms_ratio(self) -> dict[str, float]:
@@ -579,17 +527,3 @@ def _freedom(fit: FlightFit) -> int:
 
 def _sure(cause: Cause) -> str:
     return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "
-
-
-def rank_entry(candidate: Candidate) -> dict[str, Any]:
-    """An entry of `ranking`."""
-    effect = candidate.attached.effect
-    return {
-        "kind": effect.kind,
-        "target": effect.target,
-        "term": effect.term,
-        "statistic": candidate.statistic,
-        "value": candidate.value,
-        "std": candidate.std,
-        "surviving": candidate.surviving,
-    }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.document import Answer, Detectable, Gusts, History, ReportedCause, Simulated, Suspect, Term, Tried
+from casid.diagnosis.document import Answer, Detectable, Gusts, History, Ranked, ReportedCause, Simulated, Term, Tried
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
@@ -49,6 +49,7 @@ def simulated_of(view: View, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 
         output=view.simulated.output,
         residual=view.simulated.residual,
         white=fit.white,
+        log_likelihood=view.log_likelihood,
         samples=view.samples,
         bands=edges,
         energy=view.band_energy(edges),
@@ -118,12 +119,20 @@ def alike_of(rounds: Sequence[Round]) -> tuple[tuple[str, ...], np.ndarray]:
     return tuple(title_of(one.effect) for one in trials), np.abs(prints.T @ prints)
 
 
-def suspects_of(candidates: Iterable[Candidate]) -> Iterator[Suspect]:
-    """The causes that the kinematics judged."""
+def ranked_of(candidates: Iterable[Candidate]) -> Iterator[Ranked]:
+    """The causes of a ranking."""
     for one in candidates:
         effect = one.attached.effect
-        yield Suspect(
-            title=title_of(effect), kind=effect.kind, value=one.value, unit=effect.unit, statistic=one.statistic
+        yield Ranked(
+            title=title_of(effect),
+            kind=effect.kind,
+            target=effect.target,
+            term=effect.term,
+            value=one.value,
+            std=one.std,
+            unit=effect.unit,
+            statistic=one.statistic,
+            surviving=one.surviving,
         )
 
 

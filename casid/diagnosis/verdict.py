@@ -7,7 +7,6 @@ has impossible numbers, or if the extended model fails on the held-out records. 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 
 from casid.data_check.reading import Finding
@@ -20,7 +19,6 @@ from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
-from casid.errors import CasidError
 from casid.model.plausible import Doubt
 
 _TABLE: tuple[tuple[str, Callable[[Facts], object]], ...] = (
@@ -170,24 +168,6 @@ def _unexplained(found: Diagnosis) -> Iterator[str]:
         else:
             fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
             yield sentences.unexplained(missing, missing_share(fit, missing), fitted, bool(found.not_tried))
-
-
-@contextmanager
-def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int) -> Iterator[None]:
-    """A block whose errors also name the likely reasons.
-
-    These are faults of the `data` that could not be corrected, and impossible numbers of the file (`doubts`); at most
-    `most` of each kind are listed.
-    """
-    try:
-        yield
-    except CasidError as error:
-        at_fault = [one for one in data if one.handled == "reported"]
-        stated = f"; {sentences.several(at_fault, most)}" if at_fault else ""
-        stated += f"; of the aircraft file: {sentences.several(doubts, most)}" if doubts else ""
-        if not stated:
-            raise
-        raise type(error)(f"{error}{stated}") from None
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +18,7 @@ from casid.estimation.remarks import jump_remarks, remarks
 from casid.estimation.solvers.status import Results, Status
 from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.frames import data_frame, html_list, html_paragraph, html_table, latex_table
-from casid.keeping import save
-from casid.views import view
+from casid.keeping import plain, save
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -36,8 +35,10 @@ _COLUMNS = {
     "prior": "a priori",
     "prior_std": "a-priori std",
 }
-_TEXTS = ("status", "reason", "remedy", "converged", "iterations", "method", "solver")
-_NUMBERS = ("seconds", "cost", "log_likelihood", "log_prior", "log_posterior", "stationarity", "defect")
+_IN_JSON = (
+    "status reason remedy converged iterations method solver seconds cost log_likelihood log_prior log_posterior "
+    "stationarity defect parameters initial_states noise channels remarks"
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -271,31 +272,15 @@ class Fit:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None."""
-        channels = {
-            name: {"rms": _number(c.rms), "R2": _number(c.R2), "theil": _number(c.theil), "samples": c.samples}
-            for name, c in self.channels.items()
-        }
         return {
             "schema": "casid.estimate/2",
             "model": self.problem.model.name,
             "result": self.result.name.lower(),
-            **{name: getattr(self, name) for name in _TEXTS},
-            **{name: _number(getattr(self, name)) for name in _NUMBERS},
             "estimator": type(self.problem.cost).__name__,
             "records": [record.name for record in self.problem.records],
-            "parameters": {name: _estimate(e) for name, e in self.parameters.items()},
-            "correlation": {
-                "names": list(self.parameters),
-                "matrix": [[_number(v) for v in row] for row in self.correlations],
-            },
-            **({"population": {n: asdict(one) for n, one in self.population.items()}} if self.population else {}),
-            "initial_states": {
-                record: {state: _estimate(e) for state, e in states.items()}
-                for record, states in self.initial_states.items()
-            },
-            "noise": {name: _number(v) for name, v in self.noise.items()},
-            "channels": channels,
-            "remarks": list(self.remarks),
+            **plain(self, _IN_JSON),
+            "correlation": {"names": list(self.parameters), "matrix": plain(self.correlations)},
+            **({"population": plain(self.population)} if self.population else {}),
         }
 
     @cached_property
@@ -324,7 +309,9 @@ class Fit:
         record
             Name of the record.
         """
-        return view("fit.plot")(self, record)
+        from casid.report.estimate_figures import plot_fit
+
+        return plot_fit(self, record)
 
     def predict(self, record: Record | str | Path, *, window_s: float = 5.0) -> Simulation:
         """Open-loop simulation of a record, which the fit may never have seen, with the estimates.
@@ -340,7 +327,9 @@ class Fit:
         window_s
             Time from the start that determines the initial state [s].
         """
-        return view("fit.predict")(self, record, window_s)
+        from casid.filtering.predict import predict
+
+        return predict(self, record, window_s)
 
     def save(self, path: str | Path) -> None:
         """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
@@ -416,12 +405,3 @@ class Fit:
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
         return "\n".join(lines)
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _estimate(e: Estimate) -> dict[str, float | None]:
-    """An estimate as estimate.json has it."""
-    return {name: _number(getattr(e, name)) for name in ("value", "std", "std_cramer_rao", "prior", "prior_std")}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -40,6 +41,8 @@ class Estimate:
     >>> T.interval[0] < 0.4 < T.interval[1], round(T.std, 4)
     (True, 0.0018)
     """
+
+    in_json: ClassVar[str] = "value std std_cramer_rao prior prior_std"
 
     name: str
     value: float

@@ -41,8 +41,8 @@ from casid.estimation.solvers.point import Levels, Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import free_directions, inverse_along
 from casid.estimation.transcriptions.equation import EquationPart
 from casid.estimation.transcriptions.kernel import whitened
+from casid.frames import brief
 from casid.native.threads import single_threaded
-from casid.views import brief
 
 _CHANCE = 1e-3  # that white residuals are called coloured
 _Z95 = float(ndtri(0.975))

@@ -31,11 +31,11 @@ from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, make
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.filtering.system import FilterSystem, Step, evaluate_step, trajectory_step
+from casid.frames import brief
 from casid.model.system import check_continuous
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.noise import pooled_sigma
-from casid.views import brief
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
 _NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost

@@ -182,12 +182,6 @@ def parsed(formula: str, where: str) -> Any:
     return tree
 
 
-def names_in(tree: Any) -> set[str]:
-    """Names that a formula contains."""
-    own = {tree.getName()} if tree.isName() else set()
-    return own.union(*(names_in(tree.getChild(i)) for i in range(tree.getNumChildren())))
-
-
 _ONE = {
     "exp": ca.exp,
     "ln": ca.log,

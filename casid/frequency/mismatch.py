@@ -12,9 +12,10 @@ import numpy as np
 
 from casid.arguments import a_path, number, one_line
 from casid.errors import InputError
+from casid.frames import brief
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
-from casid.views import brief, view
+from casid.keeping import plain
 
 # Cost of Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012): 20 points, weights of dB
 # and of deg, which make an error of 1 dB as large as one of 7.57 deg, and the weight of the coherence.
@@ -202,21 +203,15 @@ class ResponseComparison:
 
     def plot(self) -> Any:
         """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has."""
-        return view("comparison.plot")(self)
+        from casid.report.response_figures import plot_comparison
+
+        return plot_comparison(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and texts."""
         models = {
-            label: {
-                "cost": one.cost,
-                "gain_db": gain_db(one.response).tolist(),
-                "phase_deg": phase_deg(one.response).tolist(),
-                "mismatch_db": one.gain_db.tolist(),
-                "mismatch_deg": one.phase_deg.tolist(),
-                "judged": one.judged.tolist(),
-                "within": None if one.within is None else one.within.tolist(),
-                "passed": one.passed,
-            }
+            label: plain(one, "cost mismatch_db=gain_db mismatch_deg=phase_deg judged within passed")
+            | {"gain_db": plain(gain_db(one.response)), "phase_deg": plain(phase_deg(one.response))}
             for label, one in self.mismatches.items()
         }
         envelope = None if self.envelope is None else self.envelope.name

@@ -11,6 +11,7 @@ import numpy as np
 
 from casid.arguments import number, numbers_by_name
 from casid.errors import InputError, check_known
+from casid.frames import brief
 from casid.frequency.sensitivity import sensitivity_at
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.applied import Applied, apply_effects, axes_of
@@ -19,7 +20,6 @@ from casid.model.system import Model
 from casid.model.trim import Trim
 from casid.records.given import given_records
 from casid.records.record import Record
-from casid.views import brief
 
 Point = Record | str | Path | Sequence[Record | str | Path] | Trim | Mapping[str, float]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from casid.views import brief
+from casid.frames import brief
 
 # Guidelines of CIFER: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012
 CRAMER_RAO_LIMIT, INSENSITIVITY_LIMIT = 20.0, 10.0

@@ -22,10 +22,10 @@ from casid.arguments import names, number, numbers_by_name, require
 from casid.errors import EstimationError, InputError
 from casid.estimation.problem import chosen_parameters
 from casid.estimation.transcriptions.equation import equation_form
+from casid.frames import brief
 from casid.frequency.regression import constants, real_rows
 from casid.model.system import EquationForm, Model
 from casid.records.record import Record
-from casid.views import brief
 
 _FORGOTTEN = 1e-9  # of a column's size when it was new: it is rounding now
 _SINGULAR = 1e-10  # of the largest singular value

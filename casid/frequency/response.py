@@ -12,14 +12,13 @@ import numpy as np
 
 from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
-from casid.frames import data_frame
+from casid.frames import brief, data_frame
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
 from casid.keeping import plain, save
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import unit_of
-from casid.views import brief, view
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -115,7 +114,9 @@ class FrequencyResponse:
 
     def plot(self) -> Any:
         """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey."""
-        return view("response.plot")(self)
+        from casid.report.response_figures import plot_response
+
+        return plot_response(self)
 
     def to_frame(self) -> DataFrame:
         """A pandas data frame, a row for each frequency; needs the extra `pandas`."""

@@ -13,10 +13,10 @@ import scipy
 from casid.arguments import one_line
 from casid.errors import EstimationError, InputError
 from casid.estimation.solvers.status import CONVERGED, Results, Status, out_of_steps
+from casid.frames import brief
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
 from casid.frequency.precision import Precision, precision
 from casid.frequency.response import USABLE, FrequencyResponse
-from casid.views import brief, view
 
 _DB = 20.0 / np.log(10.0)  # of a gain whose logarithm is one
 _EVALUATIONS = 200  # of one start
@@ -182,7 +182,9 @@ class ResponseFit:
 
     def plot(self) -> Any:
         """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
-        return view("response_fit.plot")(self)
+        from casid.report.response_figures import plot
+
+        return plot(self)
 
     def __getitem__(self, name: str) -> ResponseParameter:
         return self.parameters[name]

@@ -6,7 +6,7 @@ angles makes them depend on themselves; as they enter linearly, one Newton step 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from types import SimpleNamespace
 from typing import Any, Protocol, runtime_checkable
 
@@ -37,7 +37,7 @@ class Tabulated(Protocol):
 
 @runtime_checkable
 class FileAerodynamics(Protocol):
-    """Aerodynamics of another simulator's file. `casid.formats` reads and writes such files, see `casid.views`."""
+    """Aerodynamics of another simulator's file. `casid.formats` reads and writes such files."""
 
     @property
     def format(self) -> str:
@@ -61,6 +61,10 @@ class FileAerodynamics(Protocol):
 
     def section(self) -> dict[str, Any]:
         """Keys and values of [aerodynamics] from which these aerodynamics are read again."""
+        ...
+
+    def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[Any]) -> str:
+        """The `text` of the file with further terms, coefficient -> monomial -> value, and effects."""
         ...
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from casid.arguments import Kind, a_path, given, is_path, number, numbers_by_name, one_line, require, sequence, table_of
 from casid.errors import InputError, check_known, unknown
+from casid.frames import brief
 from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
@@ -26,7 +27,6 @@ from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
-from casid.views import brief, view
 
 AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = {
     "wind": ("CL", "CD", "CY", "Cl", "Cm", "Cn"),
@@ -295,7 +295,9 @@ class Aircraft:
         InputError
             For a function or property that cannot be had without JSBSim.
         """
-        return cls(**view("jsbsim.aircraft")(path, held))
+        from casid.formats.jsbsim.aircraft import fields_of_jsbsim
+
+        return cls(**fields_of_jsbsim(path, held))
 
     @classmethod
     def from_daveml(
@@ -321,7 +323,9 @@ class Aircraft:
         InputError
             For what cannot be read, an unknown unit, or an input that no record has and that is not held.
         """
-        return cls(**view("daveml.aircraft")(aerodynamics, inertia, held))
+        from casid.formats.daveml.aircraft import fields_of_daveml
+
+        return cls(**fields_of_daveml(aerodynamics, inertia, held))
 
     @classmethod
     def read(cls, path: str | Path) -> Aircraft:
@@ -403,7 +407,7 @@ class Aircraft:
             coefficient, term = derivative_term(name)
             terms.setdefault(coefficient, {})[term.name] = value
         try:
-            return view(f"{own.format}.write")(own, Path(own.path).read_text(encoding="utf-8"), terms, self.effects)
+            return own.rewritten(Path(own.path).read_text(encoding="utf-8"), terms, self.effects)
         except OSError as error:
             raise InputError(f"{own.path}: cannot be read again: {error.strerror}") from None
         except InputError as error:

@@ -21,7 +21,6 @@ from casid.model.tables import read_tables, written_table
 from casid.model.terms import parse_term
 from casid.records.limits import beside
 from casid.signals import FOOT, POUND, SLUG, TONNE
-from casid.views import view
 
 INCH = FOOT / 12.0
 # SI unit -> unit -> SI over number
@@ -185,8 +184,20 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     path = beside(folder, text(table[named[0]], f"{where} {named[0]}"), f"{where} {named[0]}")
     held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
-        return view("daveml.aerodynamics")(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
-    return view("jsbsim.aerodynamics")(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
+        return _of_daveml(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
+    return _of_jsbsim(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
+
+
+def _of_daveml(path: Path, cm: tuple[float, ...], held: Mapping[str, float]) -> Aerodynamics:
+    from casid.formats.daveml.aircraft import dave_aerodynamics
+
+    return dave_aerodynamics(path, cm, held)
+
+
+def _of_jsbsim(path: Path, held: Mapping[str, float], axes: str) -> Aerodynamics:
+    from casid.formats.jsbsim.aircraft import aerodynamics_of
+
+    return aerodynamics_of(path, held, axes)
 
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from casid.keeping import plain
+from casid.keeping import by_fields
 from casid.records.channel_faults import update_interval
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
@@ -32,9 +31,7 @@ class ChannelRow:
     missing: float  # part of the samples that are missing
     records: int  # how many have it
 
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers by name; what is not known is null."""
-        return plain(self)
+    to_dict = by_fields
 
 
 def channel_table(records: Sequence[Record]) -> tuple[ChannelRow, ...]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy import ndimage
 
-from casid.keeping import plain
+from casid.keeping import by_fields
 from casid.records.channel_table import gaps
 from casid.records.checks import MIN_DURATION, MIN_SAMPLES
 from casid.records.given import given_record
@@ -71,9 +70,7 @@ class Segment:
         """Time [s] from start to stop."""
         return self.stop - self.start
 
-    def to_dict(self) -> dict[str, Any]:
-        """Numbers by name, in SI."""
-        return plain(self)
+    to_dict = by_fields
 
 
 def segments(record: Record | str | Path) -> tuple[Segment, ...]:

@@ -28,7 +28,7 @@ from casid.report.style import (
     settings,
     stacked,
 )
-from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
+from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, pretty, to_noise
 from casid.signals import SURFACES, for_a_person, label_of
 
@@ -137,17 +137,15 @@ _COLOURS = {True: "#00694E", False: "#A3122A"}
 def write_check(found: DataFindings, folder: str | Path) -> None:
     """Write `check.html` and `check_figures/*.svg` into `folder`, which is made."""
     picture = check_figure(found.findings, found.recorded, found.records)
-    drawn = drawn_into(Path(folder) / "check_figures", {picture.name: picture} if picture else {})
     context = {
         "colour": _COLOURS[found.clean],
         "records": ", ".join(record.name for record in found.recorded),
         "sentences": list(found.sentences),
-        "figures": list(figures_of(drawn, {}).values()),
         "findings": tables.findings(found.findings),
         "channels": _channel_table(found),
         "remarks": [f"{record.name}: {note}" for record in found.recorded for note in record.notes],
     }
-    (Path(folder) / "check.html").write_text(render("check.html", context), encoding="utf-8")
+    write_page(folder, "check", [picture] if picture else [], context)
 
 
 def _channel_table(found: DataFindings) -> ReportTable:
@@ -177,17 +175,14 @@ def _channel_table(found: DataFindings) -> ReportTable:
 
 def write_compatibility(found: Compatibility, folder: str | Path) -> None:
     """Write `compatibility.html` and `compatibility_figures/*.svg` into `folder`, which is made."""
-    pictures = compatibility_figures(found)
-    drawn = drawn_into(Path(folder) / "compatibility_figures", {picture.name: picture for picture in pictures})
     context = {
         "colour": _COLOURS[found.passed],
         "found": found,
         "records": ", ".join(record.name for record in found.records),
-        "figures": list(figures_of(drawn, {}).values()),
         "errors": _errors(found),
         "channels": _channels_left(found),
     }
-    (Path(folder) / "compatibility.html").write_text(render("compatibility.html", context), encoding="utf-8")
+    write_page(folder, "compatibility", compatibility_figures(found), context)
 
 
 def compatibility_figures(found: Compatibility) -> list[Picture]:

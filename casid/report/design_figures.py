@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-
 from casid.design.separation import NextFlight, Rivals
 from casid.model.effects import effect_of
 from casid.records.record import Record
@@ -17,7 +15,6 @@ from casid.report.style import (
     NOISE,
     RECORD_COLOURS,
     Picture,
-    blank,
     channel_axis,
     channel_scale,
     legend,
@@ -42,33 +39,9 @@ def designed_histories(name: str, records: Mapping[str, Record], channels: Seque
         name=f"{name}_histories",
         figure=drawn,
         histories=True,
-        title=f"Designed inputs, {name}",
+        title=f"Designed inputs: {', '.join(records)}",
         caption="All inputs keep the same limits of surfaces and states.",
         alt=f"Time histories of {', '.join(channels)} for {', '.join(records)}.",
-    )
-
-
-def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequence[tuple[float, float]]]) -> Picture:
-    """(measured, predicted) scatter over that of the standard input, per design and parameter."""
-    with settings():
-        drawn = blank(0.9 + 0.28 * len(parameters))
-        axis = drawn.subplots()
-        at = np.arange(len(parameters))
-        for k, (colour, (title, pairs)) in enumerate(zip(RECORD_COLOURS[1:], ratios.items(), strict=False)):
-            offset = 0.8 * ((k + 0.5) / len(ratios) - 0.5)
-            axis.barh(at + offset, [m for m, _ in pairs], 0.8 / len(ratios), color=colour, label=title)
-            axis.plot([p for _, p in pairs], at + offset, "k|", markersize=8)
-        axis.axvline(1.0, color="#222222", linewidth=1.0)
-        axis.set_yticks(at, parameters)
-        axis.invert_yaxis()
-        axis.set_xlabel("scatter of the estimates over that of the standard 3-2-1-1")
-        legend(drawn, [axis], len(ratios))
-    return Picture(
-        name=f"{name}_scatter",
-        figure=drawn,
-        title=f"What it gains, {name}",
-        caption="Bars: measured in simulated flights. Marks: predicted by the bound.",
-        alt="Bars of the scatter of each parameter relative to the standard 3-2-1-1.",
     )
 
 

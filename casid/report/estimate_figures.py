@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,17 +27,6 @@ from casid.report.style import (
 )
 
 _LAGS = 30
-
-
-def write_pictures(pictures: Iterable[Picture], folder: Path) -> list[Path]:
-    """Write every picture as NAME.svg into `folder`, which is made; the paths."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = []
-    for picture in pictures:
-        path = folder / f"{picture.name}.svg"
-        path.write_bytes(picture.svg())
-        paths.append(path)
-    return paths
 
 
 def histories(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,9 @@ from casid.acceptance.isolability import Addition, Isolability, IsolableCause
 from casid.errors import InputError
 from casid.model.effects import effect_named
 from casid.report.style import Picture, blank, settings, window
-from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
+from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, effect_name, probability_in_words, quantity
+from casid.signals import label_of
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
 _GAIN = 5e-4  # of the probability of being right, which is told to a tenth of a per cent
@@ -65,7 +66,7 @@ def text(found: Isolability) -> str:
         "",
     ]
     if apart:
-        lines += [*_wrapped(f"{_APART} ({len(apart)}): {_listed(apart)}."), ""]
+        lines += [f"{_APART} ({len(apart)}):", *_wrapped(_by_place(apart)), ""]
     if between:
         lines.append(f"{'cause':42} {'matters':>12} {'smallest':>12} {'detected':>9} {'right':>6}  taken for")
     for one in between:
@@ -74,11 +75,11 @@ def text(found: Isolability) -> str:
             f"{probability_in_words(one.detection):>9} {probability_in_words(one.told):>6}  {rivals(one)}"
         )
     if unseen:
-        lines += ["", *_wrapped(f"{_UNSEEN} ({len(unseen)}): {_listed(unseen, sizes=True)}.")]
+        lines += ["", f"{_UNSEEN} ({len(unseen)}):", *_wrapped(_by_place(unseen, sizes=True))]
     if found.additions:
         lines += ["", "What would add most:", *(f"  {one}" for one in additions_in_words(found))]
     if found.left_out:
-        lines += ["", *_wrapped(f"Not judged: {', '.join(map(_label, found.left_out))}.")]
+        lines += ["", *_wrapped([f"Not judged: {', '.join(map(_label, found.left_out))}."])]
     return "\n".join(lines)
 
 
@@ -99,13 +100,21 @@ def _groups(found: Isolability) -> tuple[list[IsolableCause], list[IsolableCause
     return apart, [one for one in ordered if one not in apart and one not in unseen], unseen
 
 
-def _listed(causes: Sequence[IsolableCause], sizes: bool = False) -> str:
-    """List causes by the words that the picture has; with the smallest size that is detected."""
-    return "; ".join(_label(one.name) + (f" ({smallest(one)})" if sizes else "") for one in causes)
+def _by_place(causes: Sequence[IsolableCause], sizes: bool = False) -> list[str]:
+    """A line for each place with its causes, by the words that the picture has; with the smallest size that is
+    detected."""
+    found: dict[str, list[str]] = {}
+    for one in causes:
+        place, colon, what = _label(one.name).partition(": ")
+        size = f" ({smallest(one)})" if sizes else ""
+        found.setdefault(place if colon else "", []).append(f"{what if colon else place}{size}")
+    return [f"{place}: {', '.join(what)}" if place else ", ".join(what) for place, what in sorted(found.items())]
 
 
-def _wrapped(line: str) -> list[str]:
-    return textwrap.wrap(line, 118, subsequent_indent="  ", break_on_hyphens=False)
+def _wrapped(lines: Iterable[str]) -> list[str]:
+    """Lines no longer than a terminal is wide."""
+    wrap = textwrap.TextWrapper(118, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    return [part for line in lines for part in wrap.wrap(line)]
 
 
 def smallest(one: IsolableCause) -> str:
@@ -128,8 +137,9 @@ def additions_in_words(found: Isolability) -> list[str]:
 
 def addition(one: Addition, told: float) -> str:
     """An addition in words, with what it gains."""
-    what = f"channel {one.what}" if one.kind == "channel" else one.what
-    return f"{what}: right in {digits(100.0 * one.told)} % instead of {digits(100.0 * told)} %"
+    surface, colon, moves = one.what.partition(": ")
+    what = f"channel {one.what}" if one.kind == "channel" else label_of(surface) + colon + moves
+    return f"{what}: right in {digits(100.0 * one.told)} instead of {digits(100.0 * told)} per cent of flights"
 
 
 def _shown(found: Isolability) -> list[str]:
@@ -192,14 +202,10 @@ def _label(name: str) -> str:
     return effect_name(effect) + (f", {effect.variant}" if effect.variant else "")
 
 
-FIGURES = "isolability_figures"
-
-
 def write_isolability(found: Isolability, folder: str | Path) -> None:
     """Write `isolability.html` and `isolability_figures/*.svg` into `folder`, which is made."""
-    picture = matrix(found)
-    drawn = drawn_into(Path(folder) / FIGURES, {picture.name: picture})
     apart, between, unseen = _groups(found)
+    lists = (_APART, _by_place(apart)), (_UNSEEN, _by_place(unseen, sizes=True))
     context = {
         "colour": "#005A8F",
         "aircraft": found.aircraft,
@@ -208,13 +214,11 @@ def write_isolability(found: Isolability, folder: str | Path) -> None:
         "channels": ", ".join(found.channels),
         "additions": additions_in_words(found),
         "sets": ["; ".join(map(_label, one)) for one in found.sets if len(one) > 1],
-        "figures": list(figures_of(drawn, {}).values()),
-        "apart": f"{_APART}: {_listed(apart)}." if apart else "",
+        "lists": [(head, lines) for head, lines in lists if lines],
         "causes": _table(between),
-        "unseen": f"{_UNSEEN}: {_listed(unseen, sizes=True)}." if unseen else "",
         "left_out": ", ".join(map(_label, found.left_out)),
     }
-    (Path(folder) / "isolability.html").write_text(render("isolability.html", context), encoding="utf-8")
+    write_page(folder, "isolability", [matrix(found)], context)
 
 
 def _table(causes: Sequence[IsolableCause]) -> ReportTable:

@@ -23,7 +23,7 @@ from casid.report.style import (
     settings,
     window,
 )
-from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
+from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, quantity, with_std
 
 _FAST, _SLOW = ("short period", "dutch roll", "roll"), ("phugoid", "spiral")
@@ -120,14 +120,11 @@ def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
         legend(figure, axes, len(found))
 
 
-FIGURES = "modes_figures"
-
 TheilTable = Mapping[str, Mapping[str, Mapping[str, Theil]]]  # record -> label -> channel -> Theil
 
 
 def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | Path) -> None:
     """Write `modes.html` and `modes_figures/*.svg` into `folder`, which is made."""
-    drawn = drawn_into(Path(folder) / FIGURES, {p.name: p for p in (eigenvalues(found), trim_curves(found))})
     first = next(iter(found.values()))
     notes = dict.fromkeys(f"{label}: {note}" for label, one in found.items() for note in one.notes)
     context = {
@@ -136,10 +133,9 @@ def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | 
         "point": f"V = {digits(first.flight['V'])} m/s, density {digits(first.flight['rho'])} kg/m³",
         "numbers": _numbers(found),
         "theil": [_theil(record, table) for record, table in theil.items()],
-        "figures": list(figures_of(drawn, {}).values()),
         "notes": list(notes),
     }
-    (Path(folder) / "modes.html").write_text(render("modes.html", context), encoding="utf-8")
+    write_page(folder, "modes", [eigenvalues(found), trim_curves(found)], context)
 
 
 def text_table(found: Mapping[str, Handbook]) -> str:

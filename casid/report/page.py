@@ -299,7 +299,7 @@ def _context(
         "claims": claimed,
         "claim_of": {one.anchor: one for some in claimed.values() for one in some},
         "values_told": document.values_told,
-        "moved": document.moved,
+        "moved": [one.sentence for one in (*document.moved, *document.combinations)],
         "gained": gained(document),
         "not_judged": document.not_judged,
         "facts": _facts(document),

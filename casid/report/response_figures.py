@@ -84,7 +84,7 @@ def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figur
         title=f"{_name(flight.output)} to {_name(flight.input)}",
         caption=f"Response of {_name(flight.output)} to {_name(flight.input)}: flight and models, and models less "
         f"flight. {costs}, over {comparison.band[0]:.3g} to {comparison.band[1]:.3g} rad/s. Grey: coherence below "
-        f"{USABLE:g}.",
+        f"{USABLE:g}. J is the cost of the mismatch: up to 100 is acceptable, up to 50 nearly indistinguishable.",
         alt=f"Bode diagrams of {flight.output} to {flight.input}: flight, {', '.join(comparison.mismatches)}.",
     )
 
@@ -119,8 +119,10 @@ def draw_gain_and_phase(
 def draw_coherence(ax: Axes, flight: FrequencyResponse) -> None:
     """Coherence, with the limit below which it is grey."""
     _grey(ax, flight)
-    ax.plot(flight.omega, flight.coherence, color=MEASURED, lw=1.4)
-    ax.plot(flight.omega, np.maximum(USABLE, flight.by_chance), color=FAINT, lw=0.9, ls="--")
+    ax.plot(flight.omega, flight.coherence, color=MEASURED, lw=1.4, label="coherence")
+    ax.plot(
+        flight.omega, np.maximum(USABLE, flight.by_chance), color=FAINT, lw=0.9, ls="--", label="least that is used"
+    )
     ax.set_ylim(0.0, 1.03)
     ax.set_ylabel("coherence")
 

@@ -35,7 +35,7 @@ class Share:
 
 def shares(document: Document) -> list[Share]:
     """The most probable explanations and all others together; none where there are no probabilities."""
-    told = [Share(what=_said(names), probability=p) for names, p in document.explanations[:_TOLD]]
+    told = [Share(what=_said(one.titles), probability=one.probability) for one in document.explanations[:_TOLD]]
     told = [one for k, one in enumerate(told) if k == 0 or one.probability >= 0.005]
     rest = 1.0 - sum(one.probability for one in told)
     return [*told, Share(what="other explanations", probability=rest)] if told and rest >= 0.005 else told
@@ -186,7 +186,7 @@ def unseen(document: Document) -> ReportTable:
     plausible cannot be seen in them."""
     seen: dict[str, list[str]] = {}
     blind: dict[str, list[str]] = {}
-    for one in document.detectable:
+    for one in document.unseen:
         if one.size > one.limit:
             blind.setdefault(one.kind, []).append(one.label or "it")
         else:

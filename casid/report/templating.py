@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -102,6 +102,13 @@ def figures_of(
         )
         for number, (name, (picture, svg)) in enumerate(drawn.items(), 1)
     }
+
+
+def write_page(folder: str | Path, name: str, pictures: Iterable[Picture], context: Mapping[str, Any]) -> None:
+    """Write NAME.html from its template, whose `figures` these pictures are, and NAME_figures/*.svg into `folder`."""
+    drawn = drawn_into(Path(folder) / f"{name}_figures", {picture.name: picture for picture in pictures})
+    page = render(f"{name}.html", {"figures": list(figures_of(drawn, {}).values()), **context})
+    (Path(folder) / f"{name}.html").write_text(page, encoding="utf-8")
 
 
 def render(template: str, context: Mapping[str, Any]) -> str:

@@ -19,7 +19,7 @@ from scipy.linalg import expm
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from casid.analysis import bootstrap, input_noise_errors, profile, with_noisy_inputs
+from casid.analysis import bootstrap, profile
 from casid.estimation import Fit, OutputError, Problem, solve
 from casid.filtering.filter_error import filter_error
 from casid.model.system import Model, define_model
@@ -28,6 +28,7 @@ from problems.do328 import MOMENT_DERIVATIVES
 from problems.paper.cases import Condition as PaperCondition
 from problems.paper.estimation import paper_problem
 from problems.paper.truth import OUTPUTS, SURFACES, fly, noise_sigma
+from problems.studies.input_noise import input_noise_errors, with_noisy_inputs
 
 TRUTH = MappingProxyType({"Za": -1.2, "Zde": -0.15, "Ma": -4.0, "Mq": -1.8, "Mde": -6.0})
 NOISE = MappingProxyType({"alpha": 0.002, "q": 0.004})  # rad, rad/s

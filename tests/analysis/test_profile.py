@@ -11,8 +11,7 @@ import pytest
 from estimation_cases import NOISE, TRUTH, flight, short_period
 from scipy.stats import chi2, t
 
-from casid.analysis import bootstrap, collected, drawn_problem, input_noise_errors, profile, replica, with_noisy_inputs
-from casid.analysis.input_noise import _Caused, _gains, _groups
+from casid.analysis import bootstrap, collected, drawn_problem, profile, replica
 from casid.analysis.relinearise import AtFit, relinearise
 from casid.analysis.together import Together
 from casid.errors import EstimationError, InputError
@@ -32,6 +31,7 @@ from casid.estimation.transcriptions.steps import output_function, step_function
 from casid.filtering.filter_error import filter_error
 from casid.model.system import define_model
 from casid.records.record import Record
+from problems.studies.input_noise import _Caused, _gains, _groups, input_noise_errors, with_noisy_inputs
 
 
 def line_model(**options):
@@ -297,7 +297,7 @@ def test_groups_of_segments_give_what_the_whole_matrices_give(hold, monkeypatch)
     records = [noisy_flight(seed, name=f"m{seed}", hold=hold, t=t) for seed in (1, 2)]
     problem = Problem(short_period(), records, free=["*"], noise=NOISE)
     fit = solve(problem, solver=GaussNewton(tolerance=1e-10))
-    monkeypatch.setattr("casid.analysis.input_noise._GROUP_SAMPLES", 30)  # groups of four segments, the last shorter
+    monkeypatch.setattr("problems.studies.input_noise._GROUP_SAMPLES", 30)  # groups of four segments, the last shorter
     method = MultipleShooting(interval=7)
     at, weights = relinearise(fit, method), 1.0 / np.array(list(NOISE.values()))
     scale = problem.initial_knowledge[1][0]

@@ -14,7 +14,7 @@ from small_flight import NAMES, aircraft_file, records
 from casid.cli.diagnose import diagnose
 from casid.cli.run import script, status_of
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.held_out import split
+from casid.diagnosis.given.scope import split
 from casid.model.aircraft import Aircraft
 from casid.records.readers import read_record, write_record
 from casid.records.record import Record

@@ -17,6 +17,7 @@ import casid as cs
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnose import named_in_errors
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -25,7 +26,7 @@ from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.judgement import beside_slow_noise
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import _hidden_by_air
-from casid.diagnosis.verdict import concluded, named_in_errors
+from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.keeping import plain
 from casid.model.causes import actuator_lag, effectiveness_change, sensor_scale

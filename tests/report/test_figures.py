@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from small_flight import HIDDEN, aircraft_file, records
 
-from casid.diagnosis.document import Document
+from casid.diagnosis.document import Document, Explanation
 from casid.diagnosis.engine.trial import Trial
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.screening import Candidate
@@ -72,14 +72,17 @@ def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first
 def test_a_size_beyond_anything_plausible_is_not_detectable(document: Document) -> None:
     """The limit of a bias of an angle is 10 deg: 0.1 rad can be found, 4.85 rad cannot."""
     sizes = {"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1}
-    found = replace(document, detectable=tuple(detectable_of(map(effect_named, sizes), sizes)))
+    found = replace(document, unseen=tuple(detectable_of(map(effect_named, sizes), sizes)))
     (row,) = unseen(found).rows
     assert row.cells == ("sensor bias", "phi 5.7 deg", "theta")
 
 
 def test_explanations_stand_side_by_side_and_add_up(document: Document) -> None:
-    told = [((titled("actuator_lag(delta_e)", {}),), 0.97), ((titled("input_delay(delta_e)", {}),), 0.02), ((), 0.001)]
-    found = shares(replace(document, explanations=tuple(told)))
+    told = [(("actuator_lag(delta_e)",), 0.97), (("input_delay(delta_e)",), 0.02), ((), 0.001)]
+    explanations = [
+        Explanation(causes=names, titles=tuple(titled(name, {}) for name in names), probability=p) for names, p in told
+    ]
+    found = shares(replace(document, explanations=tuple(explanations)))
     said = ["elevator: actuator lag", "elevator: input delay", "other explanations"]
     assert [one.what for one in found] == said and [one.percent for one in found] == ["97 %", "2 %", "1 %"]
     assert shares(replace(document, explanations=())) == []
@@ -278,3 +281,18 @@ def test_the_kinematic_check_says_how_many_bars_it_draws(document: Document) -> 
 def test_a_cause_has_one_statistic_in_text_and_report(diagnosis: Diagnosis, document: Document) -> None:
     (row,) = [row.cells for row in causes(document).rows]
     assert f"{diagnosis.causes[0].statistic:.0f}" in row and f"statistic {row[4]}" in str(diagnosis)
+
+
+def test_the_json_is_the_document_with_or_without_the_curves_of_figures(
+    diagnosis: Diagnosis, document: Document
+) -> None:
+    told = document.to_dict()
+    assert json.dumps(told, allow_nan=False) == json.dumps(diagnosis.to_dict(), allow_nan=False)
+    assert [one["sentence"] for one in told["causes"]] == [one.sentence for one in document.causes]
+    assert list(told["parameters"]) == [one.name for one in document.parameters]
+
+
+def test_no_record_is_turbulent_where_the_air_is_calm(diagnosis: Diagnosis) -> None:
+    """The strength of turbulence is estimated in every diagnosis; it is told of a record only where it is named."""
+    assert not diagnosis.turbulence.named and diagnosis.turbulence.records
+    assert [one["turbulent"] for one in diagnosis.to_dict()["records"]] == [False] * len(records())

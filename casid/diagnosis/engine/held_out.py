@@ -15,7 +15,6 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from casid.diagnosis.cause import Gate
-from casid.diagnosis.criteria import HeldOutCriteria
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Trial
@@ -31,69 +30,9 @@ from casid.diagnosis.flight.noise import in_colour
 from casid.diagnosis.gates import borne_out, required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.diagnosis.kinematics.turbulence import gusts
-from casid.errors import InputError
 from casid.model.effect import with_grid
 from casid.native.processors import side_by_side
 from casid.records.record import Record
-
-
-def split(
-    records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
-) -> tuple[list[Record], list[Record]]:
-    """Split the records into those that are fitted and those that are held out.
-
-    Without `hold_out` the last of several records is held out. Of a single record its last third is held out, or the
-    part that the `criteria` set.
-
-    raises  InputError if there is no record, or if two records have the same name
-    """
-    if not records:
-        raise InputError("no record to diagnose")
-    names = [r.name for r in (*records, *hold_out)]
-    twice = sorted({n for n in names if names.count(n) > 1})
-    if twice:
-        raise InputError(f"two records are named '{twice[0]}'; names must differ")
-    for held in hold_out:
-        if twin := repeated(held, records):
-            raise InputError(
-                f"held-out record '{held.name}' has the samples of '{twin}', which is fitted; hold out another flight, "
-                "or none"
-            )
-    if hold_out:
-        return list(records), list(hold_out)
-    if len(records) > 1:
-        return list(records[:-1]), [records[-1]]
-    only = records[0]
-    cut = only.t[0] + criteria.fitted_part * only.duration
-    part = "last third" if criteria == HeldOutCriteria() else "last part"
-    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
-
-
-def repeated(held: Record, fitted: Sequence[Record]) -> str:
-    """The name of a fitted record whose samples a held-out record repeats; empty if it is new.
-
-    Records are compared by the channels that both have, and half of the samples decide: two flights do not have so many
-    samples in common to the last digit. Samples that repeat their predecessor do not count.
-    """
-    for record in fitted:
-        shared = sorted(set(held.channels) & set(record.channels))
-        mine, theirs = ({row.tobytes() for row in _moving(one, shared)} for one in (held, record))
-        if len(mine & theirs) > 0.5 * len(mine):
-            return record.name
-    return ""
-
-
-def part_of_a_fitted_record(held: Sequence[Record], fitted: Sequence[Record]) -> str:
-    """Why held-out records are no flights of their own: they are parts of a fitted one; empty if they are."""
-    names = {record.name for record in fitted}
-    parts = [record.name for record in held if record.name.rpartition(", ")[0] in names]
-    return f"{parts[0]} is a part of the one record that there is" if parts else ""
-
-
-def _moving(record: Record, names: Sequence[str]) -> np.ndarray:
-    """(samples, channels) The samples that differ from their predecessors."""
-    rows = np.column_stack([record[name] for name in names]) if names else np.zeros((1, 0))
-    return rows[1:][(rows[1:] != rows[:-1]).any(axis=1)]
 
 
 def predicted_on(records: Sequence[Record], known: Evidence) -> Predicted:

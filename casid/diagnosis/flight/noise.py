@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import signal, stats
@@ -177,14 +176,6 @@ class View:
     def band_energy(self, edges_hz: np.ndarray) -> np.ndarray:
         """(ny, bands) Energy of the free-simulation residual over that of the instrument noise, per frequency band."""
         return band_energy(self.fit, self.simulated, edges_hz)
-
-    def to_dict(self) -> dict[str, Any]:
-        """`as_given`, `refitted` or `extended` of diagnosis.json."""
-        channels = {
-            name: {"rms": c.rms, "noise": c.noise, "whiteness_p": c.whiteness_p, "theil": c.theil, "R2": c.R2}
-            for name, c in self.channels.items()
-        }
-        return {"channels": channels, "log_likelihood": self.log_likelihood}
 
 
 def view_of(fit: FlightFit, start: np.ndarray | None = None) -> View:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,7 +26,6 @@ from casid.model.effects import effect_of
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 from casid.signals import label_of
-from casid.views import view
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,16 +64,14 @@ class RecordError:
     expected: float  # error that the right model would have
     worst: str  # the channel with the largest error as given
 
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `records` in diagnosis.json, without its causes."""
-        return asdict(self)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
     """Channel -> its steps in open-loop simulation of `records`, which no fit has seen; and those of all channels
     together, root mean square over the channels. `labels` are words for channels, where these are an aircraft's.
     `by_record` has fitted records too."""
+
+    in_json: ClassVar[str] = "records channels all=together"
 
     records: tuple[str, ...]
     channels: Mapping[str, BudgetSteps]
@@ -87,19 +84,13 @@ class Budget:
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`.
         """
-        return view("budget.plot")(self)
+        from casid.report.budget_figures import plot
+
+        return plot(self)
 
     def worst(self, step: str = "as_given") -> list[str]:
         """The channels by their error after a step, in units of the error of the right model, worst first."""
         return sorted(self.channels, key=lambda name: -self.channels[name].over(step))
-
-    def to_dict(self) -> dict[str, Any]:
-        """`budget` of diagnosis.json."""
-        return {
-            "records": list(self.records),
-            "channels": {name: asdict(steps) for name, steps in self.channels.items()},
-            "all": asdict(self.together),
-        }
 
 
 def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Budget:
@@ -185,6 +176,8 @@ def _in_record(view: View, r: int, best: View) -> dict[str, float]:
 class AccountStep:
     """One step from the simulation as given to the noise."""
 
+    in_json: ClassVar[str] = "step from=before to=after share what grown_to"
+
     step: str  # "data", "values", "structure", "unexplained" or "noise"
     # before, after: error on the held-out records before and after it, r.m.s. over all channels in units of their
     # noise. A step that makes it worse leaves it where it was.
@@ -195,17 +188,6 @@ class AccountStep:
     share: float
     what: tuple[str, ...] = ()  # its contributions in words, the largest first
     grown_to: float | None = None  # error after a step that makes it worse; None for any other
-
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `account` in diagnosis.json."""
-        return {
-            "step": self.step,
-            "from": self.before,
-            "to": self.after,
-            "share": self.share,
-            "what": [*self.what],
-            "grown_to": self.grown_to,
-        }
 
 
 def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[AccountStep, ...]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,7 +28,6 @@ from casid.estimation.residual_colour import (
     spread,
 )
 from casid.estimation.solvers.quadratic import inverse_along
-from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -200,6 +199,8 @@ def _pieces(fit: FlightFit, known: np.ndarray) -> Iterator[WhitePiece]:
 class Contradiction:
     """A number of the file that flight contradicts, or that cannot be."""
 
+    in_json: ClassVar[str] = "parameter unit given flight std sigmas percent reversed impossible sentence"
+
     parameter: str  # name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
     unit: str
     # what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where nothing
@@ -220,10 +221,6 @@ class Contradiction:
     def percent(self) -> float:
         """Difference between flight and file, as a part of the file's number."""
         return 100.0 * (self.flight / self.given - 1.0) if self.given else math.nan
-
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `contradicted` in diagnosis.json."""
-        return plain(self, "parameter unit given flight std sigmas percent reversed impossible sentence")
 
 
 def impossible(doubt: Doubt) -> Contradiction:

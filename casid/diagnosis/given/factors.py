@@ -11,14 +11,13 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from casid.data_check.file_meaning import FILE_UNITS, file_units
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.given.contradicted import FlightValue
-from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.causes import feedback, moment_reference
 from casid.model.causes.controls import LOOPS
@@ -34,6 +33,8 @@ _FORCES, _MOMENTS = ("CL", "CD", "CY", "CX", "CZ"), ("Cl", "Cm", "Cn")
 @dataclass(frozen=True, kw_only=True)
 class Factor:
     """A factor common to a group of derivatives."""
+
+    in_json: ClassVar[str] = "row factor std means derivatives sentence"
 
     row: str  # the group in words, as "Cm" or "all derivatives with delta_e"
     factor: float  # factor, std: flight over file, and its 1-sigma
@@ -63,10 +64,6 @@ class Factor:
             f"{self.row}: {', '.join(self.derivatives)} are {with_deviation(self.factor, self.std)} times the values "
             f"of the file, all by the same factor. Look first at {causes}."
         )
-
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `factors` in diagnosis.json."""
-        return plain(self, "row factor std means derivatives sentence")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,19 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.diagnosis.criteria import Criteria, GivenCriteria
+from casid.diagnosis.criteria import Criteria, GivenCriteria, HeldOutCriteria
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
 from casid.diagnosis.given.factors import Factor, borne_out, common_factors
 from casid.diagnosis.kinematics.kinematics import NEEDED
-from casid.errors import unknown
-from casid.keeping import plain
+from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
 from casid.model.applied import axes_of
 from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
@@ -46,10 +44,6 @@ class NotJudged:
 
     what: str
     because: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `not_judged` in diagnosis.json."""
-        return plain(self, "what because")
 
 
 def _varies(series: np.ndarray) -> bool:
@@ -401,3 +395,62 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
     flight = replace(flight, unknown=powered.unknown)
     return Scope(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))
+
+
+def split(
+    records: Sequence[Record], hold_out: Sequence[Record], criteria: HeldOutCriteria
+) -> tuple[list[Record], list[Record]]:
+    """Split the records into those that are fitted and those that are held out.
+
+    Without `hold_out` the last of several records is held out. Of a single record its last third is held out, or the
+    part that the `criteria` set.
+
+    raises  InputError if there is no record, or if two records have the same name
+    """
+    if not records:
+        raise InputError("no record to diagnose")
+    names = [r.name for r in (*records, *hold_out)]
+    twice = sorted({n for n in names if names.count(n) > 1})
+    if twice:
+        raise InputError(f"two records are named '{twice[0]}'; names must differ")
+    for held in hold_out:
+        if twin := repeated(held, records):
+            raise InputError(
+                f"held-out record '{held.name}' has the samples of '{twin}', which is fitted; hold out another flight, "
+                "or none"
+            )
+    if hold_out:
+        return list(records), list(hold_out)
+    if len(records) > 1:
+        return list(records[:-1]), [records[-1]]
+    only = records[0]
+    cut = only.t[0] + criteria.fitted_part * only.duration
+    part = "last third" if criteria == HeldOutCriteria() else "last part"
+    return [only.between(-np.inf, cut)], [only.between(cut, np.inf, name=f"{only.name}, {part}")]
+
+
+def repeated(held: Record, fitted: Sequence[Record]) -> str:
+    """The name of a fitted record whose samples a held-out record repeats; empty if it is new.
+
+    Records are compared by the channels that both have, and half of the samples decide: two flights do not have so many
+    samples in common to the last digit. Samples that repeat their predecessor do not count.
+    """
+    for record in fitted:
+        shared = sorted(set(held.channels) & set(record.channels))
+        mine, theirs = ({row.tobytes() for row in _moving(one, shared)} for one in (held, record))
+        if len(mine & theirs) > 0.5 * len(mine):
+            return record.name
+    return ""
+
+
+def part_of_a_fitted_record(held: Sequence[Record], fitted: Sequence[Record]) -> str:
+    """Why held-out records are no flights of their own: they are parts of a fitted one; empty if they are."""
+    names = {record.name for record in fitted}
+    parts = [record.name for record in held if record.name.rpartition(", ")[0] in names]
+    return f"{parts[0]} is a part of the one record that there is" if parts else ""
+
+
+def _moving(record: Record, names: Sequence[str]) -> np.ndarray:
+    """(samples, channels) The samples that differ from their predecessors."""
+    rows = np.column_stack([record[name] for name in names]) if names else np.zeros((1, 0))
+    return rows[1:][(rows[1:] != rows[:-1]).any(axis=1)]

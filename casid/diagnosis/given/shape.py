@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import scipy
@@ -18,7 +18,6 @@ from casid.criterion import number
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.tables import table
 from casid.model.terms import VARIABLES
@@ -57,6 +56,8 @@ class Points:
 class Shape:
     """What is missing at a coefficient as a curve."""
 
+    in_json: ClassVar[str] = "coefficient over times=second x y std held_out sentence"
+
     coefficient: str  # where it enters, as "Cm"
     over: str  # the variable of the curve, as "alpha"; rates are dimensionless
     times: str  # a second variable that the curve is multiplied by; empty: it is an increment of the coefficient itself
@@ -77,9 +78,10 @@ class Shape:
             f"curve leaves {100.0 / self.held_out:.0f} % of it. This is a description, and no cause."
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `shapes` in diagnosis.json."""
-        return plain(self, "coefficient over times x y std held_out sentence") | {"times": self.times or None}
+    @property
+    def second(self) -> str | None:
+        """The variable of `times`; None where there is none."""
+        return self.times or None
 
 
 def with_shapes(aircraft: Aircraft, shapes: Sequence[Shape]) -> Aircraft:

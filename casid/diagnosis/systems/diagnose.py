@@ -14,11 +14,12 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.baseline import Baseline
-from casid.diagnosis.engine.held_out import Kept, split
+from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
+from casid.diagnosis.given.scope import split
 from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
@@ -51,26 +52,11 @@ def diagnose_system(
     library: Library | None = None,
     seconds: float | None = None,
 ) -> Diagnosis:
-    """Diagnose a model on records.
+    """The diagnosis of a system; arguments and errors are those of `diagnose`.
 
     All parameters are fitted, with the prior of `model.prior_std`; one whose prior is 0 stays nominal. Noise of the
-    readings is judged from the band above the motion.
-
-    model     the simulation; one Runge-Kutta step of fourth order goes from sample to sample
-    records   records to be fitted
-    hold_out  records that are never fitted; when none is given one record, or the last third of a single one, is held
-              back
-    report    is called with the name of every stage
-    criteria  every number that decides, see `Criteria`. Times in seconds are those of an aircraft's records and become
-              longer or shorter with the records of a system; `systems` is for these alone.
-    ports     where reality may differ; by default at every state derivative, input and output whose name is not in
-              `exact`
-    exact     names of states whose equations are beyond doubt, and of inputs and outputs that are
-    library   the causes that are considered; by default all that any system may have
-    seconds   time after which the search for causes ends; by default it ends by itself
-    raises    InputError for names that do not exist, records that cannot feed the model, and arguments that are not
-              ports, a library or criteria
-    raises    EstimationError when the model cannot be fitted at all
+    readings is judged from the band above the motion. One Runge-Kutta step of fourth order goes from sample to sample.
+    Criteria in seconds are of an aircraft's records, and become longer or shorter with the records of a system.
     """
     check_continuous(model, "diagnose")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "cs.Criteria(...)")
@@ -93,7 +79,7 @@ def diagnose_system(
     given = fly_as_given(plant, held, refitted)
     report(sentences.so_far(given, (), 0))
 
-    def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedSystem:
+    def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
         base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
         extended = Extended(base=base, attached=kept.fit.attached, terms=plant.terms_of)
         return DiagnosedSystem(model=model, extended=extended)
@@ -133,7 +119,7 @@ def diagnose_rotorcraft(
     given = fly_as_given(plant, held, refitted)
     report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
 
-    def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause]) -> DiagnosedAircraft:
+    def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], _: object) -> DiagnosedAircraft:
         return DiagnosedAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)

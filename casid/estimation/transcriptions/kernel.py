@@ -34,7 +34,6 @@ FLAGS = (
     *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ()),
 )
 _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on one core
-_SOURCE_PER_INSTRUCTION = 5e-6  # s, to write and hash the C source
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -127,6 +127,10 @@ class DaveAerodynamics:
         forces have moments about the centre of mass. Expressions in the quantities of `Aircraft.aerodynamics`."""
         return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
 
+    def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]) -> str:
+        """The `text` of the file, its tables corrected; see `mended_text`."""
+        return mended_text(text, self.file_tables, effects, terms)
+
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
 
@@ -240,13 +244,6 @@ _FUNCTION = re.compile(r"<((?:\w+:)?function)\b[^>]*>(.*?)</\1\s*>", re.DOTALL)
 _REFERENCE = re.compile(r"<(?:\w+:)?griddedTableRef\b[^>]*\bgtID\s*=\s*[\"']([^\"']*)[\"']")
 _DATA = re.compile(r"<((?:\w+:)?dataTable)\b[^>]*>(.*?)</\1\s*>", re.DOTALL)
 _END = re.compile(r"</(?:\w+:)?DAVEfunc\s*>")
-
-
-def rewritten(
-    own: DaveAerodynamics, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]
-) -> str:
-    """The `text` of the file of some aerodynamics, its tables corrected; see `mended_text`."""
-    return mended_text(text, own.file_tables, effects, terms)
 
 
 def mended_text(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType, SimpleNamespace
@@ -17,6 +17,7 @@ from casid.formats.file_tables import QUANTITIES, FileTable, Tried, file_tables
 from casid.formats.jsbsim.functions import entries, mark, marked, value_of
 from casid.formats.jsbsim.properties import Metrics, Properties
 from casid.formats.jsbsim.source import amount, body_arm, part, place
+from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
 
 _FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
@@ -82,6 +83,12 @@ class JsbsimAerodynamics:
         """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
         forces have moments about the c.g. Expressions in the quantities of `Aircraft.aerodynamics`."""
         return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
+
+    def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]) -> str:
+        """The `text` of the file with further terms and effects; see `extended_text`."""
+        from casid.formats.jsbsim.write import extended_text
+
+        return extended_text(text, terms, effects, self.axes, self.file_tables)
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again

@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 from casid.errors import InputError
 from casid.formats.absorbed import absorbed
 from casid.formats.file_tables import FileTable, blanked, comment, holding, said
-from casid.formats.jsbsim.aerodynamics import JsbsimAerodynamics, reference_point
+from casid.formats.jsbsim.aerodynamics import reference_point
 from casid.formats.jsbsim.aircraft import mass_properties
 from casid.formats.jsbsim.functions import with_changed_table
 from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
@@ -44,13 +44,6 @@ _WRITTEN = {
 }
 _FORCE_AXES = {"DRAG": ("DRAG", "SIDE", "LIFT"), "AXIAL": ("AXIAL", "SIDE", "NORMAL"), "X": ("X", "Y", "Z")}
 _LIFT_SQUARED = "aero/cl-squared"
-
-
-def rewritten(
-    own: JsbsimAerodynamics, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]
-) -> str:
-    """The `text` of the file of some aerodynamics, with further terms and effects; see `extended_text`."""
-    return extended_text(text, terms, effects, own.axes, own.file_tables)
 
 
 def extended_text(

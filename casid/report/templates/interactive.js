@@ -88,7 +88,7 @@
           x: { time: false, distr: panel.log[0] ? 3 : 1 },
           y: { distr: panel.log[1] ? 3 : 1, range: (u, min, max) => whole(u) ? [low, high] : padded(min, max, panel.log[1]) },
         },
-        axes: [{ size: 26, font: FONT }, { size: roomFor, font: FONT }],
+        axes: [{ size: 26, font: FONT }, { size: roomFor, font: FONT, space: 18 }],
         legend: { live: true },
         hooks: {
           drawClear: [shade(panel)],

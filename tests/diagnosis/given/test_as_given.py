@@ -10,6 +10,7 @@ from diagnosis_flights import flights
 
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.given.budget import fly_as_given
+from casid.diagnosis.shown import simulated_of
 from casid.keeping import plain
 from problems.do328 import do328
 
@@ -25,5 +26,5 @@ def test_a_reading_that_never_changes_has_no_share_explained(held: float) -> Non
     assert math.isnan(stuck.R2)
     assert stuck.rms > 0.0
     assert 0.0 < stuck.theil <= 1.0
-    assert plain(view.to_dict())["channels"]["phi"]["R2"] is None
+    assert plain(simulated_of(view))["channels"]["phi"]["R2"] is None
     assert view.channels["alpha"].R2 > 0.9

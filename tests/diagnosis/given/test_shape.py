@@ -16,6 +16,7 @@ from casid.diagnosis.evidence.missing_input import missing_at
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.given.shape import Points, Shape, shape_of, shapes_of, with_shapes
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
@@ -50,7 +51,7 @@ def test_a_bend_over_one_variable() -> None:
     off = found.y - bend(found.x)
     assert np.abs(off - off.mean()).max() < 0.006  # twice the noise of one node; a constant is no part of a shape
     assert np.median(np.abs(off - off.mean()) / found.std) < 3.0 and found.std.max() < 0.01
-    assert "no cause" in found.sentence and found.to_dict()["times"] is None
+    assert "no cause" in found.sentence and plain(found)["times"] is None
 
 
 def test_a_slope_that_depends_on_another_variable() -> None:
