@@ -24,6 +24,7 @@ from casid.data_check.response import answers
 from casid.data_check.rotors import rotor_faults
 from casid.data_check.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, check_known
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
 from casid.native.threads import single_threaded
@@ -103,11 +104,9 @@ class DataFindings:
         """The findings as in diagnosis.json, and the channel table."""
         return {
             "records": [record.name for record in self.recorded],
-            "data": [one.to_dict() for one in self.findings],
-            "file": [one.to_dict() for one in (*self.doubts, *self.impossible)],
-            "remarks": list(self.remarks),
+            **plain(self, "data=findings remarks unread"),
+            "file": plain([*self.doubts, *self.impossible]),
             "channels": {row.name: row.to_dict() for row in self.table},
-            "unread": dict(self.unread),
         }
 
     def __str__(self) -> str:

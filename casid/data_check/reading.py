@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from casid.data_check.criteria import DataCriteria
-from casid.keeping import plain
+from casid.keeping import by_fields
 from casid.model.dynamics import standard_density
 from casid.model.measured_force import external_force
 from casid.records.checks import INPUTS
@@ -270,6 +270,10 @@ class Finding:
     ('data_stuck', 'beta')
     """
 
+    in_json: ClassVar[str] = (
+        "kind target term records intervals_s value std unit handled odds sentence indistinguishable_from"
+    )
+
     kind: str
     target: str
     records: tuple[str, ...]
@@ -293,7 +297,4 @@ class Finding:
         of_the_file = any(one["kind"] in OF_THE_FILE for one in self.indistinguishable_from)
         return self.handled == "reported" and not of_the_file
 
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `data` in diagnosis.json."""
-        told = "kind target term records intervals_s value std unit handled odds sentence indistinguishable_from"
-        return plain(self, told)
+    to_dict = by_fields

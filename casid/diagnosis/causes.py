@@ -9,18 +9,7 @@ import numpy as np
 from scipy import special
 
 from casid.diagnosis import gates
-from casid.diagnosis.cause import (
-    IN_A_SET,
-    MINOR,
-    NAMED,
-    REFUSED,
-    Cause,
-    Decision,
-    Gate,
-    Trace,
-    all_passed,
-    merged,
-)
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Gate, Trace, all_passed, merged
 from casid.diagnosis.engine.acceptance import sine
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import State

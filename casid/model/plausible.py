@@ -9,9 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
 
-from casid.keeping import plain
+from casid.keeping import by_fields
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -28,9 +27,7 @@ class Doubt:
     unit: str
     sentence: str  # what is wrong with it, and what it may be
 
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `file` among the findings of a check."""
-        return plain(self, "parameter given unit sentence")
+    to_dict = by_fields
 
 
 # Bounds: lowest, highest. Gravity of the Earth up to 30 km.

@@ -34,9 +34,7 @@ from casid.report.style import (
     settings,
     window,
 )
-from casid.report.style import (
-    EXTENDED as BLUE,
-)
+from casid.report.style import EXTENDED as BLUE
 from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, with_std
 from casid.signals import SURFACES, label_of
@@ -331,59 +329,44 @@ def _added(side: Side) -> str:
 
 def _histories(one: MatchedTest) -> ReportTable:
     """A line for each time history and side."""
-    rows = []
-    for label, check in _each(one, of_quantities=False):
-        first = label == next(iter(one.sides))
-        rows.append(
-            Row(
-                cells=(
-                    check.tolerance.words if first else "",
-                    _limit_in_words(one, check.tolerance) if first else "",
-                    label,
-                    _in_unit(check.deviation, check.tolerance),
-                    f"{check.at_s:.2f}" if math.isfinite(check.at_s) else "–",
-                    f"{check.out_s:.2f} of {check.in_s + check.out_s:.2f}" if math.isfinite(check.out_s) else "–",
-                    _used(check.used),
-                    _outcome(check),
-                ),
-                marked=check.passed is False,
-            )
-        )
+
+    def cells(label: str, check: Check, first: bool) -> tuple[str, ...]:
+        out = f"{check.out_s:.2f} of {check.in_s + check.out_s:.2f}" if math.isfinite(check.out_s) else "–"
+        at = f"{check.at_s:.2f}" if math.isfinite(check.at_s) else "–"
+        return label, _in_unit(check.deviation, check.tolerance), at, out
+
     head = ("compared", "tolerance", "simulation", "largest deviation", "at [s]", "time out [s]", "tolerance used", "")
-    return ReportTable(head=head, rows=tuple(rows), caption="Time histories", numeric=True)
+    return ReportTable(head=head, rows=_rows(one, cells, False), caption="Time histories", numeric=True)
 
 
 def _quantities(one: MatchedTest) -> ReportTable:
-    rows = []
-    for label, check in _each(one, of_quantities=True):
-        first = label == next(iter(one.sides))
-        rows.append(
-            Row(
-                cells=(
-                    check.tolerance.words if first else "",
-                    _limit_in_words(one, check.tolerance) if first else "",
-                    _quantity(check.flight, check.tolerance) if first else "",
-                    label,
-                    _quantity(check.simulation, check.tolerance),
-                    _in_unit(check.deviation, check.tolerance),
-                    _used(check.used),
-                    _outcome(check),
-                ),
-                marked=check.passed is False,
-            )
-        )
+    """The same for each derived quantity."""
+
+    def cells(label: str, check: Check, first: bool) -> tuple[str, ...]:
+        flown, simulated = (_quantity(value, check.tolerance) for value in (check.flight, check.simulation))
+        return flown if first else "", label, simulated, _in_unit(check.deviation, check.tolerance)
+
     head = ("quantity", "tolerance", "flight ± 1σ", "simulation", "value ± 1σ", "deviation", "tolerance used", "")
-    return ReportTable(head=head, rows=tuple(rows), caption="Derived quantities, measured from both in the same way")
+    caption = "Derived quantities, measured from both in the same way"
+    return ReportTable(head=head, rows=_rows(one, cells, True), caption=caption)
 
 
-def _each(one: MatchedTest, of_quantities: bool) -> list[tuple[str, Check]]:
-    """(side, check), row by row."""
-    return [
-        (label, side.checks[i])
-        for i, row in enumerate(one.test.tolerances)
-        if (row.quantity is not None) == of_quantities
-        for label, side in one.sides.items()
-    ]
+def _rows(
+    one: MatchedTest, cells: Callable[[str, Check, bool], tuple[str, ...]], of_quantities: bool
+) -> tuple[Row, ...]:
+    """A line for each row of the test and side, with its own cells; what is common to the sides stands in the first."""
+    rows = []
+    for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
+        for label, side in one.sides.items():
+            check, first = side.checks[row], label == next(iter(one.sides))
+            head = (check.tolerance.words, _limit_in_words(one, check.tolerance)) if first else ("", "")
+            own = (*head, *cells(label, check, first), _used(check.used), _outcome(check))
+            rows.append(Row(cells=own, marked=check.passed is False))
+    return tuple(rows)
+
+
+def _is_quantity(one: MatchedTest, row: int) -> bool:
+    return one.test.tolerances[row].quantity is not None
 
 
 def _limit_in_words(one: MatchedTest, row: Tolerance) -> str:

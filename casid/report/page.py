@@ -20,14 +20,7 @@ from casid.records.readers import write_record
 from casid.report import tables
 from casid.report.aircraft_figures import derivatives, envelope, envelope_table
 from casid.report.budget_figures import budget
-from casid.report.cause_figures import (
-    cause_response,
-    missing_history,
-    onset,
-    shape,
-    unexplained_shapes,
-    wind,
-)
+from casid.report.cause_figures import cause_response, missing_history, onset, shape, unexplained_shapes, wind
 from casid.report.claims import Claim, claims, numbered
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing

@@ -13,18 +13,7 @@ from casid.frequency.mismatch import MismatchEnvelope, ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
 from casid.frequency.response_fit import ResponseFit
 from casid.report.estimate_figures import file_name
-from casid.report.style import (
-    CURVES,
-    EXPLAINED,
-    FAINT,
-    MEASURED,
-    NOISE,
-    Picture,
-    blank,
-    legend,
-    settings,
-    window,
-)
+from casid.report.style import CURVES, EXPLAINED, FAINT, MEASURED, NOISE, Picture, blank, legend, settings, window
 from casid.signals import label_of, unit_of
 
 _SIGMAS = 2.0

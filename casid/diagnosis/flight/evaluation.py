@@ -22,13 +22,7 @@ from casid.diagnosis.flight.hypothesis import (
     readings,
 )
 from casid.diagnosis.flight.subject import Subject
-from casid.filtering.innovations import (
-    Batch,
-    Linear,
-    NoiseModel,
-    PointFunctions,
-    linearise,
-)
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
 from casid.model.path import STATES
 from casid.model.station import Station

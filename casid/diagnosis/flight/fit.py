@@ -9,16 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import (
-    FlightFit,
-    Free,
-    Motion,
-    Slot,
-    Work,
-    evaluate,
-    gauss_newton_step,
-    smoothed,
-)
+from casid.diagnosis.flight.evaluation import FlightFit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy import special
@@ -30,6 +30,7 @@ from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
+from casid.keeping import by_fields, plain
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
 from casid.model.vocabulary import effect_title
@@ -70,6 +71,8 @@ class InstrumentError:
     >>> found = cs.compatibility(cs.read_records("flight/m*.csv"))  # doctest: +SKIP
     >>> [(one.kind, one.target, one.value, one.std) for one in found.errors]  # doctest: +SKIP
     """
+
+    in_json: ClassVar[str] = "kind target value=stated std unit allowed identifiable passed rivals"
 
     kind: str
     target: str
@@ -118,10 +121,7 @@ class InstrumentError:
         """The remark at the end of its row in the table."""
         return ("" if self.identifiable else "  not identifiable") + ("" if self.passed else "  failed")
 
-    def to_dict(self) -> dict[str, Any]:
-        """One entry of `errors` in compatibility.json."""
-        kept = ("kind", "target", "std", "unit", "allowed", "identifiable", "passed")
-        return {name: getattr(self, name) for name in kept} | {"value": self.stated, "rivals": list(self.rivals)}
+    to_dict = by_fields
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -203,14 +203,8 @@ class Compatibility:
         return {
             "schema": "casid.compatibility/1",
             "records": [record.name for record in self.records],
-            "axes": self.axes,
-            "passed": self.passed,
-            "data": [one.to_dict() for one in self.data],
-            "errors": [one.to_dict() for one in self.errors],
+            **plain(self, "axes passed data errors moving_air wind not_judged"),
             "channels": {name: {"left": self.left[name], "noise": self.noise[name]} for name in self.left},
-            "moving_air": self.moving_air,
-            "wind": None if self.wind is None else self.wind.to_dict(),
-            "not_judged": list(self.not_judged),
         }
 
     def __str__(self) -> str:
@@ -502,9 +496,7 @@ class SteadyWind:
             f"east {self.east:.3g} +- {self.east_std:.2g} m/s; {self.varies:.2g} m/s r.m.s. are left."
         )
 
-    def to_dict(self) -> dict[str, float]:
-        """The numbers by name."""
-        return dict(vars(self))
+    to_dict = by_fields
 
 
 def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | None:

@@ -32,14 +32,7 @@ from casid.filtering.innovations import (
     padded,
 )
 from casid.filtering.kalman import kalman_filter, residual_column
-from casid.model.causes.systems import (
-    Library,
-    as_read,
-    as_term,
-    effects_of,
-    level,
-    stuck,
-)
+from casid.model.causes.systems import Library, as_read, as_term, effects_of, level, stuck
 from casid.model.effect import Effect
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports

@@ -15,6 +15,7 @@ import casadi as ca
 
 from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
+from casid.formats.jsbsim.source import number_of
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
 
@@ -68,7 +69,7 @@ def expression(node: ET.Element, look: Look) -> Any:
     """The value of a node, variables by `look`. Raises InputError for an operator that is not known."""
     tag, children = bare(node), list(node)
     if tag == "cn":
-        return ca.SX(number(node.text, "cn"))
+        return ca.SX(number_of(node.text, "cn"))
     if tag == "ci":
         return look((node.text or "").strip())
     if tag == "pi":
@@ -105,14 +106,6 @@ def _piecewise(children: Sequence[ET.Element], look: Look) -> Any:
     if value is None:
         raise InputError("<piecewise> has no piece")
     return value
-
-
-def number(text: str | None, where: str) -> float:
-    """A number of the file. Raises InputError."""
-    try:
-        return float(text or "")
-    except ValueError:
-        raise InputError(f"<{where}> must be a number, got '{(text or '').strip()[:40]}'") from None
 
 
 _SEPARATORS = re.compile(r"[\s,]+")
@@ -174,7 +167,7 @@ class DaveFile:
         if calculation is not None:
             return expression(_child(calculation, "math"), look)
         if node.get("initialValue") is not None:
-            return ca.SX(number(node.get("initialValue"), "initialValue"))
+            return ca.SX(number_of(node.get("initialValue"), "initialValue"))
         raise InputError(f"variable '{varid}' ({node.get('name')}) has no value; hold it: held = {{\"{varid}\": 0.0}}")
 
     def _table(self, node: ET.Element) -> ET.Element | None:
@@ -238,4 +231,4 @@ def _child(node: ET.Element, tag: str) -> ET.Element:
 
 def _numbers(node: ET.Element, tag: str) -> list[float]:
     text = "".join(_child(node, tag).itertext())
-    return [number(x, tag) for x in _SEPARATORS.split(text.strip()) if x]
+    return [number_of(x, tag) for x in _SEPARATORS.split(text.strip()) if x]
