@@ -84,7 +84,10 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
     """The baseline of a re-estimated file and the result of its kinematic check."""
     structure = [*demanded_structure(calm), *found.nuisance]
     structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm)) if structure else calm
-    moving = found.turbulence
-    start = in_colour(in_turbulence(of_aircraft(calm.flight), moving, structured)) if moving.named else structured
+    start, moving = structured, found.turbulence
+    if moving.named:
+        for one in (calm, structured):
+            one.forget()
+        start = in_colour(in_turbulence(of_aircraft(calm.flight), moving, structured))
     calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # rarely needed again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)

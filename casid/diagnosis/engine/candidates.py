@@ -178,6 +178,7 @@ def try_cause(
     if attached.effect.timed:
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
+            joint.forget()
             joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="trial"))
         if joint.fit.deviance < give_up:
             joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
@@ -332,4 +333,5 @@ def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
+    evidence.forget()
     return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="trial"))

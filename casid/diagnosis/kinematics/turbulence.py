@@ -117,7 +117,12 @@ def gusts(
 
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
-    """The fit of the full model in turbulence.
+    """The fit of the full model in turbulence, of the form that explains most."""
+    return relaxed(_in_likeliest_form(flight, turbulent, start))  # the filters of the other forms are given up by then
+
+
+def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
+    """The fit in the form of turbulence that explains most, under the filter of that form's first point.
 
     The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
     of its pitch and yaw rates due to that gradient, which differ between simulators, and the size of its own roll rate
@@ -156,13 +161,12 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
         others.append(other(_ROLLING, scales[0], first, turned_about(*turned)))
     best = larger(_ROLLING, min(others, key=lambda one: one.deviance))
     if uniform.deviance < best.deviance:
-        return relaxed(uniform)
+        return uniform
     besides = other(tuple(_DAMPING), scales[0], best, of_aircraft(best.flight).turning)
     if besides is not best:
         besides = larger(tuple(_DAMPING), besides)
-    return relaxed(
-        besides if best.deviance - besides.deviance > flight.criteria.naming.approximate * turbulent.gain else best
-    )
+    more = best.deviance - besides.deviance
+    return besides if more > flight.criteria.naming.approximate * turbulent.gain else best
 
 
 def in_other_air(fitted: FlightFit) -> FlightFit:
