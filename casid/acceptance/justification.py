@@ -65,8 +65,7 @@ def _findings(told: Mapping[str, Any], extended: Any) -> Findings:
     gain = (told.get("gain") or {}).get("held_out") or {}
     held_out = tuple(gain.get("records") or ())
     named = [*(told.get("causes") or []), *(told.get("data") or [])]
-    records = {one["name"] for one in told.get("records") or [] if isinstance(one, dict) and "name" in one}
-    records |= {*(told.get("notes") or {}), *(r for one in named for r in one.get("records") or [])}
+    records = {*(told.get("notes") or {}), *(name for one in named for name in one.get("records") or [])}
     return Findings(
         sentences={one["name"]: _with_probability(one) for one in told.get("causes") or []},
         fitted=tuple(sorted(records - set(held_out))),

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,7 @@ class Forms:
 class Effect:
     """One cause at one target."""
 
-    kind: str
+    kind: str = ""  # that of its `cause` where it is not given
     target: str = ""
     term: str | None = None
     variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
@@ -361,7 +362,11 @@ def cause(
     a target (and a term). `candidates` are one effect for every target when they are not given."""
     valid, terms = tuple(targets), tuple(terms)
 
-    def register(make: Callable[..., Effect]) -> Callable[..., Effect]:
+    def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
+        @wraps(define)
+        def make(*place: Any, **named: Any) -> Effect:
+            return replace(define(*place, **named), kind=kind)
+
         def one_for_each_target(aircraft: Airframe) -> Iterable[Effect]:
             rotors = aircraft.rotors.names if said.get("of_rotors") and aircraft.rotors else ()
             return (make(target) for target in ((*valid, *rotors) or ("",)))

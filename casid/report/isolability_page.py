@@ -108,7 +108,7 @@ def _by_place(causes: Sequence[IsolableCause], sizes: bool = False) -> list[str]
         place, colon, what = _label(one.name).partition(": ")
         size = f" ({smallest(one)})" if sizes else ""
         found.setdefault(place if colon else "", []).append(f"{what if colon else place}{size}")
-    return [f"{place}: {', '.join(what)}" if place else ", ".join(what) for place, what in sorted(found.items())]
+    return [f"{place}: {'; '.join(what)}" if place else "; ".join(what) for place, what in sorted(found.items())]
 
 
 def _wrapped(lines: Iterable[str]) -> list[str]:
@@ -124,7 +124,7 @@ def smallest(one: IsolableCause) -> str:
 
 def rivals(one: IsolableCause) -> str:
     """Name what a cause is taken for, the three most alike."""
-    return ", ".join(f"{_label(name)} ({100.0 * p:.0f} %)" for name, p in list(one.confusion.items())[:3])
+    return ", ".join(f"{_label(name)} ({100.0 * p:.0f}\u00a0%)" for name, p in list(one.confusion.items())[:3])
 
 
 def additions_in_words(found: Isolability) -> list[str]:

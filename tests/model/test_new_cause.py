@@ -49,7 +49,6 @@ def gyro_tilt() -> Iterator[None]:
             path.output[rate] += values["value"] * path.state[sensed]
 
         return Effect(
-            kind="gyro_tilt",
             target=rate,
             reads=(rate,),
             kinematic=True,

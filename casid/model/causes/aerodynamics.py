@@ -67,7 +67,6 @@ def aero_term(coefficient: str, term: str) -> Effect:
         path.coefficient[coefficient] += values["value"] * evaluate(term, path)
 
     return Effect(
-        kind="aero_term",
         target=coefficient,
         term=term,
         regressor=term,
@@ -139,7 +138,6 @@ def unsteady_aero(coefficient: str) -> Effect:
         path.coefficient[coefficient] += values["value"] * path.regressor[rate]
 
     return Effect(
-        kind="unsteady_aero",
         target=coefficient,
         regressor=rate,
         enters=station.coefficient(coefficient),
@@ -172,7 +170,6 @@ def configuration_change(coefficients: str) -> Effect:
         return {station.coefficient(name): values["value" if name == names[0] else name] * moved for name in names}
 
     return Effect(
-        kind="configuration_change",
         target=coefficients,
         members=names,
         enters=station.coefficient(names[0]),

@@ -58,7 +58,6 @@ def wind_shear(axis: str) -> Effect:
         return _blowing(direction, wind, known)
 
     return Effect(
-        kind="wind_shear",
         target=axis,
         enters=station.wind(axis),
         kinematic=True,
@@ -86,7 +85,6 @@ def gust(axis: str) -> Effect:
         return _blowing(_body_axis(axis, begins, known), wind, known)
 
     return Effect(
-        kind="gust",
         target=axis,
         enters=station.wind(axis),
         kinematic=True,
@@ -107,7 +105,6 @@ def gust(axis: str) -> Effect:
 )
 def turbulence(target: str = "") -> Effect:
     return Effect(
-        kind="turbulence",
         target=target,
         kinematic=True,
         linear=False,

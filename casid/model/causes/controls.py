@@ -21,7 +21,6 @@ _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
 
 
 def _surface_operator(
-    kind: str,
     surface: str,
     sizes: Iterable[float],
     operate: Callable,
@@ -41,7 +40,6 @@ def _surface_operator(
         return transfer(s, values["value"])
 
     return Effect(
-        kind=kind,
         target=surface,
         linear=False,
         further=Further(grid=tuple({"value": v} for v in sizes), unsigned=unsigned),
@@ -65,7 +63,7 @@ def actuator_lag(surface: str) -> Effect:
 
     sizes = (0.03, 0.06, 0.12, 0.25, 0.5)
     late = operators.lag_transfer
-    return _surface_operator("actuator_lag", surface, sizes, operators.lag, 0.01, 1.0, noise=noise, transfer=late)
+    return _surface_operator(surface, sizes, operators.lag, 0.01, 1.0, noise=noise, transfer=late)
 
 
 @cause(
@@ -77,7 +75,7 @@ def actuator_lag(surface: str) -> Effect:
 )
 def input_delay(surface: str) -> Effect:
     sizes, late = (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay_transfer
-    return _surface_operator("input_delay", surface, sizes, operators.delay, 0.01, 0.5, unsigned=(), transfer=late)
+    return _surface_operator(surface, sizes, operators.delay, 0.01, 0.5, unsigned=(), transfer=late)
 
 
 @cause(
@@ -89,7 +87,7 @@ def input_delay(surface: str) -> Effect:
 )
 def rate_limit(surface: str) -> Effect:
     sizes = np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0])
-    return _surface_operator("rate_limit", surface, sizes, operators.rate_limit, 0.0, math.radians(200.0))
+    return _surface_operator(surface, sizes, operators.rate_limit, 0.0, math.radians(200.0))
 
 
 @cause(
@@ -103,7 +101,7 @@ def dead_zone(surface: str) -> Effect:
     def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
         return operators.dead_zone(y, width, float(np.median(y)))
 
-    return _surface_operator("dead_zone", surface, _PLAY, operate, math.radians(0.1), math.radians(8.0))
+    return _surface_operator(surface, _PLAY, operate, math.radians(0.1), math.radians(8.0))
 
 
 @cause(
@@ -121,7 +119,6 @@ def backlash(surface: str) -> Effect:
         }
 
     return Effect(
-        kind="backlash",
         target=surface,
         linear=False,
         further=Further(
@@ -155,7 +152,6 @@ def effectiveness_change(surface: str) -> Effect:
         return np.full(len(s), 1.0 + values["value"], dtype=complex)
 
     return Effect(
-        kind="effectiveness_change",
         target=surface,
         event=Event(recurring=True),
         further=Further(either_sign=True),
@@ -181,7 +177,6 @@ def stuck(surface: str) -> Effect:
         return {station.control(surface): values["value"] * during * (held - recorded)}
 
     return Effect(
-        kind="stuck",
         target=surface,
         event=Event(recurring=True, lasts="duration"),
         further=Further(
@@ -279,7 +274,6 @@ def feedback(surface: str, quantity: str) -> Effect:
         _fed_back(path, quantity, surface, values["value"] * fed)
 
     return Effect(
-        kind="feedback",
         target=surface,
         term=quantity,
         enters=station.control(surface),

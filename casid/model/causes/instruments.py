@@ -87,7 +87,6 @@ def sensor_bias(channel: str) -> Effect:
         path.output[channel] += values["value"]
 
     return Effect(
-        kind="sensor_bias",
         target=channel,
         reads=(channel,),
         kinematic=True,
@@ -112,7 +111,6 @@ def sensor_scale(target: str) -> Effect:
 
     # calibrations in flight are good to about one percent
     return Effect(
-        kind="sensor_scale",
         target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True),
@@ -124,7 +122,6 @@ def sensor_scale(target: str) -> Effect:
 
 
 def _slow_reading(
-    kind: str,
     target: str,
     operate: Callable,
     transfer: Callable[[np.ndarray, float], np.ndarray],
@@ -142,7 +139,6 @@ def _slow_reading(
         return transfer(s, values["value"])
 
     return Effect(
-        kind=kind,
         target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
         traits=Traits(covered_by=_RATE_OF.get(target), by_record=True, late=True),
@@ -165,7 +161,7 @@ def _slow_reading(
 def sensor_delay(target: str) -> Effect:
     if target == "surfaces":
         return _late_surfaces()
-    return _slow_reading("sensor_delay", target, operators.delay, operators.delay_transfer)
+    return _slow_reading(target, operators.delay, operators.delay_transfer)
 
 
 def _late_surfaces() -> Effect:
@@ -202,7 +198,7 @@ def sensor_lag(target: str) -> Effect:
 
     # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
     late = operators.lag_transfer
-    return _slow_reading("sensor_lag", target, operators.lag, late, instrument, unsigned=("value",))
+    return _slow_reading(target, operators.lag, late, instrument, unsigned=("value",))
 
 
 _DRIVEN_BY = {
@@ -238,7 +234,6 @@ def structural_mode(channel: str) -> Effect:
     # so near to one another that a fit climbs from one of them to the highest of neighbouring maxima
     frequencies = np.round(np.geomspace(1.5, 8.0, 19), 2)
     return Effect(
-        kind="structural_mode",
         target=channel,
         reads=(channel,),
         traits=Traits(covered_by=_RATE_OF.get(channel)),
@@ -263,7 +258,6 @@ def vane_position(channel: str) -> Effect:
         path.sensor_position[f"{channel}_vane"][0] += values["value"]
 
     return Effect(
-        kind="vane_position",
         size=Size(within="span", meaningful=0.3, limit=30.0),
         target=channel,
         reads=(channel,),
@@ -286,7 +280,6 @@ def accelerometer_position(axis: str) -> Effect:
         path.sensor_position["accelerometer"]["xyz".index(axis)] += values["value"]
 
     return Effect(
-        kind="accelerometer_position",
         size=Size(within="span", meaningful=0.1, limit=20.0),
         target=axis,
         reads=("ax", "ay", "az"),

@@ -41,7 +41,6 @@ def cg_offset(axis: str) -> Effect:
         return changed(rotors, ALL, lambda one: {"position": tuple(map(float, one.position - by))})
 
     return Effect(
-        kind="cg_offset",
         forms=Forms(into_rotors=into_rotors),
         size=Size(within="chord", meaningful=matters, limit=3.0),
         traits=Traits(balance=True, by_record=True, relative=True, shows_as="accelerometer_position"),
@@ -72,7 +71,6 @@ def moment_reference(axis: str) -> Effect:
         path.moment[2] += values["value"] * Y
 
     return Effect(
-        kind="moment_reference",
         target=axis,
         station="moments",
         change=change,
@@ -94,7 +92,6 @@ def mass(target: str = "") -> Effect:
         return _MASS_MATTERS * aircraft.mass
 
     return Effect(
-        kind="mass",
         size=Size(within="mass", meaningful=matters),
         station="mass",
         change=change,
@@ -118,7 +115,6 @@ def inertia(component: str) -> Effect:
         return _INERTIA_MATTERS * getattr(aircraft.inertia, "Ixx" if component == "Ixz" else component)
 
     return Effect(
-        kind="inertia",
         size=Size(within="inertia", meaningful=matters),
         target=component,
         traits=Traits(by_record=True, relative=True),
@@ -138,7 +134,6 @@ def thrust_asymmetry(target: str = "") -> Effect:
         path.moment[2] -= values["value"] * path.surface["thrust"]
 
     return Effect(
-        kind="thrust_asymmetry",
         size=Size(within="span", meaningful=0.05, limit=20.0),
         traits=Traits(
             by_record=True, equal=lambda aircraft: (aero_term("Cn", "Tc"), -1.0 / aircraft.moment_length_lateral)
@@ -159,7 +154,6 @@ def thrust_line(target: str = "") -> Effect:
         path.moment[1] += values["value"] * path.surface["thrust"]
 
     return Effect(
-        kind="thrust_line",
         size=Size(within="span", meaningful=0.05, limit=10.0),
         station="moments",
         change=change,

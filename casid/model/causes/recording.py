@@ -51,7 +51,6 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
             path.output[names[i]], path.output[names[j]] = cosine * a + sine * b, cosine * b - sine * a
 
     return Effect(
-        kind="sensor_misalignment",
         target=target,
         term=axis,
         reads=group_channels(target),
@@ -87,7 +86,6 @@ def position_error(channel: str, term: str) -> Effect:
         path.output[channel] += values["value"] * off
 
     return Effect(
-        kind="position_error",
         target=channel,
         term=dependence.name,
         reads=(channel,),
@@ -109,7 +107,6 @@ def thrust_scale(target: str = "") -> Effect:
         path.surface["thrust"] *= 1.0 + values["value"]
 
     return Effect(
-        kind="thrust_scale",
         traits=Traits(by_record=True),
         station="surface",
         change=change,
@@ -144,7 +141,6 @@ def clock_drift(target: str) -> Effect:
 
     of_inputs = target == "surfaces"
     return Effect(
-        kind="clock_drift",
         traits=Traits(includes=("sensor_delay", "sensor_lag", "input_delay", "actuator_lag"), by_record=True),
         target=target,
         reads=() if of_inputs else group_channels(target),

@@ -115,7 +115,6 @@ def table_increment(coefficient: str, term: str) -> Effect:
         return tuple(_with_change(one, asked, value) if one is held else one for one in tables)
 
     return Effect(
-        kind="table_increment",
         target=coefficient,
         term=term,
         regressor=term,
