@@ -117,8 +117,14 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"\dot u = \dot u_\mathrm{file} + \Bigl(\frac{1}{1 + v} - 1\Bigr) \frac{T}{m_\mathrm{file}}",
         r"From the onset on; $T$ is the thrust of the rotors along the axis of $u$, and likewise along the others.",
     ),
-    "body_drag": (r"X = X_\mathrm{file} - v\,u", r"$u$ is the velocity against the air along the axis."),
-    "rotor_inflow": (r"T_i = T_{i,\mathrm{file}}\,(1 - v\,V_a)", r"$V_a$ is the velocity of the hub along its thrust."),
+    "body_drag": (
+        r"X = X_\mathrm{file} - v\,\frac{1}{n} \sum_i \sqrt{T_i / T_\mathrm{hover}}\,u_i",
+        r"Each rotor has its part at its hub, whose velocity against the air along the axis is $u_i$.",
+    ),
+    "rotor_inflow": (
+        r"T_i = T_{i,\mathrm{file}} - v\,\sqrt{T_i\,T_\mathrm{hover}}\,V_a",
+        r"$V_a$ is the velocity of the hub along its thrust.",
+    ),
     "battery_sag": (r"T_i = T_{i,\mathrm{file}}\,(U / U_\mathrm{ref})^{v}", r"$U$ is the voltage of the battery."),
     "clock_drift": (
         r"z(t) = y\Bigl(t - \frac{v}{1 + v}(t - t_1)\Bigr)",

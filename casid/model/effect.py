@@ -61,7 +61,7 @@ class Size:
     limit: float = np.inf  # the largest plausible value, in `unit`
     limits: Mapping[str, float] = field(default_factory=dict)  # the same of further parameters
     lowest: float | None = None  # the lowest value, where it is not -limit
-    # what of the aircraft bounds it beside `limit`: "span", "chord", "mass" or "inertia"
+    # what of the aircraft bounds it beside `limit`: "span", "chord", "arm" of the rotors, "mass" or "inertia"
     within: str | None = None
 
 

@@ -31,6 +31,7 @@ INTEGRALS = ("psi", "altitude", "north", "east")
 GROUND = ("v_north", "v_east", "v_down")  # velocity over ground, of a model that has the heading
 EQUATIONS = ("u", "v", "w", "p", "q", "r")  # of motion, at which something unknown may enter beside rotors
 INPUTS = ("delta_e", "delta_a", "delta_r", "thrust", "rho")
+_STANDS = 1e-6  # thrust over that of hover below which a rotor stands: the root of none has no slope
 _SLOWEST = 1e-3  # m/s: the least airspeed of a wing beside rotors, so that hover has flow angles
 MOMENTS = ("Cl", "Cm", "Cn")
 
@@ -142,11 +143,17 @@ def rotor_station(path: SignalPath) -> None:
 
 
 def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
-    """Force [N] and moment [N m] of all rotors and of the drag of the body, in body axes about the reference point."""
+    """Force [N] and moment [N m] of all rotors, in body axes about the reference point.
+
+    Drag in proportion to velocity is that of the rotors, which their speeds make, and so is the loss of thrust with
+    axial speed (P. Martin, E. Salaun, ICRA 2010, "The true role of accelerometer feedback in quadrotor control"): each
+    rotor has its part at its hub, by the root of its thrust over that of hover.
+    """
     rotors, rates = path.aircraft.rotors, [path.state[name] for name in "pqr"]
     velocity = [path.state[name] - wind for name, wind in zip("uvw", path.wind, strict=True)]
-    force, moment = [-path.drag[axis] * v for axis, v in zip("xyz", velocity, strict=True)], [0.0, 0.0, 0.0]
+    force, moment = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     assert rotors is not None
+    hover = path.aircraft.mass * path.aircraft.gravity / len(rotors.each)
     for i, name in enumerate("uvw"):
         force[i] = force[i] + path.mass * path.disturbance[station.equation(name)]
     inflow, pressure = path.inflow, 1.0
@@ -155,11 +162,16 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
         pressure = ca.exp(path.voltage_exponent * ca.log(relative))
     for name, one in path.rotor.items():
         axis, thrust = one.rotor.axis, one.thrust * pressure
+        hub = [v + w for v, w in zip(velocity, _cross(rates, one.position), strict=True)]
+        speed = ca.sqrt(ca.fmax(one.rotor.static_thrust(one.input) / hover, _STANDS))  # over that of hover
         if not _is_zero(inflow):
-            hub = [v + w for v, w in zip(velocity, _cross(rates, one.position), strict=True)]
-            thrust = thrust * (1.0 - inflow * sum(a * v for a, v in zip(axis, hub, strict=True)))
+            thrust = thrust - inflow * hover * speed * sum(a * v for a, v in zip(axis, hub, strict=True))
         thrust = thrust + path.disturbance[station.control(thrust_of(name))]
         along = [a * thrust for a in axis]
+        turning_back = [one.torque * a for a in along]
+        if not all(map(_is_zero, path.drag.values())):
+            part = speed / len(rotors.each)
+            along = [a - path.drag[name] * part * v for a, name, v in zip(along, "xyz", hub, strict=True)]
         about = _cross(one.position, along)
         spinning = [0.0, 0.0, 0.0]
         if one.rotor.speed and one.rotor.inertia:
@@ -167,7 +179,7 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
             spinning = _cross(turning, rates)  # less the rates x the angular momentum
         for i in range(3):
             force[i] = force[i] + along[i]
-            moment[i] = moment[i] + about[i] - one.torque * along[i] + spinning[i]
+            moment[i] = moment[i] + about[i] - turning_back[i] + spinning[i]
     return force, moment
 
 

@@ -213,9 +213,9 @@ class Rotors:
     relative_uncertainty
         A-priori 1-sigma of the effectiveness of each rotor, as a fraction; 0: not stated.
     inflow
-        Part of the thrust lost for each m/s along the thrust, 1/(m/s).
+        Part of the thrust of hover lost for each m/s along the thrust, 1/(m/s); of another speed in proportion to it.
     drag
-        Drag of the body along x, y, z per velocity [N s/m].
+        Drag along x, y, z per velocity [N s/m], of all rotors in hover. Each has its part at its hub, by its speed.
     voltage
         Influence of the battery; None: the thrust does not depend on it.
 

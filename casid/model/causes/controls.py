@@ -10,7 +10,7 @@ import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Values, cause
+from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.model.rotors import thrust_of
 from casid.signals import SURFACES
@@ -157,6 +157,7 @@ def effectiveness_change(surface: str) -> Effect:
         further=Further(either_sign=True),
         series=series,
         forms=Forms(transfer=from_the_onset_on),
+        traits=Traits(balance=True),
         size=Size(meaningful=0.03, limit=1.5),
     )
 

@@ -36,7 +36,6 @@ def cg_offset(axis: str) -> Effect:
         return _MASS_MATTERS * max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
 
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
-        """The drag of the body, which acts at the point of the file, then acts at the true centre of gravity."""
         by = value * np.eye(3)["xyz".index(axis)]
         return changed(rotors, ALL, lambda one: {"position": tuple(map(float, one.position - by))})
 

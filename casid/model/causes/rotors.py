@@ -242,7 +242,7 @@ def rotor_position(target: str, axis: str) -> Effect:
         by = value * np.eye(3)["xyz".index(axis)]
         return changed(rotors, target, lambda one: {"position": tuple(map(float, one.position + by))})
 
-    size, traits, forms = Size(meaningful=matters, limit=5.0), Traits(balance=True), Forms(into_rotors=into_rotors)
+    size, traits, forms = Size(meaningful=matters, within="arm"), Traits(balance=True), Forms(into_rotors=into_rotors)
     return _of_rotors("rotor_position", target, act, term=axis, size=size, traits=traits, forms=forms)
 
 
@@ -325,6 +325,7 @@ def mass_change(target: str = "") -> Effect:
         event=Event(recurring=True),
         further=Further(either_sign=True),
         series=series,
+        traits=Traits(balance=True),
         size=Size(meaningful=_WEIGHT_SHARE, limit=2.0, lowest=-0.8),
     )
 
@@ -334,7 +335,7 @@ def mass_change(target: str = "") -> Effect:
     targets=("x", "y", "z"),
     candidates=lambda aircraft: map(body_drag, "xyz" if aircraft.rotors else ""),
     unit="N s/m",
-    quantity="drag per velocity, beside that of the file",
+    quantity="drag per velocity, of all rotors in hover, beside that of the file",
     title="{words} along {target}",
     sentence="The body has a drag of {size} along {target} that the aircraft file does not have.",
 )
@@ -372,7 +373,7 @@ def _of_all(kind: str, number: str, **more: Any) -> Effect:
     "rotor_inflow",
     candidates=lambda aircraft: map(rotor_inflow, [""] if aircraft.rotors else []),
     unit="s/m",
-    quantity="part of the thrust lost for each m/s along it, beside that of the file",
+    quantity="part of the thrust of hover lost for each m/s along it, beside that of the file",
     sentence="The thrust changes with axial speed by {size} of itself, which the aircraft file does not have.",
 )
 def rotor_inflow(target: str = "") -> Effect:
