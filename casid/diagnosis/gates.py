@@ -163,6 +163,11 @@ def sudden(over_slow: float, criteria: Criteria) -> Gate:
     return at_least("gain of the jump over a slow change", over_slow, 1.0 / criteria.events.sudden, "events.sudden")
 
 
+def alone(over_others: float, criteria: Criteria) -> Gate:
+    """Ask that the statistic of a gust is significant in units of those that gusts have at all other times."""
+    return at_least("gain of the gust over those at other times", over_others, criteria.significance.search)
+
+
 # --- the kinematics, which contain no aerodynamics --------------------------------------------------------------------
 
 

@@ -97,6 +97,18 @@ def test_a_weak_lift_rotor_of_a_vtol_is_named():
 
 
 @pytest.mark.slow
+def test_a_wrong_derivative_of_the_wing_of_a_vtol_is_told():
+    """Truth: 4.5; the file has two thirds of it, and states no uncertainty."""
+    flown = flight(craft(np.ones(4), wing=wing), 6, size=1.0, speed=7.0)
+    wrong = replace(VTOL, derivatives={**VTOL.derivatives, "CL_alpha": 3.0})
+    still = {"delta_e": 0.0, "delta_a": 0.0, "delta_r": 0.0, "thrust": 0.0, "rho": RHO}
+    found = cs.diagnose(wrong, [record(flown, **still)])
+    assert found.verdict == "values wrong" and not found.causes
+    (told,) = (one for one in found.contradicted if one.parameter == "CL_alpha")
+    assert told.flight == pytest.approx(CL[1], abs=3.0 * told.std)
+
+
+@pytest.mark.slow
 def test_a_payload_that_is_dropped_is_told_with_its_time():
     """The file has the mass at the start; a sixth of it is gone from 11 s on."""
     flown = flight(craft(np.ones(4), mass=lambda t: MASS if t < 11.0 else MASS - 0.5), 4, size=1.0)

@@ -13,7 +13,7 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import look_alike, size_gates
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
-from casid.diagnosis.evidence.onsets import Intervals, at_peak, in_its_records, sudden, weak_members
+from casid.diagnosis.evidence.onsets import Intervals, alone, at_peak, in_its_records, sudden, weak_members
 from casid.diagnosis.evidence.screening import Candidate, equivalence
 from casid.diagnosis.evidence.size import meaningful_share
 from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness, scaled_inverse
@@ -220,6 +220,8 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     trial = replace(trial, size=size, check=check)
     if trial.meaningful and one.effect.event.recurring:
         trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
+    if trial.meaningful and kinematic is None and "length" in one.values:
+        trial = replace(trial, size=(*trial.size, alone(evidence, one)))
     return trial
 
 

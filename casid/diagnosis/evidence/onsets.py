@@ -287,6 +287,29 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     return gates.sudden(_gain_of(jump) / max(_gain_of(slower), 1e-300), evidence.criteria)
 
 
+def alone(evidence: Evidence, one: Attached) -> Gate:
+    """The gate on a gust where there are no kinematics: air that always moves has a largest gust too.
+
+    The statistic of a gust of this length at a time has a mean of one where only noise is left. In units of its mean at
+    all other times of these records, that of the gust must be significant for the best of many.
+    """
+    further = {name: value for name, value in one.values.items() if name != "value"}
+    step, length = evidence.criteria.numerics.events.gust_step, further["length"]
+    judge, records = Screen(evidence, exact=True), evidence.fit.flight.records
+    own, others = 0.0, list[float]()
+    for print_ in fingerprints(evidence, [with_grid(one.effect, further)], onset_grid(evidence, step, length)):
+        for r, keep in enumerate(np.eye(len(records))):
+            begins = float(records[r].t[0]) + (print_.onset or 0.0)
+            if begins > records[r].t[-1]:
+                continue
+            statistic = judge.score([print_], keep[None])[0]
+            if abs(begins - one.onsets.get(records[r].name, np.inf)) < length:
+                own = max(own, statistic)
+            else:
+                others.append(statistic)
+    return gates.alone(own / max(float(np.mean(others)) if others else 1.0, 1.0), evidence.criteria)
+
+
 def _mean_part(series: np.ndarray) -> float:
     """Part of the mean square of a time series that is due to its mean; near 1 for an effect that always acts."""
     return float(np.mean(series)) ** 2 / max(float(np.mean(series**2)), 1e-300)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from casid.diagnosis.criteria import SizeCriteria
@@ -18,9 +19,12 @@ def possible(effect: Effect, aircraft: Airframe, criteria: SizeCriteria) -> Effe
         low, high = inertia_bounds(effect.target, aircraft, criteria)
         return replace(effect, size=replace(size, limit=high, lowest=low))
     if size.within is not None:
+        each = aircraft.rotors.each if aircraft.rotors else ()
+        arm = max((math.hypot(*one.position[:2]) for one in each), default=0.0)  # farther off, no hover is in balance
         largest = {
             "span": criteria.arm * max(aircraft.moment_length_lateral, 2.0 * aircraft.rate_length_lateral),
-            "chord": criteria.cg * aircraft.moment_length_pitch,
+            "chord": criteria.cg * aircraft.moment_length_pitch if aircraft.winged else arm,
+            "arm": arm,
             "mass": criteria.mass * aircraft.mass,
         }
         return replace(effect, size=replace(size, limit=min(size.limit, largest[size.within])))

@@ -124,8 +124,10 @@ def diagnose_rotorcraft(
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     found = with_thrust_curve(found)
-    against = contradicted_parameters(plant.base, found.flight, criteria)
-    stated, least = plant.base.prior_std, criteria.significance.sigmas
+    usual = () if aircraft.relative_uncertainty else aircraft.derivatives  # of the wing, where the file states nothing
+    stated = {name: std for name, std in plant.base.prior_std.items() if name not in usual}
+    against = contradicted_parameters(replace(plant.base, prior_std=stated), found.flight, criteria)
+    least = criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
     return concluded(found, told, not_judged=too_small_in_closed_loop(aircraft, found.detectable), data=stopped)

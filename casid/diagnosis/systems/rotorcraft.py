@@ -34,7 +34,7 @@ from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
-from casid.filtering.kalman import kalman_filter, residual_column
+from casid.filtering.kalman import Filter, kalman_filter, residual_column
 from casid.model.aircraft import Aircraft
 from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
@@ -86,13 +86,15 @@ def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Cr
     return found
 
 
-def with_stated_uncertainty(aircraft: Aircraft, usual: float) -> Aircraft:
-    """The aircraft with a usual uncertainty of its rotors where its file states none."""
+def with_stated_uncertainty(aircraft: Aircraft, criteria: Criteria) -> Aircraft:
+    """The aircraft with a usual uncertainty of its rotors, and of the derivatives of its wing, where its file states
+    none."""
     rotors = aircraft.rotors
     assert rotors is not None
-    if rotors.relative_uncertainty or any(one.std for one in rotors.each):
-        return aircraft
-    return replace(aircraft, rotors=replace(rotors, relative_uncertainty=usual))
+    if not rotors.relative_uncertainty and not any(one.std for one in rotors.each):
+        rotors = replace(rotors, relative_uncertainty=criteria.rotors.effectiveness)
+    of_wing = aircraft.relative_uncertainty or (criteria.prior.spread if aircraft.winged else 0.0)
+    return replace(aircraft, rotors=rotors, relative_uncertainty=of_wing)
 
 
 def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> Plant:
@@ -100,7 +102,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
 
     Raises InputError for records that lack an input of a rotor, or every rate.
     """
-    aircraft = with_stated_uncertainty(aircraft, criteria.rotors.effectiveness)
+    aircraft = with_stated_uncertainty(aircraft, criteria)
     assert aircraft.rotors is not None
     outputs = measured_outputs(aircraft, records, criteria)
     ready = prepared(aircraft, records, outputs, criteria.rotors.rate)
@@ -310,14 +312,26 @@ def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], nois
     functions, batch = PointFunctions(model, free), make_batch(model, records)
     P, X = np.tile(model.nominal_vector(), (len(records), 1)), padded([model.guess(record) for record in records])
     measured = linearise(functions, batch, P, X)
-    moved, _ = kalman_filter(measured, noise).smooth(*residual_column(measured))
+    try:
+        moved, _ = kalman_filter(measured, noise).smooth(*residual_column(measured))
+    except np.linalg.LinAlgError:  # readings so exact that their covariance is no more than rounding: they stay
+        return measured
     return linearise(functions, batch, P, X + moved[..., : len(model.states)])
 
 
 def _deviance(linear: Linear, noise: NoiseModel) -> float:
-    """Deviance under a noise, with the free parameters and a constant at every equation of motion eliminated."""
-    kalman = kalman_filter(linear, noise)
-    stations = [linear.model.disturbances.index(name) for name in noise.white]
+    """Deviance under a noise, with the free parameters and a constant at every equation of motion eliminated; infinite
+    where rounding leaves the innovations no density."""
+    try:
+        found = _eliminated(linear, kalman_filter(linear, noise), list(noise.white))
+    except np.linalg.LinAlgError:
+        return math.inf
+    return found if math.isfinite(found) else math.inf
+
+
+def _eliminated(linear: Linear, kalman: Filter, disturbed: Sequence[str]) -> float:
+    """Deviance of a filter, with the free parameters and a constant at the `disturbed` equations eliminated."""
+    stations = [linear.model.disturbances.index(name) for name in disturbed]
     ones = np.ones((*linear.X.shape[:2], len(stations)))
     left = kalman.whiten(*residual_column(linear)).reshape(-1)
     columns = [kalman.whiten_histories(stations, ones), kalman.whiten(linear.Dp, linear.Bp)]
@@ -380,9 +394,21 @@ class RotorSizes:
 
     def share_of(self, fit: FlightFit, one: Attached) -> float:
         """The value over the smallest that matters; for a reading, or for a time, not more than its consequence."""
+        if one.effect.regressor is not None:
+            return self._of_term(fit, one)
         smallest = one.effect.smallest_that_matters(self.aircraft)
         own = np.inf if smallest is None else abs(one.values["value"]) / smallest
         return min(own, consequence(fit, one))
+
+    def _of_term(self, fit: FlightFit, one: Attached) -> float:
+        """Largest r.m.s. acceleration by a term of the wing, over that by the part of the weight that matters, at the
+        arm of a rotor for the moments."""
+        linear, at = fit.linear, fit.model.disturbances.index(str(one.effect.enters))
+        term = np.broadcast_to(fit.flight.term_along(one.effect, fit.regressors), fit.batch.live.shape)
+        rates = one.values["value"] * term[:-1, :, None] * (linear.Bw0 + linear.Bw1)[..., at] / linear.dt[..., None]
+        least = _usual_disturbances(self.aircraft, fit.criteria.size.share)
+        sizes = [np.sqrt(np.mean(rates[..., fit.model.states.index(n)] ** 2)) / least[equation(n)] for n in EQUATIONS]
+        return float(max(sizes))
 
     def told(self, fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
         """Value and 1-sigma of a cause for a person."""

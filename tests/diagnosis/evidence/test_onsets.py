@@ -13,11 +13,11 @@ from casid.diagnosis.diagnose import extended_aircraft
 from casid.diagnosis.engine import candidates as trials
 from casid.diagnosis.evidence import onsets as events
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.onsets import sudden
+from casid.diagnosis.evidence.onsets import alone, sudden
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.model.causes import configuration_change, effectiveness_change, stuck, wind_shear
+from casid.model.causes import configuration_change, effectiveness_change, gust, stuck, wind_shear
 from problems.do328 import do328
 
 _T = np.arange(0.0, 40.0, 1.0 / 25.0)
@@ -46,6 +46,26 @@ def test_a_slow_change_is_no_jump_wherever_one_is_tried() -> None:
     evidence = _without(0.005 * (1.0 + np.sin(np.pi * (_T - 20.0) / 40.0)))
     tried = [_jump(onset) for onset in np.arange(5.0, 36.0, 5.0)]
     assert not any(sudden(evidence, one).passed for one in tried)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_largest_gust_of_air_that_always_moves_is_no_event(seed: int) -> None:
+    """Air with a correlation time of half a second, and then one gust in air at rest, of twice its r.m.s."""
+    rng, step = np.random.default_rng(seed), _T[1] - _T[0]
+    air = np.zeros(len(_T))
+    for k in range(1, len(air)):
+        air[k] = np.exp(-2.0 * step) * air[k - 1] + 2.0 * np.sqrt(1.0 - np.exp(-4.0 * step)) * rng.normal()
+    at = float(_T[np.argmax(np.abs(air[100:-100])) + 100])
+    one = Attached(effect=gust("z"), values={"value": 4.0, "length": 1.0}, onsets={"m1": at - 0.5})
+    single = 2.0 * (1.0 - np.cos(2.0 * np.pi * np.clip(_T - at + 0.5, 0.0, 1.0)))
+    assert not alone(_in_air(air), one).passed
+    assert alone(_in_air(single), one).passed
+
+
+def _in_air(wind: np.ndarray) -> Evidence:
+    """A flight in a wind along z, seen by a model of calm air."""
+    flight = prepare(do328(), flights(seed=3, count=1, duration_s=40.0, disturbance={"wind_z": wind}))
+    return weigh(fit(flight, [], flight.noise()))
 
 
 def test_a_shear_that_ends_is_found_to_end() -> None:
