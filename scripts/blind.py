@@ -6,7 +6,8 @@ Set-up       "do328": the Do 328 flown by casid; "jsbsim": aircraft flown by JSB
              the F-16 of NASA's check cases, on its tables and in closed loop (CASID_DATA names its files); the same
              with "_instruments": recorded by instruments as they are (`problems.blind.instruments`); "independent": a
              simulator that shares no code with casid (`problems.independent`, five records); "strips": aircraft of
-             lifting strips, a third in turbulence, two thirds in closed loop (`problems.strips`). Every set has
+             lifting strips, a third in turbulence, two thirds in closed loop (`problems.strips`); "rotors":
+             multirotors of RotorPy (`problems.rotors`, one record, needs casid[rotorpy]). Every other set has
              four records and an aircraft file with derivatives that are 10 to 30 % off; inputs, rates, noise, kind,
              place, size and onset come from the seed. Seeds below 1000 are for development, seeds from 1000 on
              for reported results. The sealed answers are opened only when all diagnoses are done; the process that
@@ -56,6 +57,7 @@ GENERATOR = (
     "problems/do328.py",
     "problems/independent/*.py",
     "problems/strips/*.py",
+    "problems/rotors/*.py",
     "casid/model/**/*.py",
 )
 SOLVER = ("casid/diagnosis/**/*.py", *ENGINE)

@@ -23,6 +23,10 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
         "stall_break": "wing that drops when the flow separates above an angle of attack, until below a lower one",
         "wing_bending": "wing that bends, and so loses incidence, as a lightly damped mode",
         "slow_change": "surface whose effectiveness fades and comes back during a record",
+        "flapping": "rotor blades that flap, and so turn the hub with the motion",
+        "translational_lift": "rotors whose thrust grows with the square of the speed across them",
+        "quadratic_drag": "body drag that grows with the square of the speed",
+        "product_of_inertia": "inertia that couples roll and pitch, in a file without",
     }
 )
 # kinds of which `problems.faults` has the generator, put into records of any flight; what needs a table in the file;
@@ -31,7 +35,8 @@ NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_sca
 NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck", "moment_reference")
 ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
 ROTORS += ("thrust_curve", "rotor_inflow", "added_mass", "mass_change", "body_drag", "battery_sag")
-NOT_DRAWN += ROTORS  # of an aeroplane; `problems.rotors` has the generator
+NOT_DRAWN += (*ROTORS, "flapping", "translational_lift", "quadratic_drag", "product_of_inertia")
+# the last are none of an aeroplane; `problems.rotors` has their generator
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {

@@ -6,8 +6,8 @@ writes sets/<name>/m1.csv .. m4.csv and aircraft.toml, which know nothing of it,
 nothing either. Sets of "do328" and "f16" are flown by casid with its own effects, the F-16 on its tables and in closed
 loop; sets of "jsbsim" by JSBSim, with the effect made there. All also come as instruments as they are record them
 (`instruments`): "do328_instruments" and so on. Sets of "independent" are flown, with the effect, by a simulator that
-shares no code with casid, sets of "strips" by aircraft of lifting strips. Seeds below REPORTING_FROM are for
-development, the others for reported results; in "jsbsim" the two do not even share an aircraft.
+shares no code with casid, sets of "strips" by aircraft of lifting strips, sets of "rotors" by RotorPy. Seeds below
+REPORTING_FROM are for development, the others for reported results; in "jsbsim" the two do not even share an aircraft.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from casid.model.vocabulary import KINDS
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.signals import SURFACES
-from problems.blind import do328, f16, independent, strips
+from problems.blind import do328, f16, independent, rotors, strips
 from problems.blind import jsbsim as blind_jsbsim
 from problems.blind.case import NOT_DRAWN, OUTSIDE, RECORDS, Answer, Hidden
 from problems.blind.draw import draw_effect, draw_two
@@ -48,7 +48,8 @@ REPORTING_FROM = 1000
 WITH_INSTRUMENTS = "_instruments"
 _FLOWN = MappingProxyType({"do328": do328.plane, "f16": f16.plane})  # by casid
 _AIRCRAFT = ("do328", "jsbsim", "f16")
-SETS = (*_AIRCRAFT, *(name + WITH_INSTRUMENTS for name in _AIRCRAFT), independent.NAME, strips.NAME)
+SETS = (*_AIRCRAFT, *(name + WITH_INSTRUMENTS for name in _AIRCRAFT), independent.NAME, strips.NAME, rotors.NAME)
+_ONE_SIZE = MappingProxyType({strips.NAME: strips.flight, rotors.NAME: rotors.flight})
 CASES: tuple[str, ...] = (
     *(f"clean-{i}" for i in range(1, 11)),
     *(kind for kind in KINDS if kind not in NOT_DRAWN),
@@ -66,7 +67,8 @@ Structure = Mapping[str, Sequence[str]]
 
 def cases_of(of: str) -> tuple[str, ...]:
     """Cases of one of SETS."""
-    return {independent.NAME: independent.CASES, strips.NAME: strips.CASES}.get(of, CASES)
+    own = {one.NAME: one.CASES for one in (independent, strips, rotors)}
+    return own.get(of, CASES)
 
 
 def set_name(of: str, case: str, seed: int, size: float = 1.0) -> str:
@@ -116,10 +118,10 @@ def fly_set(of: str, case: str, seed: int, size: float = 1.0, structure: Structu
         raise unknown("set", of, SETS)
     if case not in cases_of(of):
         raise unknown("case", case, cases_of(of))
-    if of == strips.NAME and size != 1.0:
-        raise InputError(f"sets of 'strips' have one size; expected 1, got {size:g}")
-    if of in (independent.NAME, strips.NAME):
-        flown = strips.flight(case, seed) if of == strips.NAME else independent.flight(case, seed, size)
+    if of in _ONE_SIZE and size != 1.0:
+        raise InputError(f"sets of '{of}' have one size; expected 1, got {size:g}")
+    if of == independent.NAME or of in _ONE_SIZE:
+        flown = _ONE_SIZE[of](case, seed) if of in _ONE_SIZE else independent.flight(case, seed, size)
         records, aircraft, answer = flown
         return Set(records=records, aircraft=aircraft, answer=answer)
     if of.startswith("jsbsim") and find_spec("jsbsim") is None:

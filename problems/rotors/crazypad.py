@@ -58,16 +58,29 @@ def flights(path: Path) -> list[cs.Record]:
     return found
 
 
-def airframe(aircraft: cs.Aircraft, normal: Sequence[Sequence[cs.Record]]) -> cs.Aircraft:
-    """The aircraft file with what normal flights of one airframe say of its rotors.
+def with_decks(aircraft: cs.Aircraft) -> cs.Aircraft:
+    """The Crazyflie of Foerster 2015 with the inertia of its decks, and with its motor lag of 0.06 s."""
+    assert aircraft.rotors is not None
+    each = tuple(replace(one, lag=0.06) for one in aircraft.rotors.each)
+    inertia = cs.Inertia(Ixx=2.6e-5, Iyy=2.8e-5, Izz=4.5e-5, Ixz=0.0)
+    return replace(aircraft, inertia=inertia, rotors=replace(aircraft.rotors, each=each))
 
-    The flights of each log are fitted alone. Their mean is the effectiveness of a rotor; how far the next log may be
-    from it, by the scatter of these few, is its standard deviation, and not less than that of any rotor on average.
+
+def effectiveness_in(aircraft: cs.Aircraft, log: Sequence[cs.Record]) -> list[float]:
+    """Effectiveness of each rotor by the flights of one log, fitted alone."""
+    assert aircraft.rotors is not None
+    found = first_fit(rotorcraft(aircraft, log, Criteria()))
+    return [found[effectiveness(name)] for name in aircraft.rotors.names]
+
+
+def airframe(aircraft: cs.Aircraft, normal: Sequence[Sequence[float]]) -> cs.Aircraft:
+    """The aircraft file with what normal flights of one airframe say of its rotors (`effectiveness_in` each log).
+
+    Their mean is the effectiveness of a rotor; how far the next log may be from it, by the scatter of these few, is its
+    standard deviation, and not less than that of any rotor on average.
     """
     assert aircraft.rotors is not None
-    names = [effectiveness(name) for name in aircraft.rotors.names]
-    found = [first_fit(rotorcraft(aircraft, one, Criteria())) for one in normal]
-    values = np.array([[one[name] for name in names] for one in found])
+    values = np.array(normal)
     scatter = values.std(axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / len(values))
     std = np.maximum(scatter, np.sqrt(np.mean(scatter**2)))
     each = [

@@ -9,7 +9,7 @@ from __future__ import annotations
 import copy
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -53,14 +53,12 @@ class Hidden:
 
 @dataclass(frozen=True, kw_only=True)
 class Set:
-    """One drawn set: the aircraft file, the records, and what was hidden (None: nothing)."""
+    """One drawn set: what flew, its aircraft file, the record, and what was hidden (None: nothing)."""
 
-    name: str
+    vehicle: str
     aircraft: cs.Aircraft
-    records: list[cs.Record]
+    record: cs.Record
     hidden: Hidden | None
-    case: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
 
 
 def rotorpy(module: str) -> Any:
@@ -81,11 +79,20 @@ def usual_parameters(vehicle: str, lag: float) -> dict[str, Any]:
     return own | _SLOW_MOTORS | _NOT_IN_A_FILE | {"tau_m": lag, "motor_noise_std": 0.0}
 
 
+def _hover_speed(parameters: Mapping[str, Any]) -> float:
+    """Speed of the rotors in hover [rad/s]."""
+    return float(np.sqrt(parameters["mass"] * 9.81 / parameters["num_rotors"] / parameters["k_eta"]))
+
+
+def drag_at_hover(parameters: Mapping[str, Any]) -> float:
+    """Drag of all rotors at the speed of hover, along x and along y [N s/m]."""
+    return parameters["k_d"] * parameters["num_rotors"] * _hover_speed(parameters)
+
+
 def aircraft_file(name: str, parameters: Mapping[str, Any]) -> cs.Aircraft:
     """The aircraft file of RotorPy's parameters; drag and inflow of the rotors are those at hover."""
     ratio = parameters["k_m"] / parameters["k_eta"]
-    hover = np.sqrt(parameters["mass"] * 9.81 / parameters["num_rotors"] / parameters["k_eta"])
-    whole = parameters["num_rotors"] * hover
+    hover = _hover_speed(parameters)
     rotors = [
         cs.Rotor(
             name=f"m{i}",
@@ -101,7 +108,7 @@ def aircraft_file(name: str, parameters: Mapping[str, Any]) -> cs.Aircraft:
             zip(parameters["rotor_pos"].values(), parameters["rotor_directions"], strict=True), start=1
         )
     ]
-    drag = (parameters["k_d"] * whole, parameters["k_d"] * whole, 0.0)
+    drag = (drag_at_hover(parameters), drag_at_hover(parameters), 0.0)
     inflow = parameters["k_z"] / parameters["k_eta"] / hover
     inertia = {axis: float(parameters[axis]) for axis in ("Ixx", "Iyy", "Izz")}
     return cs.Aircraft(
@@ -149,14 +156,13 @@ def fly(
     late = hidden is not None and hidden.at > 0.0
     figure = Figure(rng, size)
     want = figure.update(-RUN_IN_S)
-    hover = np.sqrt(known["mass"] * 9.81 / known["num_rotors"] / known["k_eta"])
     state = {
         "x": want["x"],
         "v": want["x_dot"],
         "q": np.array([0.0, 0.0, 0.0, 1.0]),
         "w": np.zeros(3),
         "wind": np.zeros(3),
-        "rotor_speeds": np.full(known["num_rotors"], hover),
+        "rotor_speeds": np.full(known["num_rotors"], _hover_speed(known)),
     }
     Multirotor = _vehicle(true.get("factors"))
     options = {"control_abstraction": "cmd_motor_speeds", "integrator_kwargs": {"method": "RK45", "rtol": 1e-5}}
@@ -224,7 +230,7 @@ def _read(rows: Mapping[str, list], rng: np.random.Generator, moved: tuple[float
     force = np.einsum("kji,kj->ki", R, (np.stack(rows["a"]) + [0.0, 0.0, 9.81]) @ _FLIP)
     turning, arm = np.stack(rows["wdot"]) @ _FLIP, _FLIP @ np.asarray(moved)
     force = force + np.cross(turning, arm) + np.cross(rates, np.cross(rates, arm))
-    columns = {"p": rates, "phi": np.stack([phi, theta, np.unwrap(psi)], axis=1), "ax": force, "v_north": velocity}
+    columns = {"p": rates, "phi": np.stack([phi, theta, psi], axis=1), "ax": force, "v_north": velocity}
     columns["north"] = position * [1.0, 1.0, -1.0]
     channels = {f"m{i}": series for i, series in enumerate(np.stack(rows["command"]).T, start=1)}
     for first, values in columns.items():

@@ -1,17 +1,22 @@
-"""Drawn sets of RotorPy flights, each with one hidden effect, none, or one that the catalogue does not have."""
+"""Drawn sets of RotorPy flights, each with one hidden effect, none, or one that the catalogue does not have.
+
+`scripts/blind.py --sets rotors` flies and diagnoses them (`problems.blind.rotors`).
+"""
 
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from problems.rotors.flown import VEHICLES, Hidden, Set, aircraft_file, fly, usual_parameters
+from problems.rotors.flown import VEHICLES, Hidden, Set, aircraft_file, drag_at_hover, fly, usual_parameters
 
-ONE, CLEAN, OUTSIDE = 24, 6, 4
+ONE, CLEAN = 24, 6
+BREEZE = 0.4  # m/s, r.m.s. of each axis
 _LAGS = (0.005, 0.03)  # s, of the file
 _SIZE = {"crazyflie_params": 0.8, "hummingbird_params": 1.6}  # m, of the trajectory
 
@@ -109,8 +114,10 @@ def _inertia(s: _Scene) -> Hidden:
 
 
 def _drag(s: _Scene) -> Hidden:
+    """The drag of the rotors, along x as well as along y."""
     factor = float(s.rng.uniform(3.0, 6.0))
-    return Hidden(kind="body_drag", target="x", value=factor, parameters=_scaled({"k_d": factor}))
+    value = (factor - 1.0) * drag_at_hover(s.known)
+    return Hidden(kind="body_drag", target="x", value=value, parameters=_scaled({"k_d": factor}))
 
 
 def _swap(s: _Scene) -> Hidden:
@@ -168,35 +175,26 @@ _KINDS = (
     _position,
     _all_effectiveness,
 )
-_BEYOND: tuple[tuple[str, Change], ...] = (
-    ("flapping", lambda p: p.__setitem__("k_flap", p["k_d"] * 0.05)),
-    ("translational lift", lambda p: p.__setitem__("k_h", 0.004 * p["mass"] * 9.81)),
-    ("quadratic drag", lambda p: p.update(c_Dx=0.03 * p["mass"], c_Dy=0.03 * p["mass"], c_Dz=0.05 * p["mass"])),
-    ("product of inertia", lambda p: p.__setitem__("Ixy", 0.35 * p["Ixx"])),
+BEYOND: Mapping[str, Change] = MappingProxyType(
+    {
+        "flapping": lambda p: p.__setitem__("k_flap", p["k_d"] * 0.05),
+        "translational_lift": lambda p: p.__setitem__("k_h", 0.004 * p["mass"] * 9.81),
+        "quadratic_drag": lambda p: p.update(c_Dx=0.03 * p["mass"], c_Dy=0.03 * p["mass"], c_Dz=0.05 * p["mass"]),
+        "product_of_inertia": lambda p: p.__setitem__("Ixy", 0.35 * p["Ixx"]),
+    }
 )
+CASES = (*(f"one-{k}" for k in range(1, ONE + 1)), *(f"clean-{k}" for k in range(1, CLEAN + 1)), *BEYOND)
 
 
-def sets(seed: int, only: range | None = None) -> Iterator[Set]:
-    """The sets of a seed, flown when they are asked for; `only` some of them by number."""
-    for k in only or range(ONE + CLEAN + OUTSIDE):
-        rng = np.random.default_rng([seed, k])
-        vehicle = VEHICLES[k % 2]
-        known = usual_parameters(vehicle, _LAGS[0] if k in (1, 13) else float(rng.choice(_LAGS)))
-        scene = _Scene(rng, known)
-        if k < ONE:
-            hidden, case = _KINDS[k % len(_KINDS)](scene), "one"
-        elif k < ONE + CLEAN:
-            hidden, case = None, "clean"
-        else:
-            kind, change = _BEYOND[k - ONE - CLEAN]
-            hidden, case = Hidden(kind=kind, parameters=change), "outside"
-        name = f"set {seed}-{k}"
-        record = fly(known, hidden, int(rng.integers(2**31)), name=name, size=_SIZE[vehicle], breeze=0.4)
-        yield Set(
-            name=name,
-            aircraft=aircraft_file(f"quad {k}", known),
-            records=[record],
-            hidden=hidden,
-            case=case,
-            parameters=known,
-        )
+def fly_set(case: str, seed: int) -> Set:
+    """The set of a case and a seed: the same ones give the same numbers."""
+    k = CASES.index(case)
+    rng, vehicle = np.random.default_rng([seed, k]), VEHICLES[k % 2]
+    known = usual_parameters(vehicle, _LAGS[0] if k in (1, 13) else float(rng.choice(_LAGS)))
+    hidden = None
+    if k < ONE:
+        hidden = _KINDS[k % len(_KINDS)](_Scene(rng, known))
+    elif case in BEYOND:
+        hidden = Hidden(kind=case, parameters=BEYOND[case])
+    record = fly(known, hidden, int(rng.integers(2**31)), name="m1", size=_SIZE[vehicle], breeze=BREEZE)
+    return Set(vehicle=vehicle, aircraft=aircraft_file(vehicle, known), record=record, hidden=hidden)
