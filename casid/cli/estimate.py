@@ -45,6 +45,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects, axes_of, default_free, with_estimates
 from casid.model.dynamics import moved_coefficients
 from casid.model.path import aerodynamic_parameters
+from casid.records.given import require_flight
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
@@ -107,6 +108,7 @@ def estimate(
     )
     file = aircraft_of(aircraft)
     read = records_of(records, maps or [], span=(begin, end))
+    require_flight(read, "estimate")
     say_idle_effects(file, read)
     if axes is None:
         _say_left_out(file, read)

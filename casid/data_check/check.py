@@ -37,7 +37,7 @@ from casid.records.channel_faults import (
 )
 from casid.records.channel_table import ChannelRow, as_text, channel_table, gaps
 from casid.records.checks import INPUTS, LONG_GAP
-from casid.records.given import given_records
+from casid.records.given import given_records, unflown
 from casid.records.record import Record
 from casid.signals import CHANNELS, SURFACES, for_a_person, unit_of
 
@@ -274,10 +274,10 @@ def _without_samples(records: Sequence[Record]) -> list[Finding]:
 
 
 def _no_input(records: Sequence[Record]) -> list[Finding]:
-    """Records on the ground, or without a surface that moves: nothing can be identified from them."""
-    if still := tuple(record.name for record in records if record.grounded):
-        said = words.of_ground(still)
-        return [Finding(kind="data_stuck", target="V", records=still, handled="reported", sentence=said)]
+    """Records on the ground or at rest, or without a surface that moves: nothing can be identified from them."""
+    if still := {record.name: why for record in records if (why := unflown(record))}:
+        said = words.of_rest(still)
+        return [Finding(kind="data_stuck", target="V", records=tuple(still), handled="reported", sentence=said)]
     surfaces = [name for name in SURFACES if any(name in record for record in records)]
     if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
         return []

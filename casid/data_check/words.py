@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from casid.signals import CHANNELS, SURFACES, label_of, unit_of
 
@@ -117,9 +117,9 @@ def of_no_input(surfaces: Sequence[str], records: Sequence[str]) -> str:
     return f"No surface moves ({', '.join(surfaces)}) in {', '.join(records)}: nothing can be identified from these."
 
 
-def of_ground(records: Sequence[str]) -> str:
-    """Records of an aircraft that does not fly."""
-    return f"The aircraft stays on the ground in {', '.join(records)}: nothing can be identified there."
+def of_rest(why: Mapping[str, str]) -> str:
+    """Records of an aircraft that does not fly, with the reason for each."""
+    return f"{'; '.join(f'{name}: {reason}' for name, reason in why.items())}: nothing can be identified there."
 
 
 def _part(share: float) -> str:

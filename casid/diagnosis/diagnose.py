@@ -42,7 +42,7 @@ from casid.model.port import ModelPort as Port
 from casid.model.system import Model
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
-from casid.records.given import given_records
+from casid.records.given import given_records, require_flight
 from casid.records.record import Record
 
 
@@ -62,6 +62,7 @@ def diagnose_aircraft(
     """The diagnosis of an aircraft file; arguments and errors are those of `diagnose`."""
     aircraft = given_aircraft(aircraft, "diagnose")
     records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
+    require_flight((*records, *hold_out), "diagnose")
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:

@@ -41,6 +41,8 @@ _PITOT = ("V", "qbar")
 _JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
 _SLOW = 0.5  # s
 
+_OF_WINGS = (*SURFACES, *(f"{surface}_command" for surface in SURFACES))
+
 Place = Callable[[int], str]  # sample -> file and row, for a message
 
 
@@ -220,13 +222,14 @@ def checked_fields(
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
     empty, still = list[str](), table.grounded
     aircraft = any(map(is_control, channels)) and not own
+    hovers = any(is_control(name) and name not in _OF_WINGS for name in channels)
     for name in list(channels):
         if name in CHANNELS and name not in own:
             limited = aircraft and name not in columns.stated
             check_channel(name, channels[name], table.place, columns.places[name], limited)
             channels[name], grounded = airborne(name, channels[name])
             notes += grounded
-            still = still or (bool(grounded) and np.isnan(channels[name]).all())
+            still = still or (bool(grounded) and not hovers and np.isnan(channels[name]).all())
         if np.isnan(channels[name]).all():
             notes.append(f"{name}: has no sample at all and is left out")
             empty.append(name)

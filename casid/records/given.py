@@ -7,6 +7,7 @@ from typing import Any
 
 from casid.arguments import given, is_path
 from casid.errors import InputError
+from casid.records.noise import is_noise
 from casid.records.readers import read_record, read_records
 from casid.records.record import Record
 
@@ -35,3 +36,26 @@ def given_records(value: Any, where: str, own: Sequence[str] = ()) -> tuple[Reco
     for one in value:
         found += read_records(one, own=own) if is_path(one) else [given_record(one, where)]
     return tuple(found)
+
+
+_INERTIAL, _FURTHER = ("p", "q", "r", "ax", "ay", "az"), ("phi", "theta", "alpha", "beta", "V", "altitude")
+
+
+def unflown(record: Record) -> str:
+    """Say why nothing can be identified: the aircraft stays on the ground, or nothing moves; "" of other records."""
+    if record.grounded:
+        return "the aircraft stays on the ground"
+    told = [name for name in _INERTIAL if name in record] or [name for name in _FURTHER if name in record]
+    if told and all(is_noise(record[name]) for name in told):
+        return f"nothing moves, {', '.join(told)} are noise alone"
+    return ""
+
+
+def require_flight(records: Iterable[Record], where: str) -> None:
+    """Raise InputError for the first record on the ground or without any motion."""
+    for record in records:
+        if why := unflown(record):
+            raise InputError(
+                f"{where}: record '{record.name}': {why}; expected a manoeuvre in flight: leave the record out, or "
+                "take a part of it by --from and --to"
+            )

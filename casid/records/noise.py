@@ -24,6 +24,7 @@ _CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours o
 _BESIDE = 12  # readings on either side that tell what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
+_WHITE = 4.0  # deviations of the correlation of neighbours, up to which noise is white
 
 
 def high_band_sigma(values: np.ndarray) -> float:
@@ -179,3 +180,13 @@ def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     moves = float(np.var(series)) - sigma**2
     quick = float(np.mean(((series[2:] - series[:-2]) / (2.0 * step)) ** 2)) - 0.5 * (sigma / step) ** 2
     return math.sqrt(moves / quick) if moves > sigma**2 and quick > 0.0 else math.nan
+
+
+def is_noise(values: np.ndarray) -> bool:
+    """Tell whether no reading of a series (N,) depends on the one before it, as of white noise on a constant or a slow
+    drift; every motion that is sampled often enough to be followed does."""
+    seen = values[np.isfinite(values)]
+    if len(seen) < 2 or np.ptp(seen) == 0.0:
+        return True
+    left = signal.detrend(seen)
+    return float(np.mean(left[1:] * left[:-1])) < _WHITE / math.sqrt(len(left)) * float(np.mean(left**2))

@@ -50,7 +50,7 @@ class Record:
     empty
         Channels that the file names and of which it has no sample; they are left out.
     grounded
-        Whether the aircraft stays on the ground: its log says so, or no airspeed is positive.
+        Whether the aircraft stays on the ground: its log says so, or no airspeed of a wing is positive.
     stated
         Channel -> unit that the source states: it is believed, however large the values are.
     events

@@ -14,6 +14,7 @@ from casid.records.record import Record
 T = np.arange(0.0, 10.0, 0.05)
 WINDOW = Window(start=0.0, begin=2.0, end=float(T[-1]), rest=5.0)
 FLIGHT = {"q": 0.05 * np.sin(T), "theta": 0.1 + 0.02 * np.cos(T), "beta": np.exp(-0.1 * T) * np.cos(2.0 * T)}
+KNOT = 1852.0 / 3600.0
 EDGE = 1e-6  # of the tolerance: beyond rounding and the smoothing of a curve without noise
 
 
@@ -114,3 +115,20 @@ def test_a_simulation_that_diverged_fails() -> None:
     flight = flight_of(test, record, smoothed_channels(record, ["q"]), WINDOW)
     (found,) = checks_of(test, record, WINDOW, flight, Flown(channels={}, corrections={}, diverged="at 3 s"))
     assert found.passed is False and "3 s" in found.why
+
+
+@pytest.mark.parametrize("recorded", [("altitude",), ("rho",), ("altitude", "rho"), ()])
+def test_calibrated_airspeed_takes_altitude_or_density(recorded: tuple[str, ...]) -> None:
+    """Truth: the standard atmosphere at 20 000 ft has 0.65269 kg/m3 and 46563 Pa; the Mach number there follows from
+    the impact pressure of 250 kt at sea level."""
+    impact = 101325.0 * ((1.0 + (250.0 * KNOT) ** 2 * 1.225 / (7.0 * 101325.0)) ** 3.5 - 1.0)
+    true = np.sqrt(1.4 * 46563.0 / 0.65269 * 5.0 * ((1.0 + impact / 46563.0) ** (2.0 / 7.0) - 1.0))
+    further = {"altitude": np.full(len(T), 6096.0), "rho": np.full(len(T), 0.65269)}
+    record = Record(name="m", t=T, channels={"V": np.full(len(T), true), **{n: further[n] for n in recorded}})
+    rows = (Tolerance(channel="calibrated_airspeed", unit="m/s", absolute=1.0),)
+    test = StandardTest(id="1", title="", manoeuvre="any", paragraph="1", tolerances=rows)
+    flight = flight_of(test, record, smoothed_channels(record, test.channels), WINDOW)
+    if not recorded:
+        assert "calibrated_airspeed" not in flight.samples
+        return
+    np.testing.assert_allclose(flight.samples["calibrated_airspeed"], 250.0 * KNOT, rtol=1e-3)

@@ -322,6 +322,17 @@ def test_a_test_out_of_tolerance_has_its_rationale(given: cs.Aircraft, tmp_path)
     assert "No fit used this record" in rationale["proof"][0] and "theta 0.10" in rationale["proof"][1]
 
 
+@pytest.mark.parametrize("fitted", [True, False])
+def test_a_proof_says_of_how_many_records_the_diagnosis_was_fitted(given: cs.Aircraft, tmp_path, fitted: bool) -> None:
+    names = ("m", "other") if fitted else ("other", "m")
+    diagnosed(tmp_path / "out", given.with_effects([LAG]), *names)
+    proof = cs.proof_of_match(
+        given, flown(given, 12.0, (3.0, 4.0, 5.0)), diagnosis=tmp_path / "out", axes="longitudinal"
+    )
+    assert ("1 test was flown in records that the diagnosis fitted" in proof.sentence) is fitted
+    assert ("that the diagnosis fitted" in proof.sentence) is fitted
+
+
 def test_a_change_that_loses_another_test_is_not_accepted(given: cs.Aircraft) -> None:
     """The lag is right and brings one flight into tolerance; a flight without lag was in tolerance, and is lost."""
     truth = given.with_effects([LAG])

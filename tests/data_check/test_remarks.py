@@ -54,6 +54,17 @@ def test_one_factor_of_the_thrust_is_said_of_every_record_that_has_it() -> None:
     assert found.startswith("m1, m2, m3: the thrust is 0.5")
 
 
+@pytest.mark.parametrize("rate_hz", [10.0, 50.0, 400.0])
+def test_a_recorder_that_halves_its_rate_is_told_with_both_rates(rate_hz: float) -> None:
+    """Whatever the rate, and whichever half is the slower. One that misses a sample now and then keeps its rate."""
+    steps = np.repeat([1.0, 2.0], 120) / rate_hz
+    for t in (np.cumsum(steps), np.cumsum(steps[::-1])):
+        (found,) = remarks([Record(name="m1", t=t, channels={})], None, DataCriteria())
+        assert "m1: the sampling rate changes" in found and {f"{rate_hz:g}", f"{rate_hz / 2:g}"} <= set(found.split())
+    steady = np.arange(240) / rate_hz
+    assert not remarks([Record(name="m1", t=np.delete(steady, slice(5, None, 9)), channels={})], None, DataCriteria())
+
+
 @pytest.mark.parametrize("name", ["phi", "beta"])
 def test_an_angle_of_zero_was_not_measured(name: str) -> None:
     """It is left out, and nothing else is at fault; a file of data has the same findings as one without the column."""

@@ -241,3 +241,13 @@ def test_hfb320_is_the_same_as_numpy_reads_it(flight_data):
     options = [f"{name}={column}" for column, name in enumerate(names, start=1)]
     record = read_record(path, ColumnMap.from_options(options))
     np.testing.assert_array_equal(record.matrix(names), np.loadtxt(path))
+
+
+@pytest.mark.parametrize(("count", "said"), [(0, "sheet 'Sheet' is empty"), (1, "1 samples are too few")])
+def test_a_sheet_of_names_alone_is_empty_and_one_with_a_row_is_short(tmp_path, count, said):
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in (["t", "V", "delta_e"], *[[0.0, 100.0, 0.01]] * count):
+        book.active.append(row)
+    book.save(tmp_path / "m.xlsx")
+    with pytest.raises(InputError, match=said):
+        read_record(tmp_path / "m.xlsx")

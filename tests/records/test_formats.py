@@ -499,7 +499,7 @@ def test_ardupilot_log(tmp_path):
         "estimates of the",
     ):
         assert part in said
-    assert "lost" not in said
+    assert "lost" not in said and "an ArduPilot log of a plane" in record.notes
 
 
 def test_an_ardupilot_copter(tmp_path):
@@ -527,6 +527,7 @@ def test_an_ardupilot_copter(tmp_path):
     np.testing.assert_allclose(record["m2"], 0.8, rtol=1e-9)
     assert not any(name.endswith("_command") for name in record.channels)
     assert any("SERVO1_FUNCTION is changed from 33 to 1" in note for note in record.notes)
+    assert "an ArduPilot log of a multirotor" in record.notes
 
 
 def test_ardupilot_quaternion_servos_and_no_airspeed(tmp_path):

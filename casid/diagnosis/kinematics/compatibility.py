@@ -35,7 +35,7 @@ from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
 from casid.model.vocabulary import effect_title
 from casid.native.threads import single_threaded
-from casid.records.given import given_records
+from casid.records.given import given_records, require_flight
 from casid.records.record import Record, require_channels
 from casid.signals import SURFACES, for_a_person, label_of
 
@@ -266,6 +266,7 @@ def compatibility(
     given = given_records(records, "compatibility")
     if not given:
         raise InputError("no record was given; expected at least one")
+    require_flight(given, "compatibility")
     by = criteria or Criteria()
     checked = check(given, criteria=by.data)
     given = checked.records
