@@ -334,7 +334,7 @@ class Diagnosis:
                 following = self.next_flights()
         least = self.criteria.given.from_records
         return Document(
-            **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(),
+            **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),
             name=self.diagnosed.name,
             source=self.diagnosed.source,
             witness=self.diagnosed.witness,
@@ -366,10 +366,10 @@ class Diagnosis:
             failed=tuple(failed),
         )
 
-    def _simulated(self) -> dict[str, Any]:
+    def _simulated(self, figures: bool) -> dict[str, Any]:
         """The simulations by their names; two of one view are one."""
         views = {name: getattr(self, name) for name in (*_FITTED, *(f"held_out_{name}" for name in _FITTED))}
-        made = {id(view): simulated_of(view) for view in views.values()}
+        made = {id(view): simulated_of(view, figures) for view in views.values()}
         return {name: made[id(view)] for name, view in views.items()}
 
     def _shown(self, missing: MissingInput) -> Unexplained:

@@ -32,13 +32,15 @@ from casid.records.record import Record
 from casid.signals import SURFACES
 
 
-def simulated_of(view: View, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)) -> Simulated:
+def simulated_of(
+    view: View, figures: bool = True, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+) -> Simulated:
     """The simulation of a view; `bands` are edges of bands of frequency [Hz], of which those that the records hold
-    are kept."""
+    are kept. Innovations and bands are for `figures`, and empty without."""
     fit, model = view.fit, view.fit.model
     records = tuple(fit.flight.records)
     fastest = 0.5 / max(record.dt for record in records)
-    edges = np.array([edge for edge in bands if edge < fastest])
+    edges = np.array([edge for edge in bands if edge < fastest and figures])
     of_aircraft = isinstance(fit.flight, Flight)
     return Simulated(
         records=records,
@@ -48,11 +50,11 @@ def simulated_of(view: View, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 
         channels=view.channels,
         output=view.simulated.output,
         residual=view.simulated.residual,
-        white=fit.white,
+        white=fit.white if figures else np.zeros((0, 0, 0)),
         log_likelihood=view.log_likelihood,
         samples=view.samples,
         bands=edges,
-        energy=view.band_energy(edges),
+        energy=view.band_energy(edges) if figures else np.zeros((0, 0)),
     )
 
 
