@@ -98,13 +98,11 @@ def consequence(fitted: FlightFit, one: Attached) -> float:
     channel over such a part or over its noise, whichever is smaller. It is infinite for other effects.
     """
     least = fitted.criteria.size.consequence
-    names, t, live = fitted.batch.names, fitted.batch.t, fitted.batch.live
+    live = fitted.batch.live
     if one.effect.output is not None:
-        outputs, read = fitted.model.outputs, fitted.output
-        without = [a for a in fitted.attached if a.name != one.name]
-        plain, seen = (readings(a, names, t, read, outputs, fitted.known) for a in (without, [*without, one]))
+        plain, seen = without_and_with(fitted, one)
         change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)
-        noise = np.array([fitted.noise.measurement[name] for name in outputs])
+        noise = np.array([fitted.noise.measurement[name] for name in fitted.model.outputs])
         return float(np.max(change / np.maximum(np.minimum(least * size, noise), 1e-12)))
     if one.effect.target not in SURFACES or one.effect.series is None:
         return np.inf
@@ -115,6 +113,19 @@ def consequence(fitted: FlightFit, one: Attached) -> float:
         left = unlike_derivatives(fitted, coefficient, slope * moved, fitted.known)  # model without the effect
         shares.append(float(np.std(left[live])) / max(least * size, 1e-12))
     return max(shares)
+
+
+def without_and_with(fitted: FlightFit, one: Attached) -> tuple[np.ndarray, np.ndarray]:
+    """(N, R, ny) readings along the motion of a fit without one of its effects, and with it."""
+    names, t, outputs, plain = fitted.batch.names, fitted.batch.t, fitted.model.outputs, fitted.output
+    without = [a for a in fitted.attached if a.name != one.name]
+    if one.effect.symbolic:
+        P = fitted.parameters.copy()
+        P[:, fitted.model.parameters.index(one.name)] = 0.0
+        plain = fitted.functions.output(fitted.motion.X, fitted.batch.U, P, fitted.moving)
+    both = ((without, plain), ([*without, one], fitted.output))
+    first, second = (readings(some, names, t, output, outputs, fitted.known) for some, output in both)
+    return first, second
 
 
 def _lateness(fitted: FlightFit, one: Attached) -> float:

@@ -9,8 +9,9 @@ Morelli, Aircraft System Identification (2006), chapter 10.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -22,8 +23,9 @@ from casid.data_check.reading import Finding
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
 from casid.diagnosis.evidence.screening import Candidate, screen
+from casid.diagnosis.evidence.size import without_and_with
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import Flight, of_aircraft, prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
@@ -279,8 +281,11 @@ def compatibility(
     tried = () if stepped else _TRIED
     found, rivals = _with_errors(flight, kinematics.again(kinematics.reconstruct(flight), biased), tried)
     air = turbulence(flight, found.fit) if _fails(found, rivals) else still_air(flight)
+    hidden: list[str] = []
     if air.named:
-        found, rivals = _with_errors(flight, _in_moving_air(flight, biased, air), tried)
+        found, rivals = _with_errors(
+            flight, _in_moving_air(flight, biased, air), tried, partial(_stands_out, air, hidden)
+        )
     errors = sorted(_errors(found, rivals), key=lambda one: one.passed)
     names = tuple(flight.outputs)
     measured = {r.name: r.matrix(names) for r in flight.records}
@@ -298,7 +303,7 @@ def compatibility(
         wind=steady_wind(given, found.fit) if followed and left["V"] <= by.data.left else None,
         measured=measured,
         reconstructed=reconstructed,
-        not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped)),
+        not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped), *_by_air(hidden)),
         data=checked.findings,
         most_left=by.data.left,
         followed=followed,
@@ -376,15 +381,21 @@ def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) 
     return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
 
 
-def _with_errors(flight: Flight, found: FlightFit, tried: Sequence[str]) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
-    """The reconstruction with the further errors that the data require, added one at a time, and their alternatives."""
+Separate = Callable[[Evidence, Attached], bool]
+
+
+def _with_errors(
+    flight: Flight, found: FlightFit, tried: Sequence[str], separate: Separate = lambda evidence, one: True
+) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
+    """The reconstruction with the further errors that the data require and `separate`, added one at a time, and their
+    alternatives."""
     rivals: dict[str, tuple[str, ...]] = {}
     evidence = weigh(found, discrepancy=False)
     for _ in range(flight.criteria.numerics.naming.rounds):
         taken = {one.effect.key for one in found.attached}
         able = [e for e in flight.effects if e.kind in tried and e.key not in taken]
         ranked = [one for one in screen(evidence, able) if is_possible(one.attached) and one.net > 0.0]
-        better = _first_that_holds(evidence, ranked[: flight.criteria.numerics.naming.trials])
+        better = _first_that_holds(evidence, ranked[: flight.criteria.numerics.naming.trials], separate)
         if better is None:
             break
         evidence, leader = better
@@ -394,15 +405,35 @@ def _with_errors(flight: Flight, found: FlightFit, tried: Sequence[str]) -> tupl
     return evidence, rivals
 
 
-def _first_that_holds(evidence: Evidence, ranked: Sequence[Candidate]) -> tuple[Evidence, Candidate] | None:
+def _first_that_holds(
+    evidence: Evidence, ranked: Sequence[Candidate], separate: Separate
+) -> tuple[Evidence, Candidate] | None:
     """The reconstruction with the first candidate that is significant and larger than allowed once it is fitted."""
     for one in ranked:
         again = kinematics.again(evidence.fit, [*evidence.fit.attached, one.attached])
         now = weigh(again, discrepancy=False)
         last = again.attached[-1]
-        if evidence.deviance > now.deviance and not _error(now, last, ()).passed:
+        if evidence.deviance > now.deviance and not _error(now, last, ()).passed and separate(now, last):
             return now, one
     return None
+
+
+def _stands_out(air: Turbulence, hidden: list[str], evidence: Evidence, one: Attached) -> bool:
+    """Tell whether an error of air data is more of its reading than the moving air is; the others go to `hidden`.
+
+    The aircraft answers gusts, in closed loop or by itself, so that air that moves is correlated with the motion. Up to
+    its own r.m.s. it reads like any error that is proportional to the motion.
+    """
+    fit, speed = evidence.fit, kinematics.typical_speed(of_aircraft(evidence.fit.flight))
+    moved = {"V": air.sigma, "alpha": air.sigma / speed, "beta": air.sigma / speed}
+    channels = [name for name in one.effect.reads if name in moved and name in fit.model.outputs]
+    plain, seen = without_and_with(fit, one)
+    change = (seen - plain)[fit.batch.live]
+    own = {name: float(np.std(change[:, fit.model.outputs.index(name)])) for name in channels}
+    if not channels or any(own[name] > moved[name] for name in channels):
+        return True
+    hidden.append(effect_title(*one.effect.key))
+    return False
 
 
 def _fails(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> bool:
@@ -457,6 +488,12 @@ def _by_steps(stepped: Collection[str]) -> tuple[str, ...]:
     """What channels that are corrected in steps leave open, in words."""
     names = ", ".join(label_of(name) for name in sorted(stepped))
     return (f"scales, delays and places of instruments: {names} are corrected in steps",) if stepped else ()
+
+
+def _by_air(hidden: Collection[str]) -> tuple[str, ...]:
+    """What the motion of the air leaves open, in words."""
+    names = ", ".join(dict.fromkeys(hidden))
+    return (f"{names}: less of its reading than the moving air, to which the aircraft answers",) if names else ()
 
 
 GROUND = ("v_north", "v_east")

@@ -8,6 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosis_flights import flights
+from scipy import signal
 
 import casid as cs
 from casid.diagnosis.kinematics.compatibility import InstrumentError
@@ -195,3 +197,27 @@ def test_no_timing_and_no_scale_is_read_from_an_attitude_that_is_corrected_in_st
     found = cs.compatibility([record.with_channels(**{n: record[n] + drift[n] for n in drift})])
     assert {one.target for one in found.data if one.kind == "data_steps"} == {"phi", "theta"}
     assert {one.kind for one in found.errors} <= {"sensor_bias"} and "corrected in steps" in " ".join(found.not_judged)
+
+
+def in_gusts(record: Record, sigma: float, answered: float, seed: int) -> Record:
+    """Air data in gusts of an r.m.s. velocity [m/s], of which the part `answered` is that to which the yaw rate
+    answers. Forces are free in the kinematics, so that the motion stays."""
+    rng, keeps = np.random.default_rng(seed), np.exp(-record.dt)
+    random = rng.standard_normal((3, len(record) + 200))
+    x, y, z = signal.lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], random)[:, 200:]
+    yaw = (record["r"] - np.mean(record["r"])) / np.std(record["r"])
+    y, V = answered * yaw + np.sqrt(1.0 - answered**2) * y, record["V"]
+    air = {"V": x, "alpha": z / V, "beta": y / V}
+    return record.with_channels(**{name: record[name] + sigma * series for name, series in air.items()})
+
+
+def test_an_error_that_the_moving_air_makes_up_is_not_stated() -> None:
+    """Truth: the vane is where it is said to be, and the yaw rate answers a quarter of the gusts' variance. A vane 10 m
+    off shows more than gusts in calmer air, and is found."""
+    (record,) = flights(seed=2, count=1)
+    found = cs.compatibility([in_gusts(record, 0.7, 0.5, 2)])
+    assert found.moving_air and found.passed and {one.kind for one in found.errors} == {"sensor_bias"}, str(found)
+    assert any("moving air" in one for one in found.not_judged)
+    off = record.with_channels(beta=record["beta"] + 10.0 * record["r"] / record["V"])
+    (failed,) = cs.compatibility([in_gusts(off, 0.35, 0.0, 2)]).failed
+    assert (failed.kind, failed.target) == ("vane_position", "beta") and abs(failed.value - 10.0) < 3.0 * failed.std
