@@ -116,6 +116,8 @@ window.addEventListener("load", () => setTimeout(async () => {
     const figure = document.querySelector("figure.live"), plots = figure.plots, over = plots[0].over;
     const box = over.getBoundingClientRect();
     told.panels = plots.length;
+    const heads = [...figure.querySelectorAll(".u-series:first-child th")];
+    told.axes = heads.filter((one) => one.offsetWidth > 0).map((one) => one.textContent);
     told.canvases = figure.querySelectorAll("canvas").length;
     const pixels = (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
     const inked = (canvas) => pixels(canvas).some((v) => v);
@@ -213,6 +215,7 @@ def test_in_a_browser_it_draws_zooms_pans_and_asks_for_nothing(tmp_path: Path, w
     told = read_in_a_browser(page(tmp_path), width)
     assert told["faults"] == [] and told["requests"] == []
     assert told["panels"] == told["canvases"] == 4 and told["inked"]
+    assert told["axes"] == ["t [s]"], "the axis is named once, below the last panel"
     (before,), (zoomed,), (panned,), (whole,) = (
         {tuple(one) for one in told[k]} for k in ("before", "zoomed", "panned", "all")
     )
