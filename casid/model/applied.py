@@ -28,7 +28,7 @@ from casid.model.path import INTEGRALS, aerodynamic_parameters
 from casid.model.rotors import with_values
 from casid.model.system import Model
 from casid.records.record import Record
-from casid.signals import SURFACES, scale_of
+from casid.signals import SURFACES, is_control, scale_of
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,6 +98,12 @@ def axes_of(records: Sequence[Record]) -> str:
     if {"delta_a", "delta_r"} <= has:
         return "lateral"
     missing = ", ".join(s for s in SURFACES if s not in has)
+    rotors = [n for n in records[0].channels if is_control(n) and n.removesuffix("_command") not in SURFACES]
+    if rotors and not any(f"{s}_command" in records[0] for s in SURFACES):
+        raise InputError(
+            f"record '{records[0].name}': has rotors, {', '.join(rotors)}, and no surfaces, as of a multirotor; "
+            "expected a wing here; casid check and casid diagnose take multirotors, with an aircraft file of [rotors]"
+        )
     raise InputError(
         f"record '{records[0].name}': surfaces {missing} are missing; expected delta_e (longitudinal motion), "
         "delta_a and delta_r (lateral), or all three; casid check RECORD --write-map map.toml lists what its file has"

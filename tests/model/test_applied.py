@@ -242,3 +242,12 @@ def test_axes_follow_from_the_surfaces():
     assert axes_of([plain]) == "full"
     assert axes_of([plain, plain.without("delta_a")]) == "longitudinal"
     assert axes_of([plain.without("delta_e")]) == "lateral"
+
+
+def test_a_record_of_rotors_alone_is_told_as_one_of_a_multirotor() -> None:
+    t = 0.02 * np.arange(200)
+    bare = {"q": np.sin(t), "m1": np.cos(t), "m2": np.cos(t)}
+    with pytest.raises(InputError, match="rotors, m1, m2, and no surfaces, as of a multirotor.*casid diagnose"):
+        axes_of([Record(name="hover", t=t, channels=bare)])
+    with pytest.raises(InputError, match="delta_e, delta_a, delta_r are missing"):
+        axes_of([Record(name="vtol", t=t, channels={**bare, "delta_e_command": np.sin(t)})])

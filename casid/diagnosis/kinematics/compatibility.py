@@ -138,6 +138,8 @@ class Compatibility:
         The scope of the check.
     data
         What the check of the data found.
+    remarks
+        What does not fit each other by that check and is no fault of one channel: an indicated airspeed, for example.
     errors
         Biases of all instruments except airspeed, heading and angular accelerations, and the other errors that the
         data require; failed ones first.
@@ -176,6 +178,7 @@ class Compatibility:
     reconstructed: dict[str, np.ndarray]
     not_judged: tuple[str, ...] = ()
     data: tuple[Finding, ...] = ()
+    remarks: tuple[str, ...] = ()
     most_left: float = np.inf
     followed: bool = True
 
@@ -193,7 +196,7 @@ class Compatibility:
         if not self.followed:
             left += ["The reconstruction does not follow these records, so no error and no wind is stated."]
         errors = (one.sentence for one in self.failed)
-        return (*(one.sentence for one in self.data), *errors, *left)
+        return (*(one.sentence for one in self.data), *self.remarks, *errors, *left)
 
     @property
     def passed(self) -> bool:
@@ -305,6 +308,7 @@ def compatibility(
         reconstructed=reconstructed,
         not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped), *_by_air(hidden)),
         data=checked.findings,
+        remarks=checked.remarks,
         most_left=by.data.left,
         followed=followed,
     )

@@ -14,6 +14,7 @@ from scipy import signal
 import casid as cs
 from casid.diagnosis.kinematics.compatibility import InstrumentError
 from casid.errors import InputError
+from casid.model.dynamics import standard_density
 from casid.records.record import Record
 from problems.blind.sets import fly_set
 from problems.every_problem import DEMO
@@ -204,7 +205,7 @@ def in_gusts(record: Record, sigma: float, answered: float, seed: int) -> Record
     answers. Forces are free in the kinematics, so that the motion stays."""
     rng, keeps = np.random.default_rng(seed), np.exp(-record.dt)
     random = rng.standard_normal((3, len(record) + 200))
-    x, y, z = signal.lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], random)[:, 200:]
+    x, y, z = np.asarray(signal.lfilter([np.sqrt(1.0 - keeps**2)], [1.0, -keeps], random))[:, 200:]
     yaw = (record["r"] - np.mean(record["r"])) / np.std(record["r"])
     y, V = answered * yaw + np.sqrt(1.0 - answered**2) * y, record["V"]
     air = {"V": x, "alpha": z / V, "beta": y / V}
@@ -221,3 +222,11 @@ def test_an_error_that_the_moving_air_makes_up_is_not_stated() -> None:
     off = record.with_channels(beta=record["beta"] + 10.0 * record["r"] / record["V"])
     (failed,) = cs.compatibility([in_gusts(off, 0.35, 0.0, 2)]).failed
     assert (failed.kind, failed.target) == ("vane_position", "beta") and abs(failed.value - 10.0) < 3.0 * failed.std
+
+
+def test_an_indicated_airspeed_is_said_before_what_it_looks_like() -> None:
+    record = cs.read_record(DEMO / "m1.csv")
+    ratio = np.sqrt(standard_density(record["altitude"]) / standard_density(np.array(0.0)))
+    found = cs.compatibility([record.with_channels(V=record["V"] * ratio)])
+    assert not found.passed and "is V indicated?" in found.against[0]
+    assert found.to_dict()["remarks"] == list(found.remarks)
