@@ -46,16 +46,16 @@ def motor_constant(rotor: Rotor, to: str) -> float:
     return rotor.effectiveness * rotor.thrust[2]
 
 
-def _left_of(rotors: Rotors, *, lag: bool, delay: bool = False, drag: bool = False) -> list[str]:
+def _left_of(rotors: Rotors, *, lag: bool, delay: bool = False, air: bool = False) -> list[str]:
     """What a target does not hold of the rotors."""
     left = []
     if not lag and any(one.lag for one in rotors.each):
         left.append("lag of the rotors")
     if not delay and any(one.delay for one in rotors.each):
         left.append("delay of the rotors")
-    if not drag and any(rotors.drag):
-        left.append("drag of the body")
-    left += ["loss of thrust with axial speed"] if rotors.inflow else []
+    if not air and any(rotors.drag):
+        left.append("drag of the rotors")
+    left += ["loss of thrust with axial speed"] if rotors.inflow and not air else []
     left += ["thrust by the voltage of the battery"] if rotors.voltage else []
     return left
 
@@ -177,12 +177,12 @@ def rotorpy_text(aircraft: Aircraft) -> Made:
         "k_eta": mean,
         "k_m": mean * float(np.mean([one.torque for one in rotors.each])),
         "k_d": 0.5 * (rotors.drag[0] + rotors.drag[1]) / whole,
-        "k_z": rotors.drag[2] / whole,
+        "k_z": rotors.drag[2] / whole + rotors.inflow * mean * hover,
         **{"k_h": 0.0, "k_flap": 0.0},
         "tau_m": float(np.mean([one.lag for one in rotors.each])),
         **{"rotor_speed_min": 0.0, "rotor_speed_max": _FASTEST * hover, "motor_noise_std": 0.0},
     }
-    left += _left_of(rotors, lag=True, drag=True)
+    left += _left_of(rotors, lag=True, air=True)
     if len(set(constants)) > 1:
         left.append("differences of effectiveness between the rotors: k_eta is their mean")
     left.append("the largest speed, here twice that of hover")

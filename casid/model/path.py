@@ -164,11 +164,11 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
         axis, thrust = one.rotor.axis, one.thrust * pressure
         hub = [v + w for v, w in zip(velocity, _cross(rates, one.position), strict=True)]
         speed = ca.sqrt(ca.fmax(one.rotor.static_thrust(one.input) / hover, _STANDS))  # over that of hover
+        thrust = thrust + path.disturbance[station.control(thrust_of(name))]
+        turning_back = [one.torque * thrust * a for a in axis]  # which axial speed hardly changes
         if not _is_zero(inflow):
             thrust = thrust - inflow * hover * speed * sum(a * v for a, v in zip(axis, hub, strict=True))
-        thrust = thrust + path.disturbance[station.control(thrust_of(name))]
         along = [a * thrust for a in axis]
-        turning_back = [one.torque * a for a in along]
         if not all(map(_is_zero, path.drag.values())):
             part = speed / len(rotors.each)
             along = [a - path.drag[name] * part * v for a, name, v in zip(along, "xyz", hub, strict=True)]
