@@ -151,18 +151,18 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     """
     rotors, rates = path.aircraft.rotors, [path.state[name] for name in "pqr"]
     velocity = [path.state[name] - wind for name, wind in zip("uvw", path.wind, strict=True)]
-    force, moment = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]
     assert rotors is not None
     hover = path.aircraft.mass * path.aircraft.gravity / len(rotors.each)
-    for i, name in enumerate("uvw"):
-        force[i] = force[i] + path.mass * path.disturbance[station.equation(name)]
+    force = [path.mass * path.disturbance[station.equation(name)] for name in "uvw"]
+    moment = _cross(path.cg, force)  # what enters an equation of force is in no other, wherever the c.g. is
     inflow, pressure = path.inflow, 1.0
     if rotors.voltage is not None and not _is_zero(path.voltage_exponent):
         relative = path.inputs[rotors.voltage.channel] / rotors.voltage.reference
         pressure = ca.exp(path.voltage_exponent * ca.log(relative))
     for name, one in path.rotor.items():
         axis, thrust = one.rotor.axis, one.thrust * pressure
-        hub = [v + w for v, w in zip(velocity, _cross(rates, one.position), strict=True)]
+        arm = [at - centre for at, centre in zip(one.position, path.cg, strict=True)]
+        hub = [v + w for v, w in zip(velocity, _cross(rates, arm), strict=True)]
         speed = ca.sqrt(ca.fmax(one.rotor.static_thrust(one.input) / hover, _STANDS))  # over that of hover
         thrust = thrust + path.disturbance[station.control(thrust_of(name))]
         turning_back = [one.torque * thrust * a for a in axis]  # which axial speed hardly changes

@@ -33,8 +33,8 @@ def test_a_weak_rotor_is_named_with_its_size():
     pytest.importorskip("rotorpy")
     aircraft, record = flown(0.7)
     found = cs.diagnose(aircraft, [record])
-    assert ("rotor_effectiveness", "m4") in {(one.kind, one.target) for one in found.causes}
-    named = next(one for one in found.causes if one.target == "m4")
+    (named,) = found.causes
+    assert (named.kind, named.target) == ("rotor_effectiveness", "m4")
     assert named.value == pytest.approx(-0.3, abs=0.04)
     assert f"m4 {100.0 * named.value:+.0f} per cent" in pictures(found.document())["rotors"].alt
 

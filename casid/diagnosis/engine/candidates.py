@@ -23,6 +23,7 @@ from casid.diagnosis.kinematics.check import kinematic_check
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Values
+from casid.model.station import MOVING_AIR
 from casid.native.processors import side_by_side
 
 Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not fitted -> its gates, of which one failed
@@ -220,7 +221,7 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     trial = replace(trial, size=size, check=check)
     if trial.meaningful and one.effect.event.recurring:
         trial = replace(trial, size=(*trial.size, sudden(evidence, one)))
-    if trial.meaningful and kinematic is None and "length" in one.values:
+    if trial.meaningful and kinematic is None and one.effect.timed and one.effect.enters in MOVING_AIR:
         trial = replace(trial, size=(*trial.size, alone(evidence, one)))
     return trial
 

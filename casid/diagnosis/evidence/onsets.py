@@ -288,22 +288,24 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
 
 
 def alone(evidence: Evidence, one: Attached) -> Gate:
-    """The gate on a gust where there are no kinematics: air that always moves has a largest gust too.
+    """The gate on a gust or a shear where there are no kinematics: air that always moves has a largest one too.
 
-    The statistic of a gust of this length at a time has a mean of one where only noise is left. In units of its mean at
-    all other times of these records, that of the gust must be significant for the best of many.
+    The statistic of one of this length at a time has a mean of one where only noise is left. In units of its mean at
+    all other times of these records, that of this one must be significant for the best of many.
     """
     further = {name: value for name, value in one.values.items() if name != "value"}
-    step, length = evidence.criteria.numerics.events.gust_step, further["length"]
-    judge, records = Screen(evidence, exact=True), evidence.fit.flight.records
+    step, records = evidence.criteria.numerics.events.gust_step, evidence.fit.flight.records
+    judge, lasts = Screen(evidence, exact=True), min(further.values())
+    shortest = min(min(shape.values()) for shape in one.effect.further.grid)
+    apart = lasts if lasts < min(record.duration for record in records) else shortest
     own, others = 0.0, list[float]()
-    for print_ in fingerprints(evidence, [with_grid(one.effect, further)], onset_grid(evidence, step, length)):
+    for print_ in fingerprints(evidence, [with_grid(one.effect, further)], onset_grid(evidence, step, lasts)):
         for r, keep in enumerate(np.eye(len(records))):
             begins = float(records[r].t[0]) + (print_.onset or 0.0)
             if begins > records[r].t[-1]:
                 continue
             statistic = judge.score([print_], keep[None])[0]
-            if abs(begins - one.onsets.get(records[r].name, np.inf)) < length:
+            if abs(begins - one.onsets.get(records[r].name, np.inf)) < apart:
                 own = max(own, statistic)
             else:
                 others.append(statistic)

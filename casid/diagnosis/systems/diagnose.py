@@ -24,8 +24,14 @@ from casid.diagnosis.judgement import Stages, judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
+from casid.diagnosis.systems.rotorcraft import (
+    before_vertical,
+    in_its_colour,
+    rotorcraft,
+    too_small_in_closed_loop,
+    with_thrust_curve,
+)
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
-from casid.diagnosis.systems.rotorcraft import in_its_colour, rotorcraft, too_small_in_closed_loop, with_thrust_curve
 from casid.diagnosis.time_limit import TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
@@ -110,6 +116,9 @@ def diagnose_rotorcraft(
     assert rotors is not None
     stopped = tuple(one for record in (*records, *hold_out) for one in standing(record, rotors))
     records, hold_out = ([until_one_stands(one, rotors) for one in both] for both in (records, hold_out))
+    step = 1.0 / criteria.rotors.rate
+    steep = [left for record in (*records, *hold_out) for left in before_vertical(record, step)[1]]
+    records, hold_out = ([before_vertical(one, step)[0] for one in both] for both in (records, hold_out))
     fit_on, held = split(records, hold_out, criteria.held_out)
     plant = replace(rotorcraft(aircraft, fit_on, criteria), limit=limit)
     _check_measured(plant.base, held)
@@ -130,7 +139,8 @@ def diagnose_rotorcraft(
     least = criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
-    return concluded(found, told, not_judged=too_small_in_closed_loop(aircraft, found.detectable), data=stopped)
+    not_judged = [*steep, *too_small_in_closed_loop(aircraft, found.detectable)]
+    return concluded(found, told, not_judged=not_judged, data=stopped)
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

@@ -180,6 +180,20 @@ def _with_noise(plant: Plant, by_band: NoiseModel, by: RotorCriteria) -> Plant:
     return plant
 
 
+def before_vertical(record: Record, step: float) -> tuple[Record, tuple[NotJudged, ...]]:
+    """The part of a record before its pitch can pass the vertical within a `step` [s], and what is then not judged: the
+    Euler angles of the model have no rates there."""
+    if "theta" not in record:
+        return record, ()
+    turns = record["q"] if "q" in record else np.gradient(record["theta"], record.t)
+    steep = np.abs(record["theta"]) + step * np.abs(turns) >= 0.5 * math.pi  # False where it was not read
+    if not steep.any() or not (before := int(np.argmax(steep))):
+        return record, ()
+    because = "the nose passes the vertical, where the model has no angles"
+    left = NotJudged(what=f"{record.name} from {record.t[before]:.1f} s on", because=because)
+    return record.between(record.t[0], record.t[before] - 0.5 * record.dt), (left,)
+
+
 def _usual_offset(channel: str, aircraft: Aircraft) -> float:
     """Prior 1-sigma of the offset of an instrument: of a small one, as large as matters."""
     return float(sensor_bias(channel).smallest_that_matters(aircraft) or np.inf)
