@@ -10,10 +10,11 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from warnings import catch_warnings
 
 import casadi as ca
 import numpy as np
-from scipy.integrate import odeint
+from scipy.integrate import ODEintWarning, odeint
 from scipy.optimize import least_squares, minimize
 
 from casid.estimation import Problem
@@ -116,16 +117,17 @@ class Likelihood:
             for at, event in [*((a, e) for a, e in jumps if t[k] < a <= t[k + 1]), (t[k + 1], "")]:
                 until = (at - t[k]) / dt
                 if until > share:
-                    after, said = odeint(
-                        slope,
-                        state,
-                        [share, until],
-                        Dfun=slopes,
-                        rtol=self.tolerance,
-                        atol=close,
-                        mxstep=20000,
-                        full_output=True,
-                    )
+                    with catch_warnings(action="ignore", category=ODEintWarning):  # `said` has it
+                        after, said = odeint(
+                            slope,
+                            state,
+                            [share, until],
+                            Dfun=slopes,
+                            rtol=self.tolerance,
+                            atol=close,
+                            mxstep=20000,
+                            full_output=True,
+                        )
                     if said["message"] != "Integration successful." or not np.isfinite(after[-1]).all():
                         return states
                     state, share = after[-1], until

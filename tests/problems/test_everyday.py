@@ -38,16 +38,16 @@ def test_a_fault_is_named_and_nothing_else_is(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_data_that_cannot_be_mended_are_the_verdict() -> None:
+def test_a_sign_of_the_record_or_of_the_file_is_told_as_both() -> None:
     """An aileron that one derivative alone knows: record or file has the wrong sign, and no cause is named."""
     aircraft, records = healthy()
     alone = aircraft.with_derivatives({"Cn_delta_a": 0.0, "CY_delta_a": 0.0})
     reversed_aileron = with_fault(DataFault(kind="data_sign", target="delta_a", records=ALL), records, 5)
     found = diagnose(alone, reversed_aileron[:2], hold_out=reversed_aileron[2:])
     document = found.to_dict()
-    assert found.verdict == document["verdict"] == "data at fault"
-    assert found.sentence.startswith("The recorded aileron has the wrong sign")
-    assert found.causes == () and document["data"][0]["handled"] == "reported"
+    assert found.causes == () and found.contradicted[0].parameter == "Cl_delta_a"
+    (told,) = document["data"]
+    assert told["handled"] == "reported" and "delta_a: sign" in told["sentence"] and "Cl_delta_a" in told["sentence"]
 
 
 @pytest.mark.slow
@@ -56,7 +56,7 @@ def test_a_file_that_cannot_be_right_is_the_verdict() -> None:
     aircraft, records = healthy()
     found = diagnose(replace(aircraft, mass=aircraft.mass / 0.45359237), records[:2], hold_out=records[2:])
     assert found.verdict == "values wrong" and found.causes == ()
-    assert found.sentence.startswith("Aircraft file: mass is in lb")
+    assert "mass is in lb" in found.sentence
     assert found.contradicted[0].impossible and found.contradicted[0].parameter == "mass"
 
 
