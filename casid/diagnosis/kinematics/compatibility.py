@@ -208,7 +208,7 @@ class Compatibility:
         return {
             "schema": "casid.compatibility/1",
             "records": [record.name for record in self.records],
-            **plain(self, "axes passed data errors moving_air wind not_judged"),
+            **plain(self, "axes passed data remarks errors moving_air wind not_judged"),
             "channels": {name: {"left": self.left[name], "noise": self.noise[name]} for name in self.left},
         }
 
