@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import pickle
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import casadi as ca
 import numpy as np
@@ -12,6 +15,7 @@ from estimation_cases import NOISE, START, elevator, flight, short_period
 from small_flight import aircraft_file, records
 
 import casid as cs
+from casid.keeping import by_fields, plain
 from casid.model.causes import actuator_lag, gust
 from casid.model.effect import Effect
 
@@ -101,3 +105,34 @@ def test_effects_travel_by_their_name(effect: Effect) -> None:
         copy.name == effect.name and copy.further.grid == effect.further.grid and copy.size.limit == effect.size.limit
     )
     assert (copy.change is None, copy.series is None) == (effect.change is None, effect.series is None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Step:
+    """With the names that JSON has: "from" is none of Python, `own` is not told, and `double` is no field."""
+
+    in_json: ClassVar[str] = "from=before double values"
+
+    before: float = math.inf
+    own: str = "not told"
+    values: np.ndarray = field(default_factory=lambda: np.array([[1.0, math.nan], [0.5, 2.0]]))
+
+    @property
+    def double(self) -> int:
+        return 2
+
+    to_dict = by_fields
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Steps:
+    steps: tuple[_Step, ...] = (_Step(),)
+    by_name: dict[str, _Step] = field(default_factory=lambda: {"first": _Step(before=1.0)})
+
+
+def test_a_result_becomes_json_by_its_fields() -> None:
+    """Truth: JSON has null for what is not finite, lists for arrays, and the names that a class states."""
+    one = {"from": None, "double": 2, "values": [[1.0, None], [0.5, 2.0]]}
+    assert _Step().to_dict() == plain(_Step()) == one
+    assert plain(_Steps()) == {"steps": [one], "by_name": {"first": one | {"from": 1.0}}}
+    assert plain(_Step(), "before") == {"before": None}
