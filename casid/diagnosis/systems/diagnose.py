@@ -139,7 +139,7 @@ def diagnose_rotorcraft(
     least = criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
-    not_judged = [*steep, *too_small_in_closed_loop(aircraft, found.detectable)]
+    not_judged = [*steep, *too_small_in_closed_loop(aircraft, found.detectable, criteria)]
     return concluded(found, told, not_judged=not_judged, data=stopped)
 
 

@@ -370,10 +370,14 @@ def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
     return {equation(n): moment / inertia[n] if n in inertia else force for n in EQUATIONS}
 
 
-def too_small_in_closed_loop(aircraft: Aircraft, detectable: Mapping[str, float]) -> list[NotJudged]:
-    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown."""
+def too_small_in_closed_loop(
+    aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria
+) -> list[NotJudged]:
+    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown. A rotor is judged
+    against its stated uncertainty, as one number and not as the best of many."""
     assert aircraft.rotors is not None
-    each = [detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.rotors.names]
+    alone = criteria.significance.sigmas / criteria.significance.detectable
+    each = [alone * detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.rotors.names]
     sizes = (
         ("a change of the thrust of one rotor under {:.0f} %", 100.0 * max(each)),
         ("a lag of all rotors that differs by less than {:.2g} s", detectable.get(rotor_lag(ALL).name, math.inf)),
