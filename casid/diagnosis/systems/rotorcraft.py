@@ -373,8 +373,8 @@ def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
 def too_small_in_closed_loop(
     aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria
 ) -> list[NotJudged]:
-    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown. A rotor is judged
-    against its stated uncertainty, as one number and not as the best of many."""
+    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown. A rotor is
+    judged against its stated uncertainty, as one number and not as the best of many."""
     assert aircraft.rotors is not None
     alone = criteria.significance.sigmas / criteria.significance.detectable
     each = [alone * detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.rotors.names]
