@@ -26,10 +26,9 @@ from casid.report.folder import out_folder
 from casid.report.progress import progress
 from problems.blind.sets import fly_set
 from problems.faults.flights import REAL, flight_data, real_flight
-from problems.rotors.sets import CLEAN, ONE, sets
 
 Flight = tuple[Sequence[Record], Aircraft | None]
-GENERATORS: tuple[str, ...] = ("jsbsim", "do328", "f16", "independent", "strips", "rotorpy")
+GENERATORS: tuple[str, ...] = ("jsbsim", "do328", "f16", "independent", "strips", "rotors")
 
 
 def arguments() -> argparse.Namespace:
@@ -58,9 +57,6 @@ def flown(given: argparse.Namespace) -> Iterator[tuple[str, str, Callable[[], Fl
 
 def clean(of: str, seed: int) -> Flight:
     """A set of a generator in which nothing is hidden."""
-    if of == "rotorpy":
-        (one,) = sets(seed, range(ONE + seed % CLEAN, ONE + seed % CLEAN + 1))
-        return one.records, one.aircraft
     made = fly_set(of, f"clean-{1 + seed % 4}", seed)
     return made.records, made.aircraft
 

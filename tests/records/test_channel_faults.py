@@ -188,3 +188,12 @@ def test_codes_are_found_at_the_ends_beside_gaps_and_in_runs(code: float) -> Non
     x, at = motion(), np.zeros(len(T), dtype=bool)
     x[499:503], at[500:502] = [np.nan, code, code, np.nan], True
     assert (found(x, "ay")["data_spikes"] == at).all()
+
+
+@pytest.mark.parametrize("lost", [0, 100, 700])
+def test_the_table_has_the_part_of_the_samples_that_is_missing(lost: int) -> None:
+    """What is missing in one record is missing in the same part of two alike."""
+    gone = record(np.where(lost > AT, np.nan, motion()))
+    for records in ([gone], [gone, gone]):
+        row = next(row for row in channel_table(records) if row.name == "beta")
+        assert row.missing == pytest.approx(lost / len(T)) and row.records == len(records)
