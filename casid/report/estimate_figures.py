@@ -185,7 +185,7 @@ def _estimate_rows(
 def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
     """Correlation matrix (parameters, parameters) of the errors of the estimates."""
     with settings():
-        figure = blank(min(0.22 * len(names), 4.5) + 1.2)
+        figure = blank(min(max(0.22 * len(names), 1.8), 3.7) + 1.0)
         thin = 0.05
         ax, scale = figure.subplots(1, 2, width_ratios=(1.0, thin))
         scale.set_box_aspect(1.0 / thin)  # as high as the matrix, which is square

@@ -161,6 +161,7 @@ def _place(fig: Figure, panels: Sequence[_Panel], room: Sequence[np.ndarray], in
         corners = x0[columns.start], y0[rows.stop - 1], x1[columns.stop - 1], y1[rows.start]
         one.ax.set_position(Bbox.from_extents(*corners).transformed(fig.transFigure.inverted()))
         one.ax.set_in_layout(True)  # which `set_position` undoes
+        one.ax.apply_aspect()  # as drawing does: of a square panel the labels stand beside the square
 
 
 def _shared(

@@ -10,6 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
+from casid.report.estimate_figures import correlations
 from casid.report.style import blank, settings
 
 _ROUNDING = 0.5  # pixels
@@ -71,3 +72,16 @@ def test_a_figure_that_is_too_small_is_drawn_all_the_same() -> None:
         figure.subplots(3, 3)
     boxes_of(figure)
     assert all(ax.get_window_extent().height > 0.0 for ax in figure.axes)
+
+
+@pytest.mark.parametrize("count", [2, 6, 40])
+def test_the_label_of_a_scale_beside_a_square_matrix_stands_off_its_numbers(count: int) -> None:
+    """The square is smaller than its cell where the figure is wide: labels go by what is drawn, not by the cell."""
+    figure = correlations([f"Cm_{k}" for k in range(count)], np.eye(count)).figure
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    _, scale = figure.axes
+    label = scale.yaxis.label.get_window_extent(canvas.get_renderer())
+    numbers = [one.get_window_extent(canvas.get_renderer()) for one in scale.get_yticklabels() if one.get_text()]
+    assert numbers and label.x0 > max(box.x1 for box in numbers) - _ROUNDING
+    assert label.height < figure.bbox.height
