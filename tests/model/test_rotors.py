@@ -14,6 +14,7 @@ from casid.errors import InputError
 from casid.model.causes import (
     added_mass,
     body_drag,
+    cg_offset,
     effectiveness_change,
     mass_change,
     rotor_effectiveness,
@@ -190,6 +191,19 @@ def test_drag_and_inflow_are_the_numbers_of_the_file():
     hover = np.sqrt(MASS * 9.80665 / (4.0 * COEFFICIENT))
     lost = 0.05 * 2.0 * COEFFICIENT * hover * float(SPEEDS.sum())
     assert loss == pytest.approx(-(COEFFICIENT * float(SPEEDS @ SPEEDS) - lost) / MASS, rel=1e-9)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_a_disturbance_of_an_equation_of_force_is_in_no_other_wherever_the_centre_of_gravity_is(axis):
+    """So that a cause does not change the noise under which it is compared."""
+    effect = cg_offset(axis)
+    model = cs.aircraft_model(QUAD, outputs=EVERY, effects=[effect])
+    f = ca.Function("f", [model.x, model.u, model.p, model.w], [ca.jacobian(model.f, model.w)])
+    p = model.nominal_vector({effect.name: 0.04})
+    slopes = f(MOVED, SPEEDS, p, np.zeros(len(model.disturbances))).full()
+    rows = [model.states.index(name) for name in "uvwpqr"]
+    columns = [model.disturbances.index(f"f_{name}") for name in "uvwpqr"]
+    np.testing.assert_allclose(slopes[np.ix_(rows, columns)], np.eye(6), atol=1e-12)
 
 
 def test_a_mass_at_a_hub_is_a_point_of_the_body():

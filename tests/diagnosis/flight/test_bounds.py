@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+import casid as cs
 from casid.diagnosis.criteria import SizeCriteria
 from casid.diagnosis.flight.bounds import inertia_bounds, possible
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.gates import is_possible
-from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, vane_position
+from casid.model.causes import accelerometer_position, cg_offset, inertia, mass, rotor_position, vane_position
 from problems.do328 import do328
 
 BY = SizeCriteria()
@@ -39,5 +40,23 @@ def test_what_no_aircraft_has_is_not_is_possible() -> None:
     )
     for effect, believed, refused in cases:
         bounded = possible(effect, aircraft, BY)
+        assert is_possible(Attached(effect=bounded, values={"value": believed})), effect.name
+        assert not is_possible(Attached(effect=bounded, values={"value": refused})), effect.name
+
+
+def test_a_multirotor_hovers_about_what_lies_between_its_rotors() -> None:
+    """Decks make Ixx of a Crazyflie 2.6e-5 of 1.657e-5 kg m2; the sum of the other two is the rigid body's limit."""
+    each = [
+        cs.Rotor(name=f"m{i}", position=(0.0325 * x, 0.0325 * y, 0.0), spin=x * y, thrust=(0.0, 1e-5))
+        for i, (x, y) in enumerate([(1, 1), (-1, 1), (-1, -1), (1, -1)], start=1)
+    ]
+    J = cs.Inertia(Ixx=1.657e-5, Iyy=1.666e-5, Izz=2.926e-5, Ixz=0.0)
+    quad, arm = cs.Aircraft(name="quad", mass=0.032, inertia=J, rotors=cs.Rotors(each=each)), 0.046
+    for effect, believed, refused in (
+        (rotor_position("m2", "x"), 0.9 * arm, -1.1 * arm),
+        (cg_offset("y"), -0.9 * arm, 1.1 * arm),
+        (inertia("Ixx"), 0.943e-5, J.Iyy + J.Izz - 0.9 * J.Ixx),
+    ):
+        bounded = possible(effect, quad, BY)
         assert is_possible(Attached(effect=bounded, values={"value": believed})), effect.name
         assert not is_possible(Attached(effect=bounded, values={"value": refused})), effect.name

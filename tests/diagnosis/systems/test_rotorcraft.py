@@ -10,7 +10,7 @@ import pytest
 import casid as cs
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.systems.plant import Plant
-from casid.diagnosis.systems.rotorcraft import most_likely_noise, rotorcraft
+from casid.diagnosis.systems.rotorcraft import before_vertical, most_likely_noise, rotorcraft
 from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter
 
@@ -68,3 +68,18 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
         assert has_density(hovering, found) or not begun
         ill += not begun
     assert 0 < ill < 12  # the draw has both
+
+
+@pytest.mark.parametrize("measured", [("theta", "q"), ("theta",), ("phi",)])
+def test_a_record_ends_where_the_nose_passes_the_vertical(measured: tuple[str, ...]):
+    """A pitch rate of 0.5 rad/s from level: vertical after pi s, by the attitude with or without the rate."""
+    t = np.arange(0.0, 4.0, 0.01)
+    all_of_it = {"theta": 0.5 * t, "q": np.full(len(t), 0.5), "phi": 0.5 * t}
+    channels = {name: all_of_it[name] for name in measured}
+    record = cs.Record.from_arrays(name="loop", t=t, channels=channels)
+    kept, left = before_vertical(record, 0.02)
+    if "theta" in measured:
+        assert kept.t[-1] == pytest.approx(np.pi - 0.02, abs=0.02)
+        assert [one.what for one in left] == ["loop from 3.1 s on"]
+    else:
+        assert kept is record and not left
