@@ -56,18 +56,18 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
         what = "a link" if target.is_symlink() else "a file"
         raise InputError(f"{folder}: cannot be written to: is {what}; choose another --out")
     made = [place for place in target.parents if not place.exists()]  # the deepest first
+    fixed, lock = _cannot_be_renamed(target), None
+    temporary = (target if fixed else target.parent) / f".{target.name}-{secrets.token_hex(8)}"
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        fixed = _cannot_be_renamed(target)
-        _sweep(target)
-        mode = stat.S_IMODE(target.stat().st_mode) if target.exists() else 0o777
-        temporary = (target if fixed else target.parent) / f".{target.name}-{secrets.token_hex(8)}"
-        temporary.mkdir(mode)
-        (temporary / _UNFINISHED).touch()
-        lock = _locked(temporary)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written to: {error.strerror or error}; choose another --out") from None
-    try:
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _sweep(target)
+            _begin(temporary, stat.S_IMODE(target.stat().st_mode) if target.exists() else 0o777)
+            lock = _locked(temporary)
+        except OSError as error:
+            raise InputError(
+                f"{folder}: cannot be written to: {error.strerror or error}; choose another --out"
+            ) from None
         yield temporary
         _put_in_place(temporary, target, fixed, folder)
     finally:
@@ -78,6 +78,16 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
         for place in made:
             with suppress(OSError):
                 place.rmdir()
+
+
+def _begin(folder: Path, mode: int) -> None:
+    """Make a folder that is marked as unfinished; none is left where a signal comes between."""
+    try:
+        folder.mkdir(mode)
+        (folder / _UNFINISHED).touch()
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def _cannot_be_renamed(target: Path) -> bool:

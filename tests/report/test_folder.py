@@ -8,7 +8,9 @@ import signal
 import stat
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -183,3 +185,29 @@ def test_a_file_keeps_its_mode_and_replaces_a_link(tmp_path: Path) -> None:
     assert stat.S_IMODE(secret.stat().st_mode) == 0o600 and secret.read_text() == "new"
     assert victim.read_text() == "mine" and (tmp_path / "link.csv").read_text() == "new"
     assert len(list(tmp_path.iterdir())) == 3
+
+
+def test_a_signal_at_any_line_before_the_work_leaves_nothing(tmp_path: Path) -> None:
+    """Ctrl-C raises where the program stands: at each line of the module in turn, up to the block itself."""
+    before, begun, at = sys.gettrace(), False, 0
+    while not begun:
+        at, left = at + 1, at + 1
+
+        def stopping(frame: FrameType, event: str, _: object) -> Callable | None:
+            nonlocal left
+            if frame.f_code.co_filename != folders.__file__:
+                return None
+            left -= event == "line"
+            if left == 0:
+                raise KeyboardInterrupt
+            return stopping
+
+        sys.settrace(stopping)
+        try:
+            with suppress(KeyboardInterrupt), whole_folder(tmp_path / "deep" / "out"):
+                begun, left = True, sys.maxsize  # none in what is taken away
+                raise KeyboardInterrupt
+        finally:
+            sys.settrace(before)
+        assert not list(tmp_path.iterdir()), f"line {at}"
+    assert at > 20
