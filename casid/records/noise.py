@@ -25,6 +25,7 @@ _BESIDE = 12  # readings on either side that tell what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
 _WHITE = 4.0  # deviations of the correlation of neighbours, up to which noise is white
+_FOLLOWED = 0.5  # correlation of neighbours that a motion has of which few readings are known
 
 
 def high_band_sigma(values: np.ndarray) -> float:
@@ -189,4 +190,5 @@ def is_noise(values: np.ndarray) -> bool:
     if len(seen) < 2 or np.ptp(seen) == 0.0:
         return True
     left = signal.detrend(seen)
-    return float(np.mean(left[1:] * left[:-1])) < _WHITE / math.sqrt(len(left)) * float(np.mean(left**2))
+    most = min(_WHITE / math.sqrt(len(left)), _FOLLOWED)
+    return float(np.mean(left[1:] * left[:-1])) < most * float(np.mean(left**2))

@@ -85,6 +85,13 @@ def test_a_flight_in_much_noise_is_one(name: str) -> None:
     assert not unflown(record.with_channels(**still))
 
 
+@pytest.mark.parametrize("count", [14, 20, 60])
+def test_few_readings_of_a_motion_are_a_flight(count: int) -> None:
+    t = np.linspace(0.0, 4.0, count)
+    channels = {name: rate * np.sin(2.0 * np.pi * t / 4.0) for name, rate in (("q", 0.2), ("delta_e", 0.05))}
+    assert not unflown(Record(name="short", t=t, channels=channels))
+
+
 def test_a_multirotor_with_a_pitot_that_reads_nothing_is_not_on_the_ground(tmp_path: Path) -> None:
     t = 0.02 * np.arange(300)
     rows = np.stack([t, 0.0 * t, 0.5 + 0.1 * np.sin(t), np.sin(t)], axis=1)
