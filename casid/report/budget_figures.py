@@ -45,7 +45,8 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
     ax.axhline(0.5, color=FAINT, lw=0.8)
     ax.set_xscale("log")
     most = max(_size(steps.as_given) for steps in rows.values())
-    ax.set_xlim(0.6, 2.2 * max(most, *(_size(s.structure) for s in rows.values()), 2.0))
+    least = min(_size(s.structure) for s in rows.values())
+    ax.set_xlim(min(0.6, 0.9 * max(least, 1e-3)), 2.2 * max(most, *(_size(s.structure) for s in rows.values()), 2.0))
     ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_yticks(range(len(rows)), list(rows))
@@ -61,9 +62,8 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
         figure=figure,
         title=f"From the simulation as given to the noise, on {names} (held out)",
         caption=(
-            "Each bar is the part of the open-loop simulation error that one step removes: correcting the data, "
-            "re-estimating the values of the file, adding the named causes. Grey is unexplained. The number is the "
-            "error as given."
+            "Each bar is the part of the error that one step removes: correcting the data, re-estimating the values of "
+            "the file, adding the named causes. Grey is unexplained. The number is the error as given."
         ),
         alt=(
             f"Waterfall of the error per channel over the noise. All channels: {together.as_given:.3g} as given, "

@@ -35,14 +35,16 @@ def rotors_from_above(document: Document) -> Picture | None:
             says = document.flight[name]
             cause = named.get(one.name)
             value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
-            changed, wide = 100.0 * value, 100.0 * std
+            changed, wide = 100.0 * value, 100.0 * std / (1.0 if cause else one.effectiveness)
             colour = BASELINE if cause or name in against else EXTENDED
             ax.plot([0.0, x], [0.0, y], color=FAINT, lw=3, zorder=1)
             ax.add_patch(Circle((x, y), 0.42 * size, facecolor="white", edgecolor=colour, lw=2, zorder=2))
-            deviation = f"{changed:+.0f} %".replace("-", "−") + (f" ± {wide:.0f} %" if math.isfinite(wide) else "")
+            deviation = f"{changed:+.0f} ± {digits(wide, 1)} %".replace("-", "−")
+            if not (cause or says.determined):
+                deviation = "as stated"
             text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
             ax.text(x, y, text, ha="center", va="center", fontsize=10.5, color=MEASURED, zorder=3)
-            told.append(f"{one.name} {changed:+.0f} per cent")
+            told.append(f"{one.name} {f'{changed:+.0f} per cent' if cause or says.determined else 'as stated'}")
             low, high = min(low, y), max(high, y)
         top = high + 0.62 * size
         ax.annotate("front", (0.0, top), (0.0, top - 0.4 * size), arrowprops={"arrowstyle": "->"}, ha="center")
@@ -55,7 +57,8 @@ def rotors_from_above(document: Document) -> Picture | None:
         figure=figure,
         title="The rotors from above",
         caption="Mean thrust by the file of the commands that were flown, and by how much the true one differs, with "
-        "±1σ. Orange: named, or inconsistent with the file. A rotor that is weak needs larger commands in hover.",
+        "±1σ; as stated: these records do not tell it better than the file. Orange: named, or inconsistent with the "
+        "file. A rotor that is weak needs larger commands in hover.",
         alt=f"Top view of {len(rotors.each)} rotors with their thrust against the file: {', '.join(told)}.",
     )
 

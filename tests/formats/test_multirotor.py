@@ -14,6 +14,7 @@ import pytest
 import casid as cs
 from casid.errors import InputError
 from casid.formats.absorbed import absorbed
+from casid.model.causes import cg_offset
 
 QUAD = cs.Aircraft(
     name="quad",
@@ -56,8 +57,10 @@ def test_rotorpy_makes_the_same_wrench_of_it(tmp_path):
     np.testing.assert_allclose(np.diag([1.0, -1.0, -1.0]) @ moment, expected, rtol=1e-12, atol=1e-15)
 
 
-def test_rotorpy_makes_the_same_forces_in_moving_air(tmp_path):
-    """Drag and loss of thrust act at each hub by the speed of its rotor, of RotorPy's own blades and of casid's."""
+@pytest.mark.parametrize("ahead", [0.0, 0.02])
+def test_rotorpy_makes_the_same_forces_in_moving_air(tmp_path, ahead):
+    """Drag and loss of thrust act at each hub by the speed of its rotor, of RotorPy's own blades and of casid's; also
+    where all hubs lie behind the centre of gravity."""
     pytest.importorskip("rotorpy")
     from rotorpy.vehicles.multirotor import Multirotor
 
@@ -67,12 +70,14 @@ def test_rotorpy_makes_the_same_forces_in_moving_air(tmp_path):
     parameters = runpy.run_path(str(tmp_path / "quad.py"))["quad_params"]
     speeds, flip = np.array([500.0, 560.0, 430.0, 510.0]), np.diag([1.0, -1.0, -1.0])
     velocity, omega = np.array([3.0, -2.0, 1.0]), np.array([0.8, -0.6, 1.1])
+    parameters["rotor_pos"] = {name: np.array(at) - [ahead, 0.0, 0.0] for name, at in parameters["rotor_pos"].items()}
     craft = Multirotor(parameters, control_abstraction="cmd_motor_speeds", aero=True)
     force, moment = craft.compute_body_wrench(flip @ omega, speeds, flip @ velocity)
-    model = cs.aircraft_model(quad)
+    model = cs.aircraft_model(quad, effects=[cg_offset("x")])
     f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
     state = [dict(zip("uvwpqr", [*velocity, *omega], strict=True)).get(name, 0.0) for name in model.states]
-    found = f(state, speeds, model.nominal_vector(), np.zeros(len(model.disturbances))).full()[:6, 0]
+    values = model.nominal_vector({"cg_offset(x)": ahead})
+    found = f(state, speeds, values, np.zeros(len(model.disturbances))).full()[:6, 0]
     J = np.diag([3e-3, 4e-3, 6e-3])
     linear = flip @ force / 0.5 + [0.0, 0.0, 9.80665] - np.cross(omega, velocity)
     angular = np.linalg.solve(J, flip @ moment - np.cross(omega, J @ omega))
