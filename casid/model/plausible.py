@@ -111,7 +111,7 @@ def _constants(a: Aircraft) -> Iterator[Doubt]:
 
 def _geometry(a: Aircraft) -> Iterator[Doubt]:
     ratio = a.area / (a.moment_length_lateral * a.moment_length_pitch)
-    if _outside(ratio, _AREA_RATIO):
+    if a.winged and _outside(ratio, _AREA_RATIO):
         yield Doubt(
             parameter="area",
             given=a.area,
@@ -121,13 +121,16 @@ def _geometry(a: Aircraft) -> Iterator[Doubt]:
             "the area in m2, are the lengths in m?",
         )
     roll, pitch = math.sqrt(a.inertia.Ixx / a.mass), math.sqrt(a.inertia.Iyy / a.mass)
-    if _outside(roll / a.moment_length_lateral, _ROLL_RADIUS) or _outside(pitch / roll, _PITCH_RADIUS):
+    length, of = a.moment_length_lateral, "a lateral length"
+    if a.rotors is not None and not a.winged:
+        length, of = max(math.hypot(*one.position[:2]) for one in a.rotors.each), "rotors at a distance"
+    if _outside(pitch / roll, _PITCH_RADIUS) or (length > 0.0 and _outside(roll / length, _ROLL_RADIUS)):
         yield Doubt(
             parameter="inertia",
             given=a.inertia.Ixx,
             unit="kg m2",
-            sentence=f"inertia: radii of gyration of {roll:.3g} m in roll and {pitch:.3g} m in pitch do not fit a "
-            f"lateral length of {a.moment_length_lateral:.3g} m: is the inertia in kg m2, the mass in kg?",
+            sentence=f"inertia: radii of gyration of {roll:.3g} m in roll and {pitch:.3g} m in pitch do not fit "
+            f"{of} of {length:.3g} m: is the inertia in kg m2, the mass in kg?",
         )
 
 

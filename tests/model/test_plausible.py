@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from casid.cli.new_multirotor import multirotor_text
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.effect_value import EffectValue
@@ -87,3 +88,13 @@ def test_a_lag_or_a_width_below_zero_is_impossible_and_a_delay_is_not(kind: str,
     found = impossibilities(replace(plane(), effects=(effect,)))
     assert [one.parameter for one in found] == ([f"{kind}(delta_e)"] if bad else [])
     assert all("impossible" in one.sentence for one in found)
+
+
+@pytest.mark.parametrize(("count", "mass", "arm"), [(4, 0.03, 0.046), (4, 0.5, 0.17), (6, 2.0, 0.3), (8, 25.0, 0.9)])
+def test_a_multirotor_is_measured_by_its_arms(tmp_path: Path, count: int, mass: float, arm: float) -> None:
+    """From the Crazyflie to a lifter; the same inertia in g cm2 is told."""
+    (tmp_path / "a.toml").write_text(multirotor_text("a", count, mass, arm), encoding="utf-8")
+    own = Aircraft.read(tmp_path / "a.toml")
+    assert not doubts(own)
+    (found,) = doubts(replace(own, inertia=Inertia(**{name: 1e7 * getattr(own.inertia, name) for name in INERTIAS})))
+    assert found.parameter == "inertia" and "rotors at a distance" in found.sentence
