@@ -29,7 +29,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.causes import accelerometer_position
 from casid.model.plausible import lift_in_trim, moment_in_trim
 from casid.records.record import Record
-from casid.signals import GRAVITY, SURFACES
+from casid.signals import FLIGHT_LIMITS, GRAVITY, RADIAN_LIMITS, SURFACES
 
 _TURNED = frozenset(("data_sign", "data_swap", "axes"))
 INSTRUMENT_ERRORS = (accelerometer_position("x").kind,)
@@ -239,9 +239,19 @@ class Weighing:
         return [a for a in able if not a.channels & {*SURFACES, *self._believed}]
 
     def _able(self, channels: Collection[str], stretched: Sequence[float] = ()) -> list[Alternative]:
-        """Alternatives for these channels. Where a unit is stated, that one alone may be wrong."""
-        found = alternatives(channels, stretched)
+        """Alternatives for these channels, with values that an aircraft has. Where a unit is stated, that one alone may
+        be wrong."""
+        found = [a for a in alternatives(channels, stretched) if self._flies(a)]
         return [a for a in found if all(a.possible(self._stated[n]) for n in a.reading.factor if n in self._stated)]
+
+    def _flies(self, alternative: Alternative) -> bool:
+        """Whether no channel that becomes larger leaves the limits of readers and models."""
+        for name, factor in alternative.reading.factor.items():
+            read = [one.values[name] for one in self._quick if name in one.values]
+            largest = max((float(np.nanmax(np.abs(values), initial=0.0)) for values in read), default=0.0)
+            if abs(factor) > 1.0 and abs(factor) * largest > RADIAN_LIMITS.get(name, FLIGHT_LIMITS.get(name, np.inf)):
+                return False
+        return True
 
     def _frames(self) -> list[Alternative]:
         """Other axes, as long as none were found."""

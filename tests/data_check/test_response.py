@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import casid as cs
 from casid.data_check.response import answers
 from casid.model.dynamics import standard_density
+from casid.records.record import check_radians
 from problems.every_problem import DEMO
 
 T = np.arange(200) / 50.0
@@ -61,3 +63,16 @@ def test_without_airspeed_nothing_is_known() -> None:
     record = cs.Record(name="m", t=T, channels=STEPS | {"q": 0.0 * T, "qdot": 0.0 * T})
     assert set(answers(record, plane)) == {"qdot"}
     assert not answers(record, replace(plane, trim={}))
+
+
+@pytest.mark.parametrize("part", [0.1, 0.2])
+def test_no_unit_is_corrected_to_values_that_no_aircraft_has(part: float) -> None:
+    """The derivatives of the elevator suit a record 57 times as large, of more than a right angle."""
+    aircraft, records = cs.Aircraft.read(DEMO / "aircraft.toml"), cs.read_records([DEMO / "m*.csv"])
+    of_elevator = {n: v for n, v in aircraft.derivatives.items() if n.endswith("delta_e")}
+    off = aircraft.with_derivatives({n: v / part / math.degrees(1.0) for n, v in of_elevator.items()})
+    moved = [record.with_channels(delta_e=part * record["delta_e"] - 0.06) for record in records]
+    found = cs.check(moved, aircraft=off)
+    for record, read in zip(moved, found.records, strict=True):
+        check_radians(read)
+        assert np.array_equal(read["delta_e"], record["delta_e"])
