@@ -125,7 +125,7 @@ def changed_values(
             continue
         weight, value = float(fit.prior_weight[i]), given[slot.name]
         std = weight**-0.5 if weight > 0.0 else least * abs(value)
-        by_records = flight[slot.name]  # with a term, the slope in the middle of the flight may be what the file states
+        by_records = flight[slot.name]  # with a term, the slope at the trim may be what the file states
         extended = fit[slot.name] + by_records.nearest(value).value - by_records.value
         found.append(
             ChangedValue(

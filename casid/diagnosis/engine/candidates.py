@@ -193,6 +193,7 @@ def try_cause(
         fingerprint=_fingerprint(fitted, base, one),
         gain=_gain(candidate, evidence, joint),
         share=meaningful_share(fitted, one),
+        moved={slot.name: fitted[slot.name] - base[slot.name] for slot in base.slots},
     )
     joint.forget()
     return trial, joint, interval

@@ -47,6 +47,8 @@ class Trial:
     fingerprint: np.ndarray
     gain: Gain  # its likelihood-ratio statistic, see `Gain`
     share: float  # its size, in units of the smallest size that matters
+    # name -> change of each value that was estimated beside it, against the model without it; empty if not fitted
+    moved: Mapping[str, float] = field(default_factory=dict)
     size: tuple[Gate, ...] = ()  # the gates on its size; it is `meaningful` if all passed
     enough: Gate | None = None  # the gate on its likelihood-ratio statistic; None if it was not fitted
     # factor by which correlated residuals of the final model reduce its statistic, or reduce its distance from the

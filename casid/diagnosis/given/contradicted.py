@@ -42,23 +42,30 @@ class FlightValue:
     """One number from the records alone: its value and corrected 1-sigma, without the prior of the file; and whether
     they determine it better than the file does. Otherwise it is not fitted.
 
-    A term that was added to the model changes the slope of a derivative along the flight. `at_middle` is the slope,
-    with its 1-sigma, at the middle of the flight; `value` is the slope where the term vanishes. A file does not say
-    which of them it means.
+    A term that was added to the model changes the slope of a derivative along the flight. `value` is the slope where
+    the term vanishes; `at_trim` is that at the trim of the file, with its 1-sigma. A linear model of a curved aircraft
+    has the latter, but its file does not say so: it must differ from both to be contradicted.
     """
 
     value: float
     std: float
     determined: bool
     fitted_std: float = math.nan  # corrected 1-sigma of the fitted value, to which the prior of the file contributes
-    at_middle: tuple[float, float] | None = None
+    at_trim: tuple[float, float] | None = None
+
+    @property
+    def stated(self) -> FlightValue:
+        """By the slope that a linear model has."""
+        return self if self.at_trim is None else replace(self, value=self.at_trim[0], std=self.at_trim[1])
 
     def nearest(self, given: float) -> FlightValue:
         """By the slope that is nearer to what the file states, in its own deviations."""
-        if self.at_middle is None:
-            return self
-        other = replace(self, value=self.at_middle[0], std=self.at_middle[1])
-        return min((self, other), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
+        return min((self, self.stated), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
+
+    def against(self, given: float, margin: float, criteria: Criteria) -> bool:
+        """Whether either slope differs from `given` by more than a margin and by more than three deviations."""
+        sigmas, both = criteria.significance.sigmas, (self, self.stated)
+        return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)
 
 
 def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dict[str, FlightValue]:
@@ -89,7 +96,7 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
         determined = from_records > fit.flight.criteria.given.from_records
         std = corrected / from_records
         one = FlightValue(value=own, std=std, determined=determined, fitted_std=corrected)
-        found[slot.name] = replace(one, at_middle=_at_middle(evidence, lines[i], one, bends.get(slot.name, {})))
+        found[slot.name] = replace(one, at_trim=_at_trim(evidence, lines[i], one, bends.get(slot.name, {})))
     return found
 
 
@@ -114,11 +121,11 @@ def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
     return found
 
 
-def _at_middle(
+def _at_trim(
     evidence: Evidence, line: np.ndarray, one: FlightValue, bend: dict[int, float]
 ) -> tuple[float, float] | None:
-    """Slope and its 1-sigma at the middle of the flight, with the added terms; None where these add nothing. `line` has
-    the factors of the slope without them.
+    """Slope and its 1-sigma at the trim, with the added terms; None where these add nothing. `line` has the factors of
+    the slope without them.
     """
     if not bend:
         return None
@@ -131,7 +138,8 @@ def _at_middle(
 
 
 def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
-    """Name of a derivative -> number of a slot -> slope of the added term of that slot at the medians of the flight."""
+    """Name of a derivative -> number of a slot -> slope of the added term of that slot at the trim of the file; what
+    the file does not state has its median along the flight."""
     number = {slot.name: i for i, slot in enumerate(fit.slots)}
     terms = [
         (one.effect.target, parse_term(one.effect.regressor), number[one.name])
@@ -146,6 +154,8 @@ def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
         for name, series in fit.regressors.items()
         if name in VARIABLES
     }
+    trim = of_aircraft(fit.flight).aircraft.trim
+    middle |= {name: trim[name] for name in middle.keys() & trim.keys() - {"V"}}  # a term has its relative change
     found: dict[str, dict[int, float]] = {}
     for name in fit.derivatives:
         coefficient, term = derivative_term(name)
@@ -248,10 +258,7 @@ def contradicted(
     `slopes` of derivatives by tables and own aerodynamics, on which those of the file are increments.
     """
     by = criteria or Criteria()
-    beyond = [*_derivatives(aircraft, flight, by, slopes), *_effects(aircraft, flight, by)]
-    against = [
-        one for one, margin in beyond if abs(one.flight - one.given) > max(margin, by.significance.sigmas * one.std)
-    ]
+    against = [*_derivatives(aircraft, flight, by, slopes), *_effects(aircraft, flight, by)]
     found = [*_impossible(aircraft, flight), *against]
     return tuple(sorted(found, key=lambda c: (not c.impossible, not c.reversed, -_rank(c.sigmas))))
 
@@ -268,7 +275,7 @@ def contradicted_parameters(
     for name, given in model.nominal.items():
         one = flight.get(name)
         margin = model.prior_std.get(name, criteria.prior.unstated * abs(given))
-        if one and one.determined and abs(one.value - given) > max(margin, criteria.significance.sigmas * one.std):
+        if one and one.against(given, margin, criteria):
             unit = model.units.get(name, "")
             says = f"{name} is {_plain(given, unit)} in the model; the records say {_number(one, unit)}."
             found.append(replace(_against(name, unit, given, one, margin), sentence=says))
@@ -281,32 +288,27 @@ def _rank(sigmas: float) -> float:
 
 def _derivatives(
     aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, slopes: Mapping[str, float]
-) -> Iterator[tuple[Contradiction, float]]:
-    """The flight value of each derivative and term, and the margin within which it is consistent."""
+) -> Iterator[Contradiction]:
+    """The derivatives and terms that flight contradicts."""
     given = dict(aircraft.derivatives)
     given |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     for name, value in given.items():
         coefficient, term = derivative_term(name)
-        if name not in flight or not flight[name].determined:
-            continue
         whole = value + slopes.get(name, 0.0)
-        one = flight[name].nearest(value)
-        stated = replace(one, value=one.value + slopes.get(name, 0.0))
         margin = (aircraft.relative_uncertainty or criteria.prior.unstated) * abs(whole)
         margin = max(margin, smallest_stated_std(coefficient, criteria.prior))
-        yield _against(name, term.unit, whole, stated, margin), margin
+        if name in flight and flight[name].against(value, margin, criteria):
+            one = flight[name].stated
+            yield _against(name, term.unit, whole, replace(one, value=one.value + slopes.get(name, 0.0)), margin)
 
 
-def _effects(
-    aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria
-) -> Iterator[tuple[Contradiction, float]]:
+def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria) -> Iterator[Contradiction]:
     """The same for the effects of the file."""
     for value in aircraft.effects:
         effect = effect_of(value)
-        stated = _flight_says(effect, flight)
-        if stated is not None and stated.determined and possible(effect, value.value):
-            margin = value.std or criteria.prior.unstated * abs(value.value)
-            yield _against(effect.name, effect.unit, value.value, stated, margin), margin
+        stated, margin = _flight_says(effect, flight), value.std or criteria.prior.unstated * abs(value.value)
+        if stated is not None and stated.against(value.value, margin, criteria) and possible(effect, value.value):
+            yield _against(effect.name, effect.unit, value.value, stated, margin)
 
 
 def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterator[Contradiction]:

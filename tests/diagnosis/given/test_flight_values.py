@@ -3,38 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.contradicted import FlightValue, flight_values
+from casid.diagnosis.given.contradicted import FlightValue, contradicted, flight_values
 from casid.model.causes import aero_term, unsteady_aero
 from problems.do328 import do328
 
 
-def test_the_slope_at_the_middle_of_the_flight_has_the_added_term() -> None:
-    """Cm = Cm_alpha alpha + b alpha^2: the slope is Cm_alpha + 2 b alpha at the median angle of attack."""
+@pytest.mark.parametrize("trim", [{"V": 115.0, "alpha": 0.11}, {"V": 115.0}])
+def test_the_slope_at_the_trim_has_the_added_term(trim: dict[str, float]) -> None:
+    """Cm = Cm_alpha alpha + b alpha^2: the slope is Cm_alpha + 2 b alpha, at the angle of attack of the trim. A file
+    that does not state it gets that at the median of the flight."""
     bent = Attached(effect=aero_term("Cm", "alpha^2"), values={"value": -4.0})
-    flight = prepare(do328(), flights([bent], seed=3, count=2))
+    flight = prepare(replace(do328(), trim=trim), flights([bent], seed=3, count=2))
     fitted = fit(flight, [bent], flight.noise())
     found = flight_values(weigh(fitted))["Cm_alpha"]
-    assert found.at_middle is not None
-    alpha = float(np.median(fitted.regressors["alpha"][fitted.batch.live]))
-    slope, std = found.at_middle
+    assert found.at_trim is not None
+    alpha = trim.get("alpha", float(np.median(fitted.regressors["alpha"][fitted.batch.live])))
+    slope, std = found.at_trim
     assert slope == pytest.approx(found.value + 2.0 * fitted[bent.name] * alpha)
     assert abs(slope - (do328().derivatives["Cm_alpha"] - 8.0 * alpha)) < 4.0 * std
-    assert flight_values(weigh(fitted))["Cl_p"].at_middle is None
+    assert flight_values(weigh(fitted))["Cl_p"].at_trim is None
 
 
-def test_the_nearer_of_both_slopes_counts() -> None:
+def test_a_file_must_differ_from_both_slopes_to_be_contradicted() -> None:
     """A table whose slope at trim is the file's looked contradicted, 0.06 for 0.375, beside an added alpha^2."""
-    one = FlightValue(value=0.06, std=0.02, determined=True, at_middle=(0.37, 0.02))
+    one = FlightValue(value=0.06, std=0.02, determined=True, at_trim=(0.37, 0.02))
     assert one.nearest(0.375).value == 0.37 and one.nearest(0.05).value == 0.06
+    assert not one.against(0.375, 0.0, Criteria()) and not one.against(0.05, 0.0, Criteria())
+    assert one.against(0.2, 0.1, Criteria()) and not one.against(0.2, 0.15, Criteria())
+
+
+def test_what_is_told_of_a_linear_file_is_the_slope_at_its_trim() -> None:
+    """Drag is 0.15 alpha + 1.4 alpha^2, trim 0.1 rad: a linear model has 0.43; a file of 0.17 may mean 0.15."""
+    stated = do328().derivatives | {"CD_alpha": 0.17}
+    one = FlightValue(value=0.15, std=0.01, determined=True, at_trim=(0.43, 0.01))
+    file = replace(do328(), derivatives=stated, relative_uncertainty=0.1)
+    assert contradicted(file, {"CD_alpha": one}) == ()
+    far = replace(file, derivatives=stated | {"CD_alpha": 0.3})
+    (told,) = contradicted(far, {"CD_alpha": one})
+    assert told.flight == 0.43 and told.std == 0.01
 
 
 def errors(found: Mapping[str, FlightValue], truth: Mapping[str, float]) -> np.ndarray:
