@@ -19,7 +19,7 @@ from casid.keeping import whole_file
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of, with_comments_of
-from casid.model.airframe import Inertia
+from casid.model.airframe import AXES_COEFFICIENTS, Inertia
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
 from casid.model.rotors import ALL, Rotors
@@ -28,10 +28,6 @@ from casid.model.terms import derivative_name, derivative_term, parse_term
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
 
-AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = {
-    "wind": ("CL", "CD", "CY", "Cl", "Cm", "Cn"),
-    "body": ("CX", "CZ", "CY", "Cl", "Cm", "Cn"),
-}
 _TRIM = ("V", "altitude", "rho", "alpha", "theta", "delta_e", "delta_a", "delta_r", "thrust", "gravity")
 _POSITIVE_TRIM = ("V", "rho", "gravity")
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -62,7 +58,8 @@ class Aircraft:
     trim
         V, altitude, rho, alpha, theta, surfaces, thrust, gravity, SI; what is known of them.
     force_axes
-        "wind": CL CD CY, "body": CX CZ CY.
+        "wind": CL CD CY, "body": CX CZ CY; "accelerations": these and the moments are accelerations [m/s2] and
+        [rad/s2] in body axes that do not follow the airspeed, without thrust, of a motion of which nothing is known.
     relative_uncertainty
         A-priori 1-sigma of derivatives as a fraction; 0: no prior.
     derivatives

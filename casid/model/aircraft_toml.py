@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 
 from casid.arguments import given, number, numbers_by_name
-from casid.errors import InputError, nearest
+from casid.errors import InputError, check_known, nearest
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
 from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
@@ -162,7 +162,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
         **given,
         "noise": subtable(sensors, "noise", "[sensors]"),
         "trim": tables["trim"],
-        "force_axes": text(aerodynamics.get("force_axes", "wind"), "[aerodynamics] force_axes"),
+        "force_axes": _force_axes(aerodynamics.get("force_axes", "wind"), "[aerodynamics]"),
         "derivatives": derivatives,
         "terms": terms,
         "tables": look_ups,
@@ -185,7 +185,7 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
         return _of_daveml(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
-    return _of_jsbsim(path, held, text(table.get("force_axes", "wind"), f"{where} force_axes"))
+    return _of_jsbsim(path, held, _force_axes(table.get("force_axes", "wind"), where))
 
 
 def _of_daveml(path: Path, cm: tuple[float, ...], held: Mapping[str, float]) -> Aerodynamics:
@@ -198,6 +198,12 @@ def _of_jsbsim(path: Path, held: Mapping[str, float], axes: str) -> Aerodynamics
     from casid.formats.jsbsim.aircraft import aerodynamics_of
 
     return aerodynamics_of(path, held, axes)
+
+
+def _force_axes(axes: Any, where: str) -> str:
+    """The axes of the coefficients of a file, which are not accelerations."""
+    check_known("force_axes", (text(axes, f"{where} force_axes"),), ("wind", "body"), where)
+    return axes
 
 
 def _reference(table: Mapping[str, Any]) -> dict[str, Any]:
@@ -254,7 +260,7 @@ def sections_of(aircraft: Any, named: str = "") -> Iterable[tuple[str, Mapping[s
     if a.rotors is not None:
         yield from written_rotors(a.rotors)
     if a.winged:
-        general = {"force_axes": a.force_axes, "relative_uncertainty": a.relative_uncertainty}
+        general = {"force_axes": _force_axes(a.force_axes, a.name), "relative_uncertainty": a.relative_uncertainty}
         yield "[aerodynamics]", general | _written_own(a.aerodynamics, named)
     if a.derivatives or (a.winged and not a.tables):
         yield "[aerodynamics.derivatives]", a.derivatives

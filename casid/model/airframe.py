@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,6 +16,13 @@ from casid.model.aerodynamics import Aerodynamics
 from casid.model.rotors import Rotors
 from casid.model.tables import Table
 
+AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "wind": ("CL", "CD", "CY", "Cl", "Cm", "Cn"),
+        "body": ("CX", "CZ", "CY", "Cl", "Cm", "Cn"),
+        "accelerations": ("CX", "CZ", "CY", "Cl", "Cm", "Cn"),
+    }
+)
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 PRODUCTS = ("Ixy", "Iyz")  # of an aircraft that is not symmetric
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
-from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
+from casid.model.airframe import AXES_COEFFICIENTS, INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
 from casid.model.measured_force import external_force
 from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
@@ -38,7 +38,7 @@ MOMENTS = ("Cl", "Cm", "Cn")
 
 def coefficient_names(force_axes: str) -> tuple[str, ...]:
     """The six coefficients of an aircraft file: wind-axes lift and drag, or body-axes forces."""
-    return ("CL", "CD", "CY", *MOMENTS) if force_axes == "wind" else ("CX", "CZ", "CY", *MOMENTS)
+    return AXES_COEFFICIENTS[force_axes]
 
 
 def input_names(aircraft: Airframe) -> tuple[str, ...]:
@@ -349,6 +349,9 @@ def force_station(path: SignalPath) -> None:
 def wing_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     """Aerodynamic force and moment about the reference point, with thrust along body x."""
     aircraft, C, air = path.aircraft, path.coefficient, path.air
+    if aircraft.force_axes == "accelerations":
+        force = [path.mass * C[name] for name in ("CX", "CY", "CZ")]
+        return force, [path.inertia[axis] * C[name] for axis, name in zip(INERTIAS, MOMENTS, strict=False)]
     qS = air["qbar"] * aircraft.area
     if aircraft.force_axes == "wind":
         sa, cos_a = ca.sin(air["alpha"]), ca.cos(air["alpha"])

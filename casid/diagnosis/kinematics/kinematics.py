@@ -22,8 +22,8 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.numerics import Extent
 from casid.filtering.innovations import NoiseModel
 from casid.model import station
-from casid.model.path import MOMENTS, coefficient_names
-from casid.records.record import Record
+from casid.model.airframe import Inertia
+from casid.model.path import coefficient_names
 
 _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 _FORCES: Mapping[str, str] = MappingProxyType({"CX": "ax", "CY": "ay", "CZ": "az"})
@@ -33,57 +33,40 @@ _ALREADY: WeakKeyDictionary[Flight, Flight] = WeakKeyDictionary()  # keeps the m
 
 
 def without_aerodynamics(flight: Flight) -> Flight:
-    """The flight of an aircraft with constant coefficients in body axes.
+    """The flight of an aircraft with the accelerations that its accelerometers measure on average.
 
-    The forces are those that the accelerometers measure on average, and the moments balance the thrust. The result is
-    the same object for the same flight.
+    They do not follow the airspeed: free coefficients would be smaller, and more probable, at a higher airspeed, and
+    so prefer an airspeed that reads too low. The result is the same object for the same flight.
     """
     if flight not in _ALREADY:
         nothing = {"terms": {}, "tables": (), "aerodynamics": None, "effects": ()}
-        bare = replace(flight.aircraft, force_axes="body", derivatives=_constants(flight), **nothing)
+        sphere = Inertia(Ixx=1.0, Iyy=1.0, Izz=1.0, Ixz=0.0)  # an acceleration about one axis makes none about another
+        free = {"force_axes": "accelerations", "derivatives": _constants(flight), "inertia": sphere}
+        bare = replace(flight.aircraft, **nothing, **free)
         _ALREADY[flight] = replace(flight, aircraft=bare, _models={}, _functions={}, _regressors={})
     return _ALREADY[flight]
 
 
 def _constants(flight: Flight) -> dict[str, float]:
-    """Constant coefficients in body axes."""
-    aircraft, found = flight.aircraft, dict.fromkeys((f"{c}_0" for c in coefficient_names("body")), 0.0)
-    pressure = np.concatenate([0.5 * record["rho"] * _airspeed(flight, record) ** 2 for record in flight.records])
-    qS, thrust = pressure * aircraft.area, np.concatenate([record["thrust"] for record in flight.records])
+    """Constant accelerations in body axes."""
+    found = dict.fromkeys((f"{c}_0" for c in coefficient_names("accelerations")), 0.0)
     for coefficient, channel in _FORCES.items():
         if channel in flight.outputs:
-            force = aircraft.mass * np.concatenate([record[channel] for record in flight.records])
-            force = force - thrust if channel == "ax" else force
-            found[f"{coefficient}_0"] = float(np.nanmean(force / qS))
-    arm = aircraft.thrust_line_z / aircraft.moment_length_pitch
-    return found | {"Cm_0": -float(np.nanmean(arm * thrust / qS))}
-
-
-def _airspeed(flight: Flight, record: Record) -> np.ndarray:
-    """(N,) True airspeed [m/s]; the typical speed if it is not measured."""
-    return record["V"] if "V" in record else np.full(len(record), typical_speed(flight))
+            found[f"{coefficient}_0"] = float(np.nanmean(np.concatenate([one[channel] for one in flight.records])))
+    return found
 
 
 def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
-    """Coefficient -> r.m.s. and time constant [s] of a Gauss-Markov disturbance that is as large as the motion.
+    """Acceleration -> r.m.s. [m/s2] or [rad/s2] and time constant [s] of a Gauss-Markov disturbance that is as large as
+    the motion.
 
     A larger disturbance of an angular acceleration would follow the noise of the rate, and the lever arm of an
     instrument would be estimated too small.
     """
-    aircraft, criteria = flight.aircraft, flight.criteria.kinematics
-    rho = float(np.median(np.concatenate([record["rho"] for record in flight.records])))
-    qS = 0.5 * rho * typical_speed(flight) ** 2 * aircraft.area
-    inertia = {"Cl": aircraft.inertia.Ixx, "Cm": aircraft.inertia.Iyy, "Cn": aircraft.inertia.Izz}
-    lengths = {"Cm": aircraft.moment_length_pitch}
-    free = {}
-    for name in coefficient_names(aircraft.force_axes):
-        if name in MOMENTS:
-            size = _angular_acceleration(flight, _RATES[name], criteria) * inertia[name]
-            size /= qS * lengths.get(name, aircraft.moment_length_lateral)
-            free[station.coefficient(name)] = (size, criteria.time)
-        else:
-            free[station.coefficient(name)] = (criteria.force * aircraft.mass / qS, criteria.time)
-    return free
+    criteria = flight.criteria.kinematics
+    sizes = dict.fromkeys(_FORCES, criteria.force)
+    sizes |= {name: _angular_acceleration(flight, rate, criteria) for name, rate in _RATES.items()}
+    return {station.coefficient(name): (size, criteria.time) for name, size in sizes.items()}
 
 
 def typical_speed(flight: Flight) -> float:
