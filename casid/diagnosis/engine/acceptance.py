@@ -28,7 +28,7 @@ from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
-from casid.diagnosis.evidence.missing_input import MissingInput
+from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.evidence.size import meaningful_share, missing_size
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -78,20 +78,26 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
 
 
 def explains(
-    before: Sequence[MissingInput], after: Sequence[MissingInput], last: Trial, evidence: Evidence
+    before: Sequence[MissingInput],
+    after: Sequence[MissingInput],
+    last: Trial,
+    evidence: Evidence,
+    kinematic: Sequence[Evidence] = (),
 ) -> tuple[Gate, ...]:
     """The gates on the last cause of a set, up to the first one that fails.
 
     No objection of `_OBJECTIONS` may hold. A latent input at the port of the cause, and at the port where the cause
     helped most, must lose most of its likelihood-ratio statistic. There are two alternatives to the second requirement:
     the statistic of the cause exceeds that of a latent input at its port, or at any port; or the kinematic check, which
-    contains no aerodynamics, confirms it.
+    contains no aerodynamics, confirms it, and no drift of the same reading remains there.
 
-    before    latent inputs before the cause, and those named since the last accepted set, were added
-    after     latent inputs beside these causes
-    evidence  evidence of the model with the causes
+    before     latent inputs before the cause, and those named since the last accepted set, were added
+    after      latent inputs beside these causes
+    evidence   evidence of the model with the causes
+    kinematic  that of the kinematics, before and beside these causes, where there is one
     """
-    seen = _Seen(was={m.station: m.gain for m in before}, after=after, last=last, evidence=evidence)
+    was = {m.station: m.gain for m in before}
+    seen = _Seen(was=was, after=after, last=last, evidence=evidence, kinematic=kinematic)
     asked: list[Gate] = []
     for objection in _OBJECTIONS:
         asked += objection(seen)
@@ -113,6 +119,7 @@ class _Seen:
     after: Sequence[MissingInput]
     last: Trial
     evidence: Evidence
+    kinematic: Sequence[Evidence]
 
     @property
     def criteria(self) -> Criteria:
@@ -132,6 +139,15 @@ class _Seen:
         """The ports at which the cause enters."""
         stations = {self.effect.enters, *(coefficient(member) for member in self.effect.members)}
         return [s for s in self.was if s in stations]
+
+    def drift_gone(self, station: str) -> Gate:
+        """The gate on what may still be missing at the reading of a confirmed cause, by the kinematics: what is missing
+        of the aerodynamics does not look like a drift there.
+        """
+        was, left = self.was[station], self.left[station]
+        if self.kinematic:
+            was, left = (missing_at(one, [station])[0].gain for one in self.kinematic)
+        return gates.still_missing(was, left, self.criteria, where=f" at {Station.at(station).words}")
 
     def gone(self, stations: Iterable[str], part: str = "doubt.left", least: float = 0.0) -> list[Gate]:
         """The gate of the worst of these ports on what may still be missing; empty without ports.
@@ -217,10 +233,9 @@ def _explains_what_was_missing(seen: _Seen) -> Gate:
     most = max(seen.was[s] for s in seen.own or seen.was)
     alternatives = [gates.as_much_as_any_input(seen.last.gain.raw, most)]
     own = reading(seen.effect.target)
-    if seen.last.confirmed:
-        drifts = seen.gone([own] if own in seen.was else [])
-        alternatives += drifts or [gates.confirmed_by_kinematics()]
     (found,) = seen.gone(seen.judged) or [gates.largest_missing(max(seen.left.values()), seen.last.gain.total)]
+    if seen.last.confirmed and not (found.passed or alternatives[0].passed):
+        alternatives.append(seen.drift_gone(own) if own in seen.was else gates.confirmed_by_kinematics())
     return replace(found, or_else=(*found.or_else, *alternatives))
 
 

@@ -235,12 +235,12 @@ def with_gates_of_set(accepted: State, state: State) -> State:
     A cause that is too small to matter, or that is no longer in the model, has none.
     """
     there, new = {one.name for one in state.fit.attached}, state.rounds[len(accepted.rounds) :]
+    known = [one.kinematic for one in (accepted, state) if one.kinematic is not None]
     imitated = state.fit.flight.imitated_names  # nothing was missing where a number of the file took its place
 
     def judged(one: Round) -> Round:
-        last = one.leader
-        asked = one.named and last.meaningful and last.candidate.name in there - imitated
-        gates = explains(accepted.missing, state.missing, last, state.evidence) if asked else ()
+        asked = one.named and (last := one.leader).meaningful and last.candidate.name in there - imitated
+        gates = explains(accepted.missing, state.missing, last, state.evidence, known) if asked else ()
         return replace(one, accepted_by=gates)
 
     return replace(state, rounds=(*state.rounds[: len(accepted.rounds)], *map(judged, new)))

@@ -10,12 +10,15 @@ from diagnosis_flights import trial_of
 
 from casid.diagnosis.cause import all_passed
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine import acceptance
 from casid.diagnosis.engine.acceptance import explains as gates_of
 from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.causes import (
     aero_term,
     effectiveness_change,
+    sensor_scale,
     unsteady_aero,
 )
 from casid.model.station import Station
@@ -89,3 +92,19 @@ def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float
     gates = gates_of(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
     assert all_passed(gates) == believed
     assert believed or [gate.criterion for gate in gates if not gate.passed] == ["size.share"]
+
+
+@pytest.mark.parametrize(("left", "explains"), [(0.1, True), (0.5, False)])
+def test_a_drift_beside_a_confirmed_scale_is_judged_by_the_kinematics(
+    left: float, explains: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the aerodynamics lack in yaw looked like a drift of beta beside its scale; the kinematics had none of it."""
+    found = KinematicCheck(predicted=5500.0, achieved=5600.0)
+    trial = trial_of(Attached(effect=sensor_scale("beta"), values={"value": -0.11}), 5600.0, check=found)
+    before = [SimpleNamespace(station=one, gain=6000.0) for one in ("wind_y", "reading_beta")]
+    after = [SimpleNamespace(station=one, gain=2100.0) for one in ("wind_y", "reading_beta")]
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
+    known = [SimpleNamespace(drift=5500.0), SimpleNamespace(drift=5500.0 * left)]
+    monkeypatch.setattr(acceptance, "missing_at", lambda one, _: [SimpleNamespace(gain=one.drift)])
+    assert not all_passed(gates_of(before, after, trial, evidence))  # pyright: ignore
+    assert all_passed(gates_of(before, after, trial, evidence, known)) == explains  # pyright: ignore
