@@ -19,7 +19,7 @@ from casid.design.experiment import Experiment
 from casid.design.manoeuvres import Manoeuvre, flyable
 from casid.errors import EstimationError, InputError
 from casid.estimation.transcriptions.steps import (
-    cached,
+    compiled,
     output_function,
     sample_derivatives,
     share_cache,
@@ -223,11 +223,11 @@ def _trajectory(
     model, record = applied.model, applied.records[r]
     U, count = record.matrix(model.inputs), len(record)
     x0 = _start(applied, r) if start is None else start
-    run = cached(model, ("run", count), lambda: step_function(model).mapaccum("run", count - 1))
-    after = record.following(model.inputs)
-    states = np.vstack([x0[None], run(x0, U[:-1].T, after.T, np.diff(record.t)[None], p).full().T])
-    read = cached(model, ("read", count), lambda: output_function(model).map(count))
-    return states, read(states.T, U.T, np.repeat(p[:, None], count, 1)).full().T
+    run = compiled(model, step_function).accumulated(count - 1, 1)
+    (after,) = run(x0, U[:-1], record.following(model.inputs), np.diff(record.t), np.tile(p, (count - 1, 1)))
+    states = np.vstack([x0, after])
+    (read,) = compiled(model, output_function).mapped(count)(states, U, np.tile(p, (count, 1)))
+    return states, read.copy()
 
 
 def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -236,21 +236,17 @@ def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: n
     states, _ = _trajectory(applied, r, p, start)
     U, count, n = record.matrix(model.inputs), len(record), len(model.states)
     after = np.vstack([record.following(model.inputs), U[-1:]])
-    derivatives = cached(model, ("columns", tuple(free), count), lambda: sample_derivatives(model, free, ()).map(count))
-    steps = np.r_[np.diff(record.t), 0.0][None]
-    found = derivatives(states.T, U.T, after.T, steps, np.repeat(p[:, None], count, 1))
-    A, B, _, C, D = (np.asarray(part.full()) for part in found)
-    split = [_by_sample(part, count) for part in (A, B, C, D)]
-    S, columns = np.hstack([np.eye(n), np.zeros((n, len(free)))]), []
-    for a, b, c, d in zip(*split, strict=True):
-        columns.append(c @ S + np.hstack([np.zeros((len(c), n)), d]))
-        S = a @ S + np.hstack([np.zeros((n, n)), b])
-    return np.array(columns)
-
-
-def _by_sample(transposed: np.ndarray, count: int) -> list[np.ndarray]:
-    """Matrices of all samples, which a map puts side by side and the kernel transposes."""
-    return [part.T for part in np.split(transposed, count, axis=1)]
+    derivatives = compiled(model, sample_derivatives, tuple(free.tolist()), ()).mapped(count)
+    found = derivatives(states, U, after, np.r_[np.diff(record.t), 0.0], np.tile(p, (count, 1)))
+    A, B, _, C, D = (part.reshape(count, len(part) // count, part.shape[1]) for part in found)
+    S = np.zeros((count, n, n + len(free)))  # derivatives of the states
+    S[0, :, :n] = np.eye(n)
+    for k in range(count - 1):
+        np.matmul(A[k], S[k], out=S[k + 1])
+        S[k + 1, :, n:] += B[k]
+    columns = C @ S
+    columns[..., n:] += D
+    return columns
 
 
 def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[int], steps: int = _STEPS) -> Separation:
