@@ -177,7 +177,7 @@ class ParameterFunctions:
         index = [model.parameters.index(name) for name in self.free]
         x, u, p, w = model.x, model.u, model.p, model.w
         both, direction = ca.vertcat(model.f, model.h), ca.SX.sym("direction", len(index))
-        by_x = ca.densify(ca.jacobian(both, x).T)
+        by_x = ca.densify(ca.jacobian(model.f, x).T)
         by_p = ca.densify(ca.jacobian(both, p)[:, index].T) if index else ca.SX(0, both.shape[0])
         among_all = ca.SX(p.shape[0], 1)
         among_all[index] = direction
@@ -193,24 +193,16 @@ class ParameterFunctions:
     ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """(samples, Dp, Bp) of stretches about X (N, R, nx), as `linearise` makes them: over the samples, and over the
         intervals between these and the next. With `direction` (R, n) one column, the sum along it."""
-        (N, R, nx), model = X.shape, self.model
-        kernel = filter_kernel(nx, len(model.outputs))
-        interval, columns = _interval if kernel is None else kernel.interval, len(self.free) if direction is None else 1
-        function, further = (self._each, ()) if direction is None else (self._along, (direction,))
-        seen, nothing = np.isfinite(batch.Z), np.zeros((R, 0))
-        together = max(_BLOCK // R - 1, 1)
+        (N, R, nx), along = X.shape, () if direction is None else (direction,)
+        kernel = filter_kernel(nx, len(self.model.outputs))
+        driven = _driven if kernel is None else kernel.driven
+        function = self._along if along else self._each
+        seen, together = np.isfinite(batch.Z), max(_BLOCK // R - 1, 1)
         for first in range(0, N, together):
             here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only
-            X_, U_, W_ = X[here], batch.U[here], W[here]
-
-            def jacobians(some: slice, of: Sequence[np.ndarray] = (X_, U_, P, W_)) -> list[np.ndarray]:
-                at, inputs, parameters, disturbances = of
-                given = at[some], inputs[some], parameters, disturbances[some], *further
-                by_x, by_p = (turned.swapaxes(2, 3) for turned in at_points(function, *given))
-                return [by_x, by_p, np.zeros((*by_x.shape[:3], 0))]
-
-            sizes, dt = (nx, columns, 0), batch.dt[first : here.stop - 1]
-            _, Bp, _, _, _, Dp, _ = interval(jacobians, sizes, dt, batch.live[here], nothing, seen[here])
+            by_x, by_p = at_points(function, X[here], batch.U[here], P, W[here], *along)
+            dt = batch.dt[first : here.stop - 1]
+            Bp, Dp = driven(by_x.swapaxes(2, 3), by_p.swapaxes(2, 3), dt, batch.live[here], seen[here])
             count = min(together, N - first)
             yield slice(first, first + count), Dp[:count], Bp
 
@@ -319,14 +311,24 @@ def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
     S = K @ J
     A = np.eye(nx) + h / 2 * (J + K) + h**2 * (S / 2 + S @ (h / 12 * (J + K) + h**2 / 24 * S))
-    Fp0, Fp1, Fw0, Fw1 = by_p[:-1, :, :nx], by_p[1:, :, :nx], by_w[:-1, :, :nx], by_w[1:, :, :nx]
-    Kp, once, again = K @ Fp0, h**2 * (K @ Fw0), h**3 * (S @ Fw0)
-    Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + S @ (h / 6 * Fp0 + h**2 / 24 * Kp))
+    Bp, Dp = _driven(by_x[:, :, :nx], by_p, dt, live, seen)
+    Fw0, Fw1 = by_w[:-1, :, :nx], by_w[1:, :, :nx]
+    once, again = h**2 * (K @ Fw0), h**3 * (S @ Fw0)
     Bw0, Bw1 = h / 2 * Fw0 + once / 3 + again / 8, h / 2 * Fw1 + once / 6 + again / 24
     late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
     Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
-    intervals = (np.where(inside, A, np.eye(nx)), *(np.where(inside, B, 0.0) for B in (Bp, Bw0, Bw1)))
-    return (*intervals, *(np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_p, by_w)))
+    A, Bw0, Bw1 = np.where(inside, A, np.eye(nx)), np.where(inside, Bw0, 0.0), np.where(inside, Bw1, 0.0)
+    C, Dw = (np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_w))
+    return A, Bp, Bw0, Bw1, C, Dp, Dw
+
+
+def _driven(by_x, by_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
+    """(Bp, Dp) of `Linear`, as the compiled recursions compute them."""
+    nx, inside, h = by_x.shape[3], live[1:, :, None, None], dt[..., None, None]
+    K, Fp0, Fp1 = by_x[1:], by_p[:-1, :, :nx], by_p[1:, :, :nx]
+    Kp = K @ Fp0
+    Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + K @ by_x[:-1] @ (h / 6 * Fp0 + h**2 / 24 * Kp))
+    return np.where(inside, Bp, 0.0), np.where(seen[..., None], by_p[:, :, nx:], 0.0)
 
 
 def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -43,8 +43,9 @@ class FilterKernel:
         self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
         self._interval, self._augment, self._entrances = loaded.interval, loaded.augment, loaded.entrances
         self._whiten_one, self._whiten_histories = loaded.whiten_one, loaded.whiten_histories
+        self._driven = loaded.driven
         without = self._whiten, self._whiten_one, self._whiten_histories, self._costates, self._interval, self._augment
-        for function in (*without, self._entrances):
+        for function in (*without, self._entrances, self._driven):
             function.restype = None
 
     def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
@@ -68,6 +69,14 @@ class FilterKernel:
             if here.stop == N:
                 break
         return tuple(made)
+
+    def driven(self, by_x, by_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
+        """(Bp, Dp) of `Linear` from Jacobians (N, R, nx, nx) of the state equation and (N, R, nx + ny, n_p) of both."""
+        (N, R, ny), nx, n_p = seen.shape, by_x.shape[3], by_p.shape[3]
+        Bp, Dp = np.empty((N - 1, R, nx, n_p)), np.empty((N, R, ny, n_p))
+        flags = live.view(np.uint8), seen.view(np.uint8)
+        _call(self._driven, N, (N, R, nx, ny, n_p), by_x, by_p, dt, *flags, Bp, Dp)
+        return Bp, Dp
 
     def augmented(self, linear, sources) -> tuple[np.ndarray, ...]:
         """(A, C, Q, M, S) of `kalman.augmented`."""

@@ -106,7 +106,8 @@ def test_functions_of_one_model_are_built_and_called_from_many_threads() -> None
     free = [n for n in model.parameters if not n.startswith("bias_")]
 
     def slope(count: int) -> np.ndarray:
-        return flight.functions(model, free[:count]).jacobians(X, batch.U, P, W)[1]
+        stretches = flight.functions(model).by_parameters(free[:count]).in_stretches(batch, P, X, W)
+        return np.concatenate([by_parameters for _, by_parameters, _ in stretches])
 
     found = side_by_side(slope, [2 + i % 12 for i in range(48)])
     for i, one in enumerate(found):

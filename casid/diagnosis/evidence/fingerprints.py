@@ -16,7 +16,6 @@ import numpy as np
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
-from casid.filtering.innovations import linearise
 from casid.filtering.kernel import COLUMNS
 from casid.model.effect import Effect
 from casid.model.operators import CYCLES
@@ -253,8 +252,10 @@ def _symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, t
     P = np.tile(model.nominal_vector(), (len(base.batch.names), 1))
     P[:, [model.parameters.index(name) for name in base.model.parameters]] = base.parameters
     names = [e.name for e in effects]
-    linear = linearise(base.flight.functions(model, names), base.batch, P, base.linear.X, base.moving)
-    return {name: (linear.Dp[..., i], linear.Bp[..., i]) for i, name in enumerate(names)}
+    slopes = base.flight.functions(model).by_parameters(names)
+    found = [(Dp, Bp) for _, Dp, Bp in slopes.in_stretches(base.batch, P, base.linear.X, base.moving)]
+    Dp, Bp = (np.concatenate(parts) for parts in zip(*found, strict=True))
+    return {name: (Dp[..., i], Bp[..., i]) for i, name in enumerate(names)}
 
 
 def _unit_history(base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None) -> _History:

@@ -71,7 +71,7 @@ class Flight:
     criteria: Criteria = Criteria()  # the thresholds for all decisions made with this flight
     sizes: Sizes = field(default_factory=AircraftSizes)  # measure of the sizes of causes
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
-    _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _functions: dict[Model, PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Regressors] = field(default_factory=dict, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -232,9 +232,9 @@ class Flight:
 
         return once(self._models, tuple(effect.name for effect in symbolic), build)
 
-    def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
-        """The functions of one of its models, with derivatives by the `free` parameters."""
-        return once(self._functions, (model, tuple(free)), lambda: PointFunctions(model, free))
+    def functions(self, model: Model) -> PointFunctions:
+        """The functions of one of its models."""
+        return once(self._functions, model, lambda: PointFunctions(model, ()))
 
     def regressors(self, model: Model) -> Regressors:
         """The aerodynamic regressors of one of its models."""

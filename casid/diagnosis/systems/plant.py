@@ -147,7 +147,7 @@ class Plant:
     moved: tuple[str, ...] = ()
     terms: tuple[tuple[str, str, str], ...] = ()
     _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
-    _functions: dict[tuple[Model, tuple[str, ...]], PointFunctions] = field(default_factory=dict, repr=False)
+    _functions: dict[Model, PointFunctions] = field(default_factory=dict, repr=False)
     _regressors: dict[Model, Terms] = field(default_factory=dict, repr=False)
 
     @property
@@ -211,9 +211,9 @@ class Plant:
         )
         return with_ports(model, self.ports)
 
-    def functions(self, model: Model, free: Sequence[str] = ()) -> PointFunctions:
-        """The functions of one of its models, with derivatives by the `free` parameters."""
-        return once(self._functions, (model, tuple(free)), lambda: PointFunctions(model, free))
+    def functions(self, model: Model) -> PointFunctions:
+        """The functions of one of its models."""
+        return once(self._functions, model, lambda: PointFunctions(model, ()))
 
     def regressors(self, model: Model) -> Terms:
         """The terms that effects of one of its models are made of."""

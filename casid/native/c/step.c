@@ -1,14 +1,32 @@
 /* The step matrices of a linearised model, compiled behind filter.c; casid/filtering/innovations.py says what they are. */
-/* to (nx, n) = K x, both in rows of n; zeros of K, of which a model has many, cost nothing */
-static void moved_by(long nx, long n, const double *K, const double *x, double *restrict to)
+/* to (nx rows of `wide` vectors) = K x */
+static inline void moved_by(long nx, long wide_x, long wide, const V *K, const V *x, V *to)
 {
-    for (long i = 0; i < nx; i++, to += n) {
-        memset(to, 0, n * sizeof(double));
-        for (long l = 0; l < nx; l++) {
-            double f = K[i * nx + l];
-            if (f != 0.0) for (long j = 0; j < n; j++) to[j] += f * x[l * n + j];
-        }
-    }
+    zero(nx, wide, to);
+    product(nx, nx, wide_x * WIDTH, 1, wide, (const double *)K, x, to, 0, 0);
+}
+
+/* slopes of a step in rows of vectors: J at its beginning, K at its end, and S = K J; from Jacobians in rows of nx */
+static void slopes(long nx, long wide_x, const double *first, const double *last, V *J, V *K, V *S)
+{
+    pack(nx, nx, wide_x, first, J);
+    pack(nx, nx, wide_x, last, K);
+    moved_by(nx, wide_x, wide_x, K, J, S);
+}
+
+/* Bp (nx, np) of a step, from slopes by parameters at its beginning and at its end; room: five times their rows */
+static void by_parameters(long nx, long wide_x, long np, double h, const V *K, const V *S, const double *first,
+                          const double *last, V *room, double *Bp)
+{
+    long wide = (np + WIDTH - 1) / WIDTH, all = nx * wide;
+    V *P = room, *P1 = P + all, *moved = P1 + all, *both = moved + all, *twice = both + all;
+    pack(nx, np, wide, first, P);
+    pack(nx, np, wide, last, P1);
+    moved_by(nx, wide_x, wide, K, P, moved);
+    for (long v = 0; v < all; v++) both[v] = h / 6 * P[v] + h * h / 24 * moved[v];
+    moved_by(nx, wide_x, wide, S, both, twice);
+    for (long v = 0; v < all; v++) both[v] = h / 2 * (P[v] + P1[v]) + h * h * (moved[v] / 2 + twice[v]);
+    unpack(nx, np, wide, both, Bp);
 }
 
 /* to (ny rows) = rows of the output equation, 0 where it is not seen */
@@ -25,13 +43,15 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
               const double *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
               double *C, double *Dp, double *Dw)
 {
-    long rows = nx + ny, widest = nx > np ? nx : np;
-    long room = nx * (widest > nw ? widest : nw);
-    double *moved = malloc((2 * room + nx * nx) * sizeof(double)), *twice = moved + room, *S = twice + room;
+    long rows = nx + ny, wide = (nx + WIDTH - 1) / WIDTH, wide_p = (np + WIDTH - 1) / WIDTH;
+    long wide_w = (nw + WIDTH - 1) / WIDTH, widest = wide > wide_w ? wide : wide_w, all = nx * wide;
+    long size = nx * (3 * wide + (5 * wide_p > 3 * widest ? 5 * wide_p : 3 * widest));
+    V *J = aligned_alloc(sizeof(V), size * sizeof(V)), *K = J + all, *S = K + all, *room = S + all;
+    zero(size, 1, J);
     for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
         long at = k * R + r, next = at + R;
-        const double *J = by_x + at * rows * nx, *P = by_p + at * rows * np, *W = by_w + at * rows * nw;
-        outputs(ny, nx, J + nx * nx, seen + at * ny, C + at * ny * nx);
+        const double *x = by_x + at * rows * nx, *P = by_p + at * rows * np, *W = by_w + at * rows * nw;
+        outputs(ny, nx, x + nx * nx, seen + at * ny, C + at * ny * nx);
         outputs(ny, np, P + nx * np, seen + at * ny, Dp + at * ny * np);
         outputs(ny, nw, W + nx * nw, seen + at * ny, Dw + at * ny * nw);
         if (k == N - 1) continue;
@@ -45,27 +65,47 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
             continue;
         }
         double h = dt[at];
-        const double *K = by_x + next * rows * nx, *P1 = by_p + next * rows * np, *W1 = by_w + next * rows * nw;
-        moved_by(nx, nx, K, J, S);
-        for (long i = 0; i < nx * nx; i++) moved[i] = h / 12 * (J[i] + K[i]) + h * h / 24 * S[i];
-        moved_by(nx, nx, S, moved, twice);
-        for (long i = 0; i < nx * nx; i++) a[i] = h / 2 * (J[i] + K[i]) + h * h * (S[i] / 2 + twice[i]);
+        const double *P1 = by_p + next * rows * np, *W1 = by_w + next * rows * nw;
+        slopes(nx, wide, x, by_x + next * rows * nx, J, K, S);
+        V *moved = room, *twice = room + nx * widest;
+        for (long v = 0; v < all; v++) moved[v] = h / 12 * (J[v] + K[v]) + h * h / 24 * S[v];
+        moved_by(nx, wide, wide, S, moved, twice);
+        for (long v = 0; v < all; v++) moved[v] = h / 2 * (J[v] + K[v]) + h * h * (S[v] / 2 + twice[v]);
+        unpack(nx, nx, wide, moved, a);
         for (long i = 0; i < nx; i++) a[i * nx + i] += 1.0;
-        moved_by(nx, np, K, P, moved);
-        for (long ij = 0; ij < nx * np; ij++) bp[ij] = h / 6 * P[ij] + h * h / 24 * moved[ij];
-        moved_by(nx, np, S, bp, twice);
-        for (long ij = 0; ij < nx * np; ij++)
-            bp[ij] = h / 2 * (P[ij] + P1[ij]) + h * h * (moved[ij] / 2 + twice[ij]);
-        moved_by(nx, nw, K, W, moved);
-        moved_by(nx, nw, S, W, twice);
+        if (np) by_parameters(nx, wide, np, h, K, S, P, P1, room, bp);
+        V *now = room + 2 * nx * widest;
+        pack(nx, nw, wide_w, W, now);
+        moved_by(nx, wide, wide_w, K, now, moved);
+        moved_by(nx, wide, wide_w, S, now, twice);
         for (long i = 0; i < nx; i++) for (long j = 0; j < nw; j++) {
-            long ij = i * nw + j;
-            double once = h * h * moved[ij], again = h * h * h * twice[ij];
+            long ij = i * nw + j, in = i * wide_w * WIDTH + j;
+            double once = h * h * ((double *)moved)[in], again = h * h * h * ((double *)twice)[in];
             double first = h / 2 * W[ij] + once / 3 + again / 8, second = h / 2 * W1[ij] + once / 6 + again / 24;
             double share = held[r * nw + j], late = fmax(share, 0.0), early = fmax(-share, 0.0);
             b0[ij] = (1.0 - early) * first + late * second;
             b1[ij] = (1.0 - late) * second + early * first;
         }
     }
-    free(moved);
+    free(J);
+}
+
+/* Bp and Dp alone, from Jacobians (N,R,nx,nx) of the state equations and (N,R,nx+ny,np) of both. */
+void driven(long from, long to, long N, long R, long nx, long ny, long np, const double *by_x, const double *by_p,
+            const double *dt, const unsigned char *live, const unsigned char *seen, double *Bp, double *Dp)
+{
+    long rows = nx + ny, wide = (nx + WIDTH - 1) / WIDTH, wide_p = (np + WIDTH - 1) / WIDTH, all = nx * wide;
+    long size = nx * (3 * wide + 5 * wide_p);
+    V *J = aligned_alloc(sizeof(V), size * sizeof(V)), *K = J + all, *S = K + all, *room = S + all;
+    zero(size, 1, J);
+    for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
+        long at = k * R + r, next = at + R;
+        const double *P = by_p + at * rows * np;
+        outputs(ny, np, P + nx * np, seen + at * ny, Dp + at * ny * np);
+        if (k == N - 1) continue;
+        if (!live[next]) { memset(Bp + at * nx * np, 0, nx * np * sizeof(double)); continue; }
+        slopes(nx, wide, by_x + at * nx * nx, by_x + next * nx * nx, J, K, S);
+        by_parameters(nx, wide, np, dt[at], K, S, P, by_p + next * rows * np, room, Bp + at * nx * np);
+    }
+    free(J);
 }

@@ -82,7 +82,7 @@ def test_without_aerodynamics_an_aircraft_flies_as_it_was_recorded_on_average() 
     bare = kinematics.without_aerodynamics(flight)
     assert kinematics.without_aerodynamics(flight) is bare
     model, batch = bare.model(), bare.batch(bare.model())
-    functions = bare.functions(model, ())
+    functions = bare.functions(model)
     parameters = np.tile(model.nominal_vector(), (len(bare.records), 1))
     disturbances = np.zeros((*batch.live.shape, len(model.disturbances)))
     read = functions.output(bare.measured(model), batch.U, parameters, disturbances)
