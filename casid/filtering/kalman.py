@@ -296,7 +296,7 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
     of_noise = [(N - 1, R, n, ny), (N, R, ny, ny), (N, R, n, n), (N, R)]
     made = [linear.A, linear.C] if n == nx else [np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n))]
     made += [np.empty(shape) for shape in of_noise]
-    together = max(_STRETCH // R, 1) if kernel is not None and not noise.slow else N
+    together = max(_STRETCH // R, 1) if kernel is not None else N
     begin: np.ndarray | None = None
     for first in range(0, max(N - 1, 1), together):
         before = min(first, 1)  # noise of inputs at a sample acts in the interval before it too

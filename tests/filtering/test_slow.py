@@ -42,6 +42,16 @@ def test_slow_noise_is_no_part_of_the_motion_and_a_held_filter_takes_it_up() -> 
     assert taken_up.gain.shape[2] == 6 and not taken_up.gain[:, :, 3:].any()
 
 
+def test_slow_noise_of_a_long_record_is_filtered_in_stretches_as_in_one_pass() -> None:
+    """Truth: the recursions in numpy, which take all samples at once."""
+    linear, _, _ = filtered(gusty_short_period(), [gusty_flight(seed, f"m{seed}", 300) for seed in (1, 2)], GUSTY)
+    noise = replace(GUSTY, slow=_SLOW)
+    found, plain = (kalman_filter(linear, noise, plain=plain) for plain in (False, True))
+    np.testing.assert_allclose(found.P, plain.P, rtol=1e-9, atol=1e-14)
+    column = residual_column(linear)
+    np.testing.assert_allclose(found.whiten(*column), plain.whiten(*column), rtol=1e-9, atol=1e-9)
+
+
 @pytest.mark.parametrize(("share", "tau"), [(0.0, 0.1), (0.3, 0.3), (0.5, 0.15), (0.5, 2.0)])
 def test_parts_times_and_offsets_of_noise_are_found(share: float, tau: float) -> None:
     """Of four records of 26 s at 50 Hz with a seventh of the readings missing, each with an offset of its own. A share

@@ -12,11 +12,11 @@ from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import look_alike, size_gates
 from casid.diagnosis.engine.trial import Gain, Trial
-from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
+from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.onsets import Intervals, alone, at_peak, in_its_records, sudden, weak_members
 from casid.diagnosis.evidence.screening import Candidate, equivalence
 from casid.diagnosis.evidence.size import meaningful_share
-from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, lateness, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, gram_of, lateness, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import kinematic_check
@@ -260,7 +260,9 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     known = {slot.name for slot in base.slots}
     beside = np.array([slot.name in known for slot in fitted.slots])
     own = [slot.name for slot in fitted.slots].index(one.name)
-    gram = gram_of(flat) + (np.diag(fitted.prior_weight) if fitted.flight.closed_loop else 0.0)
+    gram = gram_of(flat) if late.any() else fitted.grams.sum(axis=0)
+    if fitted.flight.closed_loop:
+        gram = gram + np.diag(fitted.prior_weight)
     direction = np.zeros(len(beside))
     direction[beside] = -scaled_inverse(gram[np.ix_(beside, beside)]) @ gram[beside, own]
     direction[own] = 1.0

@@ -223,7 +223,7 @@ def _with_next_best(accepted: State, state: State) -> State:
     at, round_ = len(state.rounds) - 1, state.rounds[-1]
     others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
     for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
-        other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,)))
+        other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,), accepted.fit))
         if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
             return other
     return state
@@ -346,12 +346,13 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
     if fitted.filter_held or fitted.noise_held:  # as it was compared with others
         fitted = relaxed(fitted)
     evidence = weigh(in_colour(_with_offsets(fitted)))
+    missing = tuple(missing_inputs(evidence))
     kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and changed.kinematic:
+        evidence.forget()
         kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
         taken = {one.effect.key for one in evidence.fit.attached}
         observed = screen(kinematic, [e for e in evidence.fit.flight.effects if e.kinematic and e.key not in taken])
-    missing = tuple(missing_inputs(evidence))
     return replace(state, evidence=evidence, kinematic=kinematic, observed=observed, missing=missing)
 
 
@@ -371,8 +372,9 @@ def _tried(
     fits: dict[Trial, FlightFit] = {}
     intervals, give_up, least = dict[str, Intervals](), np.inf, np.zeros(2)
     earlier, required = [one.leader for one in state.named], state.baseline.required
+    state.evidence.forget()  # the arrays of one model are enough to hold
     seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
-    state.forget()  # the arrays of the fits that are tried are enough to hold
+    state.forget()
 
     def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
         needed = np.maximum(least, required_gain(one[0].attached.effect, state.criteria))
@@ -446,7 +448,8 @@ def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None
             continue
         others = weigh(without(evidence.fit, {name}))
         if others.deviance < evidence.deviance + required_gain(one.effect, evidence.criteria):
-            evidence = others
+            evidence, others = others, evidence
+        others.forget()
     return evidence.fit
 
 
@@ -482,10 +485,10 @@ def swapped(state: State) -> State:
     return state
 
 
-def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
-    """The state with the cause of round `at` replaced by the best of `trials`, all other causes kept."""
+def _with_best_of(state: State, at: int, trials: Sequence[Trial], near: FlightFit | None = None) -> State:
+    """The state with the cause of round `at` replaced by the best of `trials`, others kept; `near` as in `without`."""
     round_, criteria = state.rounds[at], state.criteria
-    best, alone = round_.leader, without(state.fit, {round_.leader.candidate.name})
+    best, alone = round_.leader, without(state.fit, {round_.leader.candidate.name}, near)
     rounds = tuple(one for one in state.rounds if one is not round_)
     kinematic = state.kinematic
     if kinematic is not None and best.effect.kinematic:
@@ -502,12 +505,9 @@ def _with_best_of(state: State, at: int, trials: Sequence[Trial]) -> State:
     first, fitted, moved = settled(first, fits[first], others.evidence)
     rest = [t for t in round_.trials if t.effect.key not in {one.effect.key for one in trials}]
     this = replace(this, trials=(first, *ordered[1:], *rest))
-    swapped = replace(
-        others,
-        rounds=_replaced(state.rounds, at, this),
-        intervals={**state.intervals, **intervals, **moved},
-    )
-    return _settled_in(swapped, fitted, first.effect)
+    intervals = {**state.intervals, **intervals, **moved}
+    others = replace(others, rounds=_replaced(state.rounds, at, this), intervals=intervals)
+    return _settled_in(others, fitted, first.effect)
 
 
 def _replaced(rounds: tuple[Round, ...], at: int, one: Round) -> tuple[Round, ...]:

@@ -16,12 +16,12 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from scipy.linalg import block_diag, get_blas_funcs, solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from casid.diagnosis import gates
 from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, Gram, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
 from casid.filtering.kernel import SAMPLES, WHOLE
 from casid.model import station
@@ -274,7 +274,7 @@ class Evidence:
             found = found + self.fit.filter.whiten_histories(acting, entering, [0])[..., 0]
         return found
 
-    @property
+    @cached_property
     def _stations(self) -> np.ndarray:
         """(terms,) Index of the disturbance where each small term enters."""
         return _stations(self.fit, self.terms)
@@ -377,15 +377,15 @@ def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
     (N, R, ny), k, n = fit.white.shape, len(fit.slots), len(small.names)
     grams, slopes = np.zeros((R, k + n, k + n)), np.zeros((R, k + n))
     columns, white = fit.columns.swapaxes(0, 1).reshape(R, N * ny, k), fit.white.swapaxes(0, 1).reshape(R, N * ny)
-    for r, own in enumerate(columns):
-        grams[r, :k, :k], slopes[r, :k] = gram_of(own), white[r] @ own
-    together, stations = SAMPLES, _stations(fit, small.names)
+    grams[:, :k, :k], slopes[:, :k] = fit.grams, fit.pulls
+    together, stations, squares = SAMPLES, _stations(fit, small.names), [Gram(n) for _ in range(R)]
     for first, part in fit.filter.histories_in_parts(stations, small.series, together) if n else ():
         rows = slice(first * ny, (first + part.shape[1]) * ny)
         for r, terms in enumerate(one.reshape(-1, n) for one in part):
-            grams[r, k:, k:] += gram_of(terms)
+            squares[r].add(terms)
             grams[r, k:, :k] += terms.T @ columns[r, rows]
             slopes[r, k:] += white[r, rows] @ terms
+    grams[:, k:, k:] = [square.whole for square in squares]
     grams[:, :k, k:] = grams[:, k:, :k].swapaxes(1, 2)
     gram, slope = grams.sum(axis=0), slopes.sum(axis=0)
     gram[range(k), range(k)] += fit.prior_weight
@@ -537,12 +537,3 @@ def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
         without.append(float(found[index]))
     n = len(records)
     return float(np.sqrt((n - 1) / n * np.sum((np.array(without) - np.mean(without)) ** 2)))
-
-
-def gram_of(columns: np.ndarray) -> np.ndarray:
-    """Product of the transposed columns with themselves, at half the cost of a general product."""
-    if not columns.shape[1]:
-        return np.zeros((0, 0))
-    (syrk,) = get_blas_funcs(("syrk",), (columns,))
-    half = syrk(1.0, columns.T)
-    return half + np.triu(half, 1).T

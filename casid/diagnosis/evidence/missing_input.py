@@ -17,9 +17,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from scipy import special
 
-from casid.diagnosis.evidence.evidence import Evidence, gram_of
+from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import Projection, products_at, white_at
-from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.evaluation import FlightFit, gram_of
 from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
 from casid.native.processors import side_by_side

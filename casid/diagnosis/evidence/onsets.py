@@ -11,10 +11,10 @@ import numpy as np
 from casid.diagnosis import gates
 from casid.diagnosis.cause import Gate
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.evidence.evidence import Evidence, gram_of, weigh
+from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
 from casid.diagnosis.evidence.screening import Candidate, Screen, grown_sets
-from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, Free, gram_of, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.filtering.kernel import SAMPLES

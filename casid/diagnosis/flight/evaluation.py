@@ -9,6 +9,7 @@ from typing import Any, Generic, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy.linalg import get_blas_funcs
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.hypothesis import (
@@ -24,6 +25,7 @@ from casid.diagnosis.flight.hypothesis import (
 from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
 from casid.filtering.kalman import Filter, kalman_filter, residual_about
+from casid.filtering.kernel import COLUMNS, SAMPLES
 from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model
@@ -34,6 +36,8 @@ Free = Literal["all", "effects", "offsets", "states"]
 
 # Sensitivities, and time histories along the motion: most of the size of a fit. They are given up by `forget`.
 _LARGE = frozenset(["linear", "filter", "slopes", "columns", "known", "regressors"])
+(_SYRK,) = get_blas_funcs(("syrk",), dtype="d")
+_ROWS = COLUMNS * SAMPLES  # of sensitivities that stay in the processor's cache
 _KEPT: WeakKeyDictionary[FlightFit, dict[str, Any]] = WeakKeyDictionary()  # what is at hand of the arrays of a fit
 T = TypeVar("T")
 
@@ -128,6 +132,8 @@ class FlightFit:
     white = _Computed[np.ndarray]()  # (N, R, ny) innovations
     slopes = _Computed[Slopes]()  # slopes of the model by the slots
     columns = _Computed[np.ndarray]()  # (N, R, ny, slots) whitened sensitivities
+    grams = _Computed[np.ndarray]()  # (R, slots, slots) their products with each other, in every record
+    pulls = _Computed[np.ndarray]()  # (R, slots) and with the innovations
     # name -> (N, R) denoised motion and inputs, from which effects are computed; and the same as the aerodynamics see
     # them, with effects on surfaces and wind included
     known = _Computed[dict[str, np.ndarray]](lambda fit: _along(fit).known)
@@ -139,9 +145,11 @@ class FlightFit:
         for name in _LARGE & kept.keys():
             del kept[name]
 
-    def lighter(self) -> FlightFit:
-        """The fit without its sensitivities, to save memory."""
-        return _with_arrays(replace(self), {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
+    def lighter(self, filtered: bool = True) -> FlightFit:
+        """The fit without its sensitivities, to save memory; not `filtered`, also without the filter of another, which
+        a fit of another noise does not take from it."""
+        found = replace(self, filter_of_another=self.filter_of_another if filtered else None)
+        return _with_arrays(found, {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
 
     def of_records(self, some: slice) -> FlightFit:
         """The time histories, filter and sensitivities of some records; estimates are those of all."""
@@ -151,6 +159,7 @@ class FlightFit:
             arrays[name] = {key: of[:, some] for key, of in getattr(self, name).items()}
         for name in ("batch", "linear", "filter"):
             arrays[name] = getattr(self, name).of_records(some)
+        arrays |= {"grams": self.grams[some], "pulls": self.pulls[some]}
         found = replace(self, motion=self.motion.of_records(some), parameters=self.parameters[some])
         return _with_arrays(found, {"model": self.model, "functions": self.functions, **arrays})
 
@@ -373,12 +382,13 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     pull = work.weight * deviation
+    grams, pulls = _products(columns, white)
     found = FlightFit(
         held=held,
         reference=reference,
         acting=acting,
-        covariance=_covariance(columns, work.weight),
-        gradient=by_rows(columns).T @ white.swapaxes(0, 1).reshape(-1) - pull,
+        covariance=scaled_inverse(grams.sum(axis=0) + np.diag(work.weight)),
+        gradient=pulls.sum(axis=0) - pull,
         flight=work.flight,
         attached=attached,
         free=work.free,
@@ -397,7 +407,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         found = replace(found, filter_of_another=replace(kalman, linear=kalman.through))
     arrays = {"model": model, "batch": batch, "functions": work.functions, "linear": linear, "filter": kalman}
     arrays |= {"output": linear.output, "read": read, "seen": linear.seen, "disturbances": W, "errors": errors}
-    return _with_arrays(found, arrays | {"white": white, "slopes": slopes, "columns": columns, "known": along.known})
+    arrays |= {"white": white, "slopes": slopes, "columns": columns, "grams": grams, "pulls": pulls}
+    return _with_arrays(found, arrays | {"known": along.known})
 
 
 def by_rows(columns: np.ndarray) -> np.ndarray:
@@ -405,10 +416,42 @@ def by_rows(columns: np.ndarray) -> np.ndarray:
     return columns.swapaxes(0, 1).reshape(math.prod(columns.shape[:3]), columns.shape[3])
 
 
-def _covariance(columns: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """(slots, slots) Covariance from whitened sensitivities (N, R, ny, slots) and the inverse variance of the prior."""
-    flat = by_rows(columns)
-    return scaled_inverse(flat.T @ flat + np.diag(weight))
+def _products(columns: np.ndarray, white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(R, slots, slots) and (R, slots) Products of whitened sensitivities (N, R, ny, slots) with each other and with
+    innovations (N, R, ny), of so few rows at a time that they are read from memory once."""
+    N, R, ny, k = columns.shape
+    grams, pulls = [Gram(k) for _ in range(R)], np.zeros((R, k))
+    rows, residual = by_rows(columns).reshape(R, N * ny, k), white.swapaxes(0, 1).reshape(R, N * ny)
+    for r, gram in enumerate(grams):
+        for first in range(0, N * ny, _ROWS):
+            some = rows[r, first : first + _ROWS]
+            gram.add(some)
+            pulls[r] += residual[r, first : first + _ROWS] @ some
+    return np.array([gram.whole for gram in grams]), pulls
+
+
+class Gram:
+    """Product of transposed columns with themselves, summed over parts of their rows, at half the cost of a general
+    product."""
+
+    def __init__(self, columns: int) -> None:
+        self._half = np.zeros((columns, columns), order="F")
+
+    def add(self, columns: np.ndarray) -> None:
+        """Add the product of further rows (rows, columns)."""
+        if columns.size:
+            self._half = _SYRK(1.0, columns.T, 1.0, self._half, overwrite_c=1)
+
+    @property
+    def whole(self) -> np.ndarray:
+        return self._half + np.triu(self._half, 1).T
+
+
+def gram_of(columns: np.ndarray) -> np.ndarray:
+    """Product of the transposed columns with themselves."""
+    gram = Gram(columns.shape[1])
+    gram.add(columns)
+    return gram.whole
 
 
 def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
@@ -491,10 +534,11 @@ def held_noise(
 
 def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
     """Name -> (states of an aircraft,) mean effect of the noise of an input on the motion, in typical sizes."""
-    model = linear.model
-    drive = (linear.Bw0 + linear.Bw1).mean(axis=(0, 1)) / model.scale_vector()[:, None]
+    model, names = linear.model, list(inputs)
+    at = [model.disturbances.index(name) for name in names]
+    drive = (linear.Bw0[..., at] + linear.Bw1[..., at]).mean(axis=(0, 1)) / model.scale_vector()[:, None]
     rows = [i for i, state in enumerate(model.states) if state in STATES]
-    return {name: drive[rows, model.disturbances.index(name)] for name in inputs}
+    return dict(zip(names, drive[rows].T, strict=True))
 
 
 def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:

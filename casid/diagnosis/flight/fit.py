@@ -6,6 +6,7 @@ import operator
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -121,10 +122,23 @@ def by_wider_noise(fitted: FlightFit, factor: float) -> tuple[FlightFit, FlightF
     return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="first")
 
 
-def without(fitted: FlightFit, names: Collection[str]) -> FlightFit:
-    """The fit without some of its effects, converged."""
-    others = [a for a in fitted.attached if a.name not in names]
-    return fit(fitted.flight, others, fitted.noise, fitted, extent="settled")
+# Fit -> names -> the fit without these effects, which alternatives, needless causes and held-out records ask for.
+_WITHOUT: WeakKeyDictionary[FlightFit, dict[frozenset[str], FlightFit]] = WeakKeyDictionary()
+
+
+def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = None) -> FlightFit:
+    """The fit without some of its effects, converged; begun `near` it if that is a fit of the same effects in calm
+    air, whose filter is its own."""
+    known, left_out = _WITHOUT.setdefault(fitted, {}), frozenset(names)
+    if left_out not in known:
+        others = [a for a in fitted.attached if a.name not in left_out]
+        alike = near is not None and {a.name for a in near.attached} == {a.name for a in others}
+        start = near if near is not None and alike and not fitted.noise.coloured else fitted
+        found = fit(fitted.flight, others, fitted.noise, start, extent="settled")
+        if found is fitted:  # a table of weak keys must not hold a key itself
+            return found
+        known[left_out] = found
+    return known[left_out]
 
 
 def all_free(fitted: FlightFit) -> FlightFit:

@@ -143,7 +143,8 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
         air = flown if flown.turning == turning else flight.turned_by_air(turning)
         to_beat = start.deviance if start.noise.coloured else np.inf
         found = fit(air, start.attached, noise, start, extent="rough", give_up=to_beat)
-        return found.lighter() if found.deviance < to_beat else start
+        is_first = not start.noise.coloured  # the other rotations of the air are compared under its filter
+        return found.lighter(filtered=is_first) if found.deviance < to_beat else start
 
     def larger(moments: Sequence[str], best: FlightFit) -> FlightFit:
         for scale in scales[1:]:  # one after the other: the first is mostly worse, and ends it

@@ -13,8 +13,16 @@ from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import Screen, rank
-from casid.diagnosis.flight.evaluation import FlightFit, Work, as_strong, evaluate, gauss_newton_step
-from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed
+from casid.diagnosis.flight.evaluation import (
+    FlightFit,
+    Gram,
+    Work,
+    as_strong,
+    evaluate,
+    gauss_newton_step,
+    gram_of,
+)
+from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.turbulence import gusts
@@ -262,3 +270,31 @@ def test_a_fit_that_has_converged_is_not_fitted_again() -> None:
     assert fit(flight, (), noise, found) is found
     assert fit(flight, (), noise, found, extent=(10, 0.5 * found.left)) is not found
     assert fit(flight, (), other, found) is not found
+
+
+def test_a_fit_without_an_effect_is_made_once_and_the_same_from_either_side() -> None:
+    """Truth: the fit of a model without the effect, which the fit with it, begun from there, does not move."""
+    late = Attached(effect=sensor_delay("beta"), values={"value": 0.1})
+    slow = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
+    flight = prepare(do328(), flights([late, slow], seed=3, count=2, duration_s=12.0))
+    alone = fit(flight, [late], flight.noise(), extent="settled")
+    both = fit(flight, [*alone.attached, slow], flight.noise(), alone, extent="settled")
+    near = without(both, {slow.name}, alone)
+    assert without(both, {slow.name}) is near
+    for again in (near, without(fit(flight, both.attached, flight.noise(), both, extent="first"), {slow.name})):
+        assert [one.name for one in again.attached] == [late.name]
+        assert again.deviance == pytest.approx(alone.deviance, abs=1.0)
+        assert np.all(np.abs(again.values - alone.values) < 0.3 * np.sqrt(np.diag(alone.covariance)))
+    assert without(alone, {"none of these"}) is alone
+
+
+def test_sums_of_products_over_parts_of_rows_are_the_product_of_all() -> None:
+    columns = np.random.default_rng(1).normal(size=(1000, 17))
+    gram = Gram(17)
+    for first in range(0, 1000, 300):
+        gram.add(columns[first : first + 300])
+    np.testing.assert_allclose(gram.whole, columns.T @ columns, rtol=1e-12, atol=1e-10)
+    np.testing.assert_allclose(
+        gram_of(columns[::2, 3:9]), columns[::2, 3:9].T @ columns[::2, 3:9], rtol=1e-12, atol=1e-10
+    )
+    assert gram_of(np.zeros((5, 0))).shape == (0, 0)
