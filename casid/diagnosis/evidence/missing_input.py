@@ -225,10 +225,12 @@ def _most_likely(
         values, vectors = np.linalg.eigh(_between(gram, root))
         values = np.maximum(values, 0.0)
         power = (vectors.T @ (match.reshape(R, -1) @ root).reshape(-1)) ** 2
-        for variance in ratios / max(values[-1], 1e-300):
-            gain = float(np.sum(variance * power / (1 + variance * values)) - np.sum(np.log1p(variance * values)))
-            if gain > best[0]:
-                best = (gain, tau, variance)
+        variances = ratios / max(values[-1], 1e-300)
+        seen = variances[:, None] * values
+        gains = np.sum(variances[:, None] * power / (1.0 + seen), axis=1) - np.sum(np.log1p(seen), axis=1)
+        at = int(np.argmax(gains))
+        if gains[at] > best[0]:
+            best = (float(gains[at]), tau, float(variances[at]))
     gain, tau, variance = best
     history = _history(gram, match, nodes, tau, variance, R)
     inside = {}
