@@ -16,7 +16,7 @@ from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.acceptance import tempered
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
-from casid.diagnosis.engine.probability import Probabilities, probabilities
+from casid.diagnosis.engine.probability import Probabilities, other_explanations, probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
@@ -229,10 +229,10 @@ def judged(
     exact = missing_inputs(weigh(kept.fit, discrepancy=False))
     stages.begin("verdict")
     belief, minor, refused, unexplained = _last_tests(kept, state, left)
-    causes = belief.causes
-    faint = None if belief.faint is None else (cause_of(belief.faint[0], state).sentence, belief.faint[1])
+    causes, faint = belief.causes, belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare = begun.without_causes({c.key for c in causes})
-    flight = flight_values(kept.evidence, in_other_air(kept.fit) if kept.fit.noise.coloured else None)
+    air = in_other_air(kept.fit) if kept.fit.noise.coloured else None
+    flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))
     kept.evidence.forget()
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit

@@ -19,11 +19,12 @@ from scipy.special import expit, logit
 
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.acceptance import distance, possible_rivals
+from casid.diagnosis.engine.acceptance import can_be_named, distance, possible_rivals
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.gates import required_gain
 from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.effect import Effect
@@ -75,6 +76,24 @@ def probabilities(
         entered={name: tempered(p) for name, p in entered.items()},
         nothing=tempered(nothing),
     )
+
+
+def other_explanations(state: State, final: FlightFit, there: Mapping[str, float]) -> list[dict[str, float]]:
+    """Changes of the values of the `final` model, by name, under each other explanation that is not refuted.
+
+    It is a cause of an ambiguity set in the place of the named one, unless the set holds the true cause with enough
+    probability without it; or a cause that has enough statistic for a name and was refused for another reason.
+
+    there  name of a cause -> probability that it is present
+    """
+    found, names, least = [], {one.name for one in final.attached}, 1.0 - state.criteria.priors.holds
+    for round_ in state.rounds:
+        stands = round_.named and round_.leader.candidate.name in names
+        alike = [t for t in round_.equivalents if there.get(t.effect.name, 0.0) > least]
+        beside = round_.leader.moved if stands else {}
+        for trial in alike if stands else filter(can_be_named, round_.trials):
+            found.append({name: change - beside.get(name, 0.0) for name, change in trial.moved.items()})
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,13 @@ stated), and by more than three corrected standard deviations of the flight valu
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import ndtri
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
@@ -68,15 +69,18 @@ class FlightValue:
         return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)
 
 
-def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dict[str, FlightValue]:
+def flight_values(
+    evidence: Evidence, otherwise: FlightFit | None = None, others: Sequence[Mapping[str, float]] = ()
+) -> dict[str, FlightValue]:
     """Name -> flight value of every fitted number of a model.
 
     A derivative is the slope of the straight line nearest along the records. The 1-sigma is the largest of those
     that allow for the model discrepancy, for differences between stretches of record, and for coloured residuals. Where
     the records leave it open how the air moves, `otherwise` is the fit in its other form, and its distance is part of
-    the 1-sigma.
+    the 1-sigma. The 95 % interval reaches the values of all `others`, explanations that change values by so much.
     """
     fit, found = evidence.fit, {}
+    quantile = float(ndtri(0.5 * (1.0 + fit.criteria.priors.holds)))
     coloured, bends = coloured_deviation(fit), _bends(fit) if isinstance(fit.flight, Flight) else {}
     lines = straight_lines(evidence)
     wake = by_the_wake(evidence, lines)
@@ -89,6 +93,7 @@ def flight_values(evidence: Evidence, otherwise: FlightFit | None = None) -> dic
         corrected = math.hypot(corrected, float(wake[i]))
         if otherwise is not None:
             corrected = math.hypot(corrected, otherwise[slot.name] - value)
+        corrected = math.hypot(corrected, max((abs(one.get(slot.name, 0.0)) for one in others), default=0.0) / quantile)
         if not (variance > 0.0 and from_records > 0.0):
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False, fitted_std=corrected)
             continue

@@ -13,7 +13,7 @@ from diagnosis_flights import trial_of
 
 from casid.diagnosis.cause import Cause, at_least, at_most
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.engine.probability import probabilities
+from casid.diagnosis.engine.probability import other_explanations, probabilities
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
@@ -155,3 +155,29 @@ def test_nothing_faint_leaves_the_model_adequate() -> None:
     found = probabilities([], [], naming_of(round_of(trial_of(LAG, 5.0), named=False)), [little])
     assert found.nothing == pytest.approx(1.0 - DOUBT, abs=1e-3)
     assert found.explanations[0][0] == ()
+
+
+def test_values_have_those_of_other_causes_that_are_not_refused() -> None:
+    """Of a set: its change against that by the named cause, unless one in twenty is more than it has. Of a cause that
+    is not in the model: its change, if it could be named. A cause with too little statistic has no part."""
+
+    def trial(one: Attached, moved: float, value: float = 2.0) -> Trial:
+        enough = at_least("gain", value, 1.0, "naming.gain")
+        return replace(trial_of(one, 300.0, fingerprint=ALONG), moved={"Cm_q": moved}, enough=enough)
+
+    first, rival, apart = trial(LAG, 1.0), trial(DELAY, 1.5), trial(BIAS, -0.7)
+    named = replace(round_of(first, rival), equivalents=(first, rival))
+    refused = round_of(apart, trial(gust_of(), 9.0, value=0.5), named=False)
+    state, final = naming_of(named, refused), SimpleNamespace(attached=(LAG,))
+
+    def changes(there: dict[str, float]) -> list[float]:
+        return [one["Cm_q"] for one in other_explanations(state, final, there)]  # pyright: ignore
+
+    assert changes({LAG.name: 0.5, DELAY.name: 0.5}) == [0.0, 0.5, -0.7]
+    assert changes({LAG.name: 0.96, DELAY.name: 0.04}) == [0.0, -0.7]
+    final.attached = ()  # held-out records did not support the cause
+    assert changes({LAG.name: 0.96}) == [1.0, 1.5, -0.7]
+
+
+def gust_of() -> Attached:
+    return Attached(effect=gust("z"), values={"value": 1.0, "length": 1.0}, onsets={"m1": 4.0})

@@ -95,3 +95,14 @@ def test_pitch_damping_has_room_for_a_wake_that_the_model_lacks() -> None:
     assert off < 2.0 * found["Cm_q"].std
     assert np.quantile(errors(found, do328().derivatives), 0.9) < 2.0
     assert found["Cl_p"].std < 3.0 * fitted.std("Cl_p")
+
+
+def test_the_interval_of_a_value_reaches_every_other_explanation() -> None:
+    """Two explanations change Cm_alpha by -0.4 and 0.3. Values that neither changes keep their deviations."""
+    flight = prepare(do328(), flights(seed=3, count=2))
+    evidence = weigh(fit(flight, (), flight.noise()))
+    alone, beside = flight_values(evidence), flight_values(evidence, others=({"Cm_alpha": -0.4}, {"Cm_alpha": 0.3}))
+    low, high = (beside["Cm_alpha"].value + side * 1.96 * beside["Cm_alpha"].std for side in (-1.0, 1.0))
+    assert low <= alone["Cm_alpha"].value - 0.4 and high >= alone["Cm_alpha"].value + 0.3
+    assert beside["Cm_alpha"].std == pytest.approx(np.hypot(alone["Cm_alpha"].std, 0.4 / 1.96), rel=0.05)
+    assert all(beside[name].std == one.std for name, one in alone.items() if name != "Cm_alpha")
