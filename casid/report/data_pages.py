@@ -14,8 +14,8 @@ from casid.diagnosis.kinematics.compatibility import Compatibility
 from casid.records.record import Record
 from casid.records.segments import Segment
 from casid.report import tables
-from casid.report.claims import about_data
 from casid.report.estimate_figures import file_name, histories
+from casid.report.statements import about_data
 from casid.report.style import (
     ALERT,
     EXPLAINED,

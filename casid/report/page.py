@@ -21,13 +21,13 @@ from casid.report import tables
 from casid.report.aircraft_figures import derivatives, envelope, envelope_table
 from casid.report.budget_figures import budget
 from casid.report.cause_figures import cause_response, missing_history, onset, shape, unexplained_shapes, wind
-from casid.report.claims import Claim, claims, numbered
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
 from casid.report.folder import provenance
 from casid.report.history_figures import PLANES, flown_again, histories, residuals, tracks
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
+from casid.report.statements import Statement, numbered, statements
 from casid.report.style import Picture, settings
 from casid.report.tables import shares
 from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
@@ -280,7 +280,7 @@ def _context(
     document: Document, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
 ) -> dict[str, Any]:
     """All that the templates ask for."""
-    claimed = claims(document, drawn)
+    claimed = statements(document, drawn)
     figures = figures_of(drawn, _by_figure(claimed))
     return {
         "name": document.name,
@@ -307,7 +307,7 @@ def _context(
     }
 
 
-def _by_figure(claimed: Mapping[str, Sequence[Claim]]) -> dict[str, list[tuple[str, str]]]:
+def _by_figure(claimed: Mapping[str, Sequence[Statement]]) -> dict[str, list[tuple[str, str]]]:
     """Name of figure -> (anchor, head) of the claims that it shows."""
     found: dict[str, list[tuple[str, str]]] = {}
     for one in (one for some in claimed.values() for one in some):

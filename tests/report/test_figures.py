@@ -33,11 +33,11 @@ from casid.model.effect import Effect
 from casid.model.effects import effect_named
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
-from casid.report.claims import claims
 from casid.report.evidence_figures import kinematic
 from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, gained, pictures
+from casid.report.statements import statements
 from casid.report.style import Picture, settings, smooth
 from casid.report.tables import causes, derivatives, shares, unseen
 from casid.report.words import digits, percent, pretty, quantity, with_std
@@ -247,7 +247,7 @@ def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnos
     alike = {"kind": lag.kind, "target": lag.target, "term": None, "title": title_of(lag), "value": 0.05}
     cause = replace(diagnosis.causes[0], effect=input_delay("delta_r"), value=0.05, indistinguishable_from=(alike,))
     ambiguous = replace(diagnosis, causes=(cause,), contradicted=()).document()
-    (claim,) = claims(ambiguous, {"ambiguity"})["causes"]
+    (claim,) = statements(ambiguous, {"ambiguity"})["causes"]
     assert claim.text.endswith("or rudder: actuator lag") and claim.figures == ("ambiguity",)
     first, *_ = next_flights(ambiguous).proposals
     assert "rudder: input delay" in first.open and "rudder: actuator lag" in first.open

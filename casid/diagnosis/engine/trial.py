@@ -56,6 +56,7 @@ class Trial:
     inflation: float = 1.0
     check: KinematicCheck = KinematicCheck()  # the kinematic check
     given_up: Gate | None = None  # the gate that it failed before the fit; None if it was fitted
+    waits: bool = False  # not fitted because little is predicted of it beside what others reached
 
     @property
     def effect(self) -> Effect:
@@ -70,11 +71,6 @@ class Trial:
     def meaningful(self) -> bool:
         """Whether its size matters, and is clear and possible."""
         return self.given_up is None and all_passed(self.size)
-
-    @property
-    def waits(self) -> bool:
-        """Whether it was not fitted because what is predicted of it is little beside what others reached."""
-        return self.given_up is not None and self.given_up.criterion == "naming.tried"
 
     @property
     def not_refuted(self) -> tuple[Gate, ...]:

@@ -1,4 +1,4 @@
-"""What the report claims, and the figures that show it: data, values, causes, and what stays unexplained."""
+"""What the report states, and the figures that show it: data, values, causes, and what stays unexplained."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _IN_GENERAL = ("residuals",)  # shows what the model with all causes explains
 
 
 @dataclass(frozen=True, kw_only=True)
-class Claim:
-    """Something that the report claims: the `anchor` of its statement, what it is about in a few words, the statement,
+class Statement:
+    """Something that the report states: the `anchor` of its statement, what it is about in a few words, the statement,
     and the names of the figures that show it, the most telling one first."""
 
     anchor: str
@@ -33,22 +33,22 @@ class Claim:
 
 
 def about_cause(number: int) -> str:
-    """Anchor of the claim of the cause with this number, from 1."""
+    """Anchor of the statement of the cause with this number, from 1."""
     return f"cause-{number}"
 
 
 def about_data(number: int) -> str:
-    """Anchor of the claim of a fault of the data."""
+    """Anchor of the statement of a fault of the data."""
     return f"data-{number}"
 
 
 def about_unexplained(number: int) -> str:
-    """Anchor of the claim that something is unexplained."""
+    """Anchor of the statement that something is unexplained."""
     return f"unexplained-{number}"
 
 
 def about_value(parameter: str) -> str:
-    """Anchor of the claim that flight stands against a number of the file."""
+    """Anchor of the statement that flight stands against a number of the file."""
     return "value-" + re.sub(r"[^\w.-]+", "-", parameter).strip("-")
 
 
@@ -57,8 +57,8 @@ def numbered(name: str, number: int) -> str:
     return name if number == 1 else f"{name}-{number}"
 
 
-def claims(document: Document, figures: Collection[str]) -> dict[str, list[Claim]]:
-    """Claims under `data`, `values`, `causes` and `unexplained`; `figures` are the names of those that there are."""
+def statements(document: Document, figures: Collection[str]) -> dict[str, list[Statement]]:
+    """Those under `data`, `values`, `causes` and `unexplained`; `figures` are the names of those that there are."""
     found = {
         "data": list(_data(document)),
         "values": list(_values(document)),
@@ -68,33 +68,35 @@ def claims(document: Document, figures: Collection[str]) -> dict[str, list[Claim
     return {kind: [_with_figures(one, figures) for one in some] for kind, some in found.items()}
 
 
-def _with_figures(claim: Claim, figures: Collection[str]) -> Claim:
-    return replace(claim, figures=tuple(name for name in claim.figures if name in figures))
+def _with_figures(statement: Statement, figures: Collection[str]) -> Statement:
+    return replace(statement, figures=tuple(name for name in statement.figures if name in figures))
 
 
-def _data(document: Document) -> Iterator[Claim]:
+def _data(document: Document) -> Iterator[Statement]:
     for number, one in enumerate(document.data, 1):
         head = f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}"
-        yield Claim(anchor=about_data(number), head=head, text=pretty(one.sentence), figures=("check",))
+        yield Statement(anchor=about_data(number), head=head, text=pretty(one.sentence), figures=("check",))
 
 
-def _values(document: Document) -> Iterator[Claim]:
+def _values(document: Document) -> Iterator[Statement]:
     for one in document.contradicted:
         if one.impossible:
             text = one.sentence
         else:
             flown = with_std(one.flight, one.std, "1")
             text = f"{one.parameter}: {digits(one.given)} in the {document.source}, {flown} by {document.witness}"
-        yield Claim(anchor=about_value(one.parameter), head=one.parameter, text=pretty(text), figures=("derivatives",))
+        yield Statement(
+            anchor=about_value(one.parameter), head=one.parameter, text=pretty(text), figures=("derivatives",)
+        )
 
 
-def _causes(document: Document) -> Iterator[Claim]:
+def _causes(document: Document) -> Iterator[Statement]:
     for number, one in enumerate(document.causes, 1):
         own = tuple(numbered(name, number) for name in _OF_A_CAUSE)
         alike = [pretty(o["title"]) for o in one.indistinguishable_from]
         also = f", or {' or '.join(alike)}" if alike else ""
         head = pretty(one.title)
-        yield Claim(
+        yield Statement(
             anchor=about_cause(number),
             head=head,
             text=f"{head} ({with_std(one.value, one.std, one.unit)}){also}",
@@ -108,10 +110,10 @@ def _causes(document: Document) -> Iterator[Claim]:
         )
 
 
-def _unexplained(document: Document) -> Iterator[Claim]:
+def _unexplained(document: Document) -> Iterator[Statement]:
     for number, one in enumerate(document.unexplained, 1):
         (own, general), where = _OF_THE_UNEXPLAINED, one.called or place(one.station)
-        yield Claim(
+        yield Statement(
             anchor=about_unexplained(number),
             head=f"unexplained at {where}",
             text=f"Something enters at {where} that {document.no_cause} explains",
