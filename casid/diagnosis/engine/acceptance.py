@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy import special
 
 from casid.diagnosis import gates
 from casid.diagnosis.cause import Gate, all_passed
@@ -207,7 +208,7 @@ def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
     if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
         return []
     drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
-    return [gates.no_single_drift(drift, seen.last.gain.raw, seen.criteria)]
+    return [gates.no_single_drift(drift, seen.last.gain.raw)]
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
@@ -366,7 +367,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:
         spread = 2.0 * np.sqrt(max(best.gain.total, 0.0) * trial.inflation) * angle
-        ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
+        ways.append(behind / max(float(special.ndtri(0.5 * (1.0 + criteria.priors.holds))) * spread, 1e-300))
     return float(min(ways))
 
 
@@ -378,7 +379,7 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
     near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
-    return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
+    return [*[t for t in near if t not in alike][: criteria.numerics.naming.few], *alike]
 
 
 def sine(one: Trial, other: Trial) -> float:

@@ -187,7 +187,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
             break
         if _passes(accepted, state):
             accepted = state
-        elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
+        elif len(state.rounds) - len(accepted.rounds) >= numerics.few:
             break
         if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
@@ -222,7 +222,7 @@ def _with_next_best(accepted: State, state: State) -> State:
     """The state with its last cause, which was refused, replaced by the best of the others that is not."""
     at, round_ = len(state.rounds) - 1, state.rounds[-1]
     others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
-    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
+    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.few]:
         other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,), accepted.fit))
         if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
             return other
@@ -381,7 +381,7 @@ def _tried(
         part = float(np.max(likely.get(one[0], needed) / needed))
         promise = promises_enough(part, state.criteria)
         if not promise.passed:
-            return given_up(state.fit, one[0], promise), state.fit, {}
+            return replace(given_up(state.fit, one[0], promise), waits=True), state.fit, {}
         try:
             limit.check()
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
@@ -391,7 +391,7 @@ def _tried(
         return trial, joint.fit, interval
 
     by, limit = state.criteria.naming, state.fit.flight.limit
-    at_once = state.criteria.numerics.naming.side_by_side
+    at_once = state.criteria.numerics.naming.few
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
@@ -532,7 +532,7 @@ def carried(baseline: Baseline, state: State) -> State:
     if not causes:
         return start
     model = baseline.start
-    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, extent="first")
+    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit)
     moved = replace(start, rounds=rounds, intervals=state.intervals)
     return _settled_in(moved, fitted, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
 
@@ -555,7 +555,7 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     if share == begun.flight.held:
         return None
     flight = of_aircraft(begun.flight).with_inputs_held(share)
-    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="first")
+    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm)
     return _recalculated(begun, again)
 
 

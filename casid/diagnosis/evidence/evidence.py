@@ -111,7 +111,7 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         names += [(coefficient, allowed[i]) for i in varies]
         factors.append(prior * size / spread[varies])
         series.append(whole[..., varies] * factors[-1])
-        ridge = numerics.ridge
+        ridge = numerics.rounding
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
         return no_terms(fit)
@@ -512,13 +512,13 @@ def scatter(evidence: Evidence, along: np.ndarray) -> float:
     standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
     along, pulls, shares = evidence.along(evidence.covariance @ along), [], []
-    criteria = evidence.criteria.structure
+    criteria = evidence.criteria
     for r, record in enumerate(evidence.fit.flight.records):
-        first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))
+        first = np.arange(0, len(along), max(1, round(criteria.structure.stretch / record.dt)))
         pulls.append(np.add.reduceat((along[:, r] * evidence.left[:, r]).sum(axis=1), first))
         shares.append(np.add.reduceat((along[:, r] ** 2).sum(axis=1), first))
     share = np.concatenate(shares)
-    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.naming.rival)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 

@@ -15,7 +15,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.subject import Subject
-from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
+from casid.diagnosis.kinematics.kinematics import nearly, reconstruct, typical_speed, with_offsets
 from casid.model.path import TURNING
 from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side
@@ -61,7 +61,7 @@ class Turbulence:
     @property
     def slow(self) -> bool:
         """Whether slow latent inputs of the air explain most of the statistic."""
-        return self.as_histories > self.criteria.turbulence.slow * self.gain
+        return self.as_histories > self.criteria.naming.rival * self.gain
 
 
 # axes -> channels that are needed to leave the forces free
@@ -195,11 +195,12 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     velocities, unknown, worse = numerics.velocities, criteria.scale_length, flight.criteria.significance.search
     begin = velocities[len(velocities) // 2]
 
-    no_step = (1, flight.criteria.numerics.fit.nearly[1])
+    few_steps = nearly(flight.criteria)
+    no_step = (1, few_steps[1])
 
     def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, step: bool = True) -> FlightFit:
         moving = gusts(flight, sigma, length=length, axes=axes)
-        return reconstruct(flight, calm.attached, moving, start, "nearly" if step else no_step).lighter()
+        return reconstruct(flight, calm.attached, moving, start, few_steps if step else no_step).lighter()
 
     def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
         """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
@@ -239,14 +240,15 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return judged
     # From here on, motion and velocity of the air are accurate enough for a linearisation, and no step is needed.
     # The records determine the strength of the process at short times, sigma^2 / length.
-    factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
+    ratio = velocities[1] / velocities[0]
+    factors = ratio ** np.array([-1.0, 0.0, 1.0])
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, step=False).deviance, factors.tolist())
     factor, spread = _lowest(factors, by_length, numerics.beyond)
     length, middle = factor * unknown, best * factor**0.5
-    sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
+    sigmas = middle * ratio ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
-    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.prior.unstated**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 
 
