@@ -133,6 +133,12 @@ def possible(one: Attached) -> tuple[Gate, ...]:
     return tuple(gate for gate in gates if math.isfinite(gate.threshold))
 
 
+def possible_in_part(one: Attached) -> tuple[Gate, ...]:
+    """Ask that half of a predicted size is possible; a fit may find less than the prediction."""
+    half = one.with_values({"value": 0.5 * one.values["value"]})
+    return tuple(replace(gate, gate=f"{gate.gate}, of half the predicted one") for gate in possible(half))
+
+
 def matters(share: float) -> Gate:
     """Ask that a size matters; `share` is in units of the smallest that does."""
     return at_least("size, of what matters", share, 1.0, "size.share")

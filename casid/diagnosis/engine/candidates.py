@@ -19,7 +19,7 @@ from casid.diagnosis.evidence.size import meaningful_share
 from casid.diagnosis.flight.evaluation import FlightFit, as_read, by_rows, gram_of, lateness, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.kinematics.check import kinematic_check
+from casid.diagnosis.kinematics.check import kinematic_check, worth_fitting
 from casid.errors import InputError
 from casid.model.causes import configuration_change
 from casid.model.effect import Effect, Values
@@ -30,27 +30,33 @@ Screened = Mapping[str, tuple[Gate, ...]]  # name of a candidate that is not fit
 
 
 def worth_trying(
-    base: FlightFit, rankings: Sequence[Sequence[Candidate]], switches: Sequence[Candidate], required: float
+    base: FlightFit,
+    kinematic: Evidence | None,
+    rankings: Sequence[Sequence[Candidate]],
+    switches: Sequence[Candidate],
+    required: float,
 ) -> tuple[list[Candidate], Screened]:
     """Choose the best few causes of each ranking.
 
     A cause needs the `required` score statistic, unless the kinematics may confirm it, and a predicted size that
-    matters. A configuration change is scored in one record only, so it cannot be ranked with the others.
+    matters and is possible. One that the kinematics reject at its predicted size takes no other's place. A
+    configuration change is scored in one record only, so it cannot be ranked with the others.
 
-    rankings  rankings of the causes, best first. Most trials are taken from the first ranking.
-    switches  configuration changes, best first
-    required  the part of the statistic of turbulence that counts as misfit of its approximate shape
-    screened  name of a cause that is not fitted -> its gates, of which one failed
+    kinematic  evidence of the kinematics, if there is any
+    rankings   rankings of the causes, best first. Most trials are taken from the first ranking.
+    switches   configuration changes, best first
+    required   the part of the statistic of turbulence that counts as misfit of its approximate shape
+    screened   name of a cause that is not fitted -> its gates, of which one failed
     """
     criteria = base.criteria
     trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
     first, *others_ranked = rankings
-    chosen, screened = _best_few(base, first, trials)
-    switching, others = _best_few(base, switches, 1)
+    chosen, screened = _best_few(base, kinematic, first, trials)
+    switching, others = _best_few(base, None, switches, 1)
     chosen, screened = [*chosen, *switching], {**others, **screened}
     for ranking in others_ranked:
         before = tuple(chosen)
-        further, others = _best_few(base, ranking, few)
+        further, others = _best_few(base, kinematic, ranking, few)
         # a fit moves an onset to its best place in the whole record, wherever the linearisation begins it
         chosen += [c for c in further if not any(is_same(c.attached, b.attached, np.inf) for b in before)]
         screened = {**others, **screened}
@@ -72,7 +78,9 @@ def is_same(one: Attached, other: Attached, apart: float) -> bool:
     return near and one.values["value"] * other.values["value"] > 0.0
 
 
-def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> tuple[list[Candidate], Screened]:
+def _best_few(
+    base: FlightFit, kinematic: Evidence | None, candidates: Sequence[Candidate], count: int
+) -> tuple[list[Candidate], Screened]:
     """The best `count` candidates with at most two terms of one coefficient, and the gates of those that are not tried.
 
     Candidates with nearly the same prediction as a chosen one are added, because they may form one ambiguity set.
@@ -80,10 +88,11 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
     numerics, screened = base.criteria.numerics.naming, dict[str, tuple[Gate, ...]]()
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
+    places = count
     for candidate in candidates:
         effect, enough = candidate.attached.effect, gates.predicted_statistic(candidate.net, base.criteria)
-        if not enough.passed or len(chosen) == count:
-            rank = (gates.place_left(count - len(chosen)),) if enough.passed else ()
+        if not enough.passed or not places:
+            rank = (gates.place_left(places),) if enough.passed else ()
             screened[candidate.name] = (enough, *rank)
             continue
         asked = (enough, *_predicted_size(base, candidate))
@@ -101,6 +110,8 @@ def _best_few(base: FlightFit, candidates: Sequence[Candidate], count: int) -> t
                 screened[candidate.name] = (*asked, gates.place_left(numerics.further_trials - len(terms), terms=True))
             continue
         chosen.append(candidate)
+        seen = worth_fitting(kinematic, candidate.attached)
+        places -= seen is None or seen.passed
     names = {one.name for one in (*chosen, *alike)}
     others = [c for c in candidates if c.name not in names and gates.predicted_statistic(c.net, base.criteria).passed]
     alike += [c for c in others if any(_predict_the_same(c, one, base.criteria) for one in chosen)]
@@ -111,7 +122,9 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
     """The gates on the predicted size of a cause that is to be fitted."""
     one = candidate.attached
     clear = gates.clear_gain(one.effect, base.criteria, base.flight.noise_by_fit)
-    return gates.predicted_size(one.effect, meaningful_share(base, one), candidate.statistic, clear, base.criteria)
+    share = meaningful_share(base, one)
+    matters = gates.predicted_size(one.effect, share, candidate.statistic, clear, base.criteria)
+    return (*matters, *gates.possible_in_part(one))
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:

@@ -308,7 +308,7 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     switching = any(one.timed for one in effects) and not any(one.effect.members for one in state.fit.attached)
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
-    chosen, refused = worth_trying(state.fit, rankings, switches, state.baseline.required)
+    chosen, refused = worth_trying(state.fit, state.kinematic, rankings, switches, state.baseline.required)
     apart, sigmas = state.criteria.numerics.events.apart, state.criteria.significance.detectable
     if unbalanced := _unbalanced(state, candidates, names):
         chosen = unbalanced

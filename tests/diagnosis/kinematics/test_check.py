@@ -85,7 +85,7 @@ def test_what_kinematics_find_is_tried_whatever_ranks_before_it() -> None:
     by_model = screen(weigh(base), others, exact=True)
     observed = screen(weigh(kinematics.reconstruct(flight), discrepancy=False), [sensor_delay("az"), sensor_lag("q")])
     assert [one.name for one in observed if one.net > 40.0] == ["sensor_delay(az)"]
-    tried, without = (worth_trying(base, [by_model, [], seen], [], 40.0)[0] for seen in (observed, []))
+    tried, without = (worth_trying(base, None, [by_model, [], seen], [], 40.0)[0] for seen in (observed, []))
     assert len(without) == 4
     assert [one.name for one in tried] == [*(one.name for one in without), "sensor_delay(az)"]
 
