@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -332,9 +333,15 @@ def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.
 class AlongMotion:
     """Time histories along the motion of a fit."""
 
+    X: np.ndarray  # (N, R, nx) trajectory
     moving: np.ndarray  # (N, R, nw) coloured disturbances
     inputs: np.ndarray  # (N, R, nu) denoised inputs
-    known: dict[str, np.ndarray]  # name -> (N, R) denoised motion and inputs
+    regressors: Any
+
+    @cached_property
+    def known(self) -> dict[str, np.ndarray]:
+        """Name -> (N, R) denoised motion and inputs."""
+        return self.regressors.along(self.X, self.moving, self.inputs)
 
 
 def along_motion(
@@ -343,7 +350,7 @@ def along_motion(
     """The time histories along a motion, with `further` disturbances (N, R, nw)."""
     moving = _scattered(model, acting.coloured, motion.coloured) + further
     inputs = regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
-    return AlongMotion(moving=moving, inputs=inputs, known=regressors.along(motion.X, moving, inputs))
+    return AlongMotion(X=motion.X, moving=moving, inputs=inputs, regressors=regressors)
 
 
 def _along(fit: FlightFit, further: np.ndarray | float = 0.0) -> AlongMotion:
@@ -362,7 +369,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     along = along_motion(work.regressors, model, acting, motion)
     at = [model.inputs.index(Station.at(name).name) for name in acting.inputs]
     errors = along.inputs[..., at] - batch.U[..., at]
-    made_of = work.with_recorded(along.known)
+    of_histories = any(one.effect.series is not None or one.effect.output is not None for one in attached)
+    made_of = work.with_recorded(along.known) if of_histories else {}
     W = work.series(attached, made_of)
     P = work.parameters(values, attached)
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
@@ -408,7 +416,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     arrays = {"model": model, "batch": batch, "functions": work.functions, "linear": linear, "filter": kalman}
     arrays |= {"output": linear.output, "read": read, "seen": linear.seen, "disturbances": W, "errors": errors}
     arrays |= {"white": white, "slopes": slopes, "columns": columns, "grams": grams, "pulls": pulls}
-    return _with_arrays(found, arrays | {"known": along.known})
+    return _with_arrays(found, arrays | ({"known": along.known} if of_histories else {}))
 
 
 def by_rows(columns: np.ndarray) -> np.ndarray:
@@ -460,6 +468,8 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
     It is estimated with the mean of the other samples of the channel.
     """
     kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
+    if np.array_equal(kept, all_of_it):
+        return 0.0
     by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
     by_channel = by_channel + kalman.colouring.log_determinant
     mean = np.where(kalman.linear.seen, by_channel, 0.0).sum(axis=(0, 1)) / np.maximum(kept, 1)
