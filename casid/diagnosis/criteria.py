@@ -195,9 +195,6 @@ class SizeCriteria:
         "part of a coefficient's variation that matters, and of the strongest member's significance for another member",
         "measured: linear structure commonly leaves 2 to 4 %",
     )
-    consequence: float = number(
-        0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
-    )
     mass: float = number(
         0.5,
         "largest possible relative error of a mass or an inertia",
@@ -254,8 +251,9 @@ class NamingCriteria:
     )
     approximate: float = number(
         0.02,
-        "the same for an event or turbulence, whose shape is approximate, the least that it leaves elsewhere, and the "
-        "share of a fingerprint below which it counts as a combination of derivatives",
+        "what an approximate model leaves: part of the statistic of an event or turbulence that it leaves elsewhere, "
+        "and of a fingerprint below which that is a combination of derivatives; part of a variation that an effect on "
+        "the signal path must exceed, and that is noise in the first fit of a channel whose noise is estimated",
     )
     rival: float = number(
         0.7,

@@ -23,7 +23,6 @@ class FitNumerics:
         "smoothings of a system's motion",
     )
     noise_stays: float = number(0.03, "relative change of the noise that ends fits in which it is estimated")
-    first_noise: float = number(0.02, "noise of a channel in the first of them, over its variation")
     whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
     plain: tuple[float, ...] = number(
         (20.0, 0.5),
