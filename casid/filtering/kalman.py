@@ -80,6 +80,12 @@ class Filter:
         same_noise = same_noise and list(noise.inputs) == list(self.noise.inputs)
         return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
 
+    def predicted(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Innovations (N, R, ny) of one column as by `whiten`, and (N, R, n) states and coloured disturbances as they
+        are predicted from the samples before, less those about which the model is linearised."""
+        white, states = self._columns(Y, F, self._begun(first), keep=True)
+        return self.colouring.taken_off(white).swapaxes(0, 1)[..., 0], -states[..., 0]
+
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
         """Innovations (N, R, ny, nc), white with unit variance, of columns with output part Y (N, R, ny, nc), state
         part F (N-1, R, nx or n, nc), and first (R, n, nc) at the first sample. The residual is `residual_column`. In

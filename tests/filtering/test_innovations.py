@@ -355,6 +355,23 @@ def test_in_a_held_filter_innovations_are_linear_in_the_parameters() -> None:
     assert abs(float((kalman_filter(there, GUSTY).log_determinant - kalman.log_determinant).sum())) > 1.0
 
 
+@pytest.mark.parametrize("plain", [False, True])
+def test_what_is_predicted_does_not_know_later_samples(plain: bool) -> None:
+    """Other readings from sample 100 on: until then the same is predicted, and the most likely motion is another one.
+    Outputs by what is predicted are off by the innovations."""
+    linear, _, white = filtered(gusty_short_period(), [gusty_flight(2, samples=200)], GUSTY)
+    kalman = kalman_filter(linear, GUSTY, plain=plain)
+    other = linear.residual + np.where(np.arange(200) < 100, 0.0, 0.01)[:, None, None]
+    found = [kalman.predicted(*residual_column(one)) for one in (linear, replace(linear, residual=other))]
+    np.testing.assert_allclose(found[0][0], white, rtol=0, atol=1e-9)
+    np.testing.assert_array_equal(found[0][1][:101], found[1][1][:101])
+    assert np.abs(found[0][1][101:] - found[1][1][101:]).max() > 1e-4
+    later = [kalman.smooth(*residual_column(one))[0] for one in (linear, replace(linear, residual=other))]
+    assert np.abs(later[0][:100] - later[1][:100]).max() > 1e-5
+    off = linear.residual - np.einsum("krij,krj->kri", kalman.C, found[0][1])
+    np.testing.assert_allclose(np.einsum("krij,krj->kri", kalman.inverse_root, off), white, rtol=0, atol=1e-9)
+
+
 def test_a_held_filter_takes_up_further_states_and_leaves_out_others() -> None:
     """The model that it is of: nothing changes. Without the gust as a state, and with it again: a state that the filter
     does not know is not moved by any sample, so that whitening an output differs only by what the gust told."""

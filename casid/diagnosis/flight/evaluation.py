@@ -385,7 +385,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     histories = _slopes_of_histories(work, attached, linear, made_of, late)
     slopes = work.slopes(attached, moved, P, moving_all, histories)
-    columns = slopes.whitened(kalman)
+    columns = slopes.whitened(kalman, motion.X, moving_all)
     white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)

@@ -345,10 +345,10 @@ class Slopes:
     present: np.ndarray  # (R, slots) 1 for a parameter that acts in a record, else 0
     histories: tuple[HistorySlope, ...]  # those of the slots behind the parameters
 
-    def whitened(self, kalman: Filter) -> np.ndarray:
-        """(N, R, ny, slots) Whitened sensitivities to all slots."""
+    def whitened(self, kalman: Filter, X: np.ndarray, moving: np.ndarray) -> np.ndarray:
+        """(N, R, ny, slots) Whitened sensitivities to all slots, along states X and disturbances `moving`."""
         linear, own = kalman.linear, len(self.functions.free)
-        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving)
+        stretches = self.functions.in_stretches(self.batch, self.parameters, X, moving)
         columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
         columns[..., :own] *= self.present[:, None, :own]
         for i, slope in enumerate(self.histories, own):
