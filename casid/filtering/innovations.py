@@ -147,6 +147,12 @@ class PointFunctions:
                 self._by_parameters[key] = ParameterFunctions(self.model, key)
         return self._by_parameters[key]
 
+    def release(self) -> None:
+        """Give up the arrays that calls of the functions use: those of all models that are tried add up."""
+        of_parameters = [one for by in list(self._by_parameters.values()) for one in (by.each, by.along)]
+        for function in (self._jacobians, self._step, self._output, *of_parameters):
+            function.release()
+
     def __reduce__(self) -> tuple[type[PointFunctions], tuple[Model, tuple[str, ...]]]:
         return PointFunctions, (self.model, self.free)
 
@@ -182,8 +188,8 @@ class ParameterFunctions:
         among_all = ca.SX(p.shape[0], 1)
         among_all[index] = direction
         along = ca.densify(ca.jtimes(both, p, among_all).T)
-        self._each = Compilable(ca.Function("by_parameters", [x, u, p, w], ca.cse([by_x, by_p])))
-        self._along = Compilable(ca.Function("along_parameters", [x, u, p, w, direction], ca.cse([by_x, along])))
+        self.each = Compilable(ca.Function("by_parameters", [x, u, p, w], ca.cse([by_x, by_p])))
+        self.along = Compilable(ca.Function("along_parameters", [x, u, p, w, direction], ca.cse([by_x, along])))
 
     def __reduce__(self) -> tuple[type[ParameterFunctions], tuple[Model, tuple[str, ...]]]:
         return ParameterFunctions, (self.model, self.free)
@@ -196,7 +202,7 @@ class ParameterFunctions:
         (N, R, nx), along = X.shape, () if direction is None else (direction,)
         kernel = filter_kernel(nx, len(self.model.outputs))
         driven = _driven if kernel is None else kernel.driven
-        function = self._along if along else self._each
+        function = self.along if along else self.each
         seen, together = np.isfinite(batch.Z), max(_BLOCK // R - 1, 1)
         for first in range(0, N, together):
             here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only

@@ -225,6 +225,12 @@ class Compilable:
             self._batches.popitem(last=False)
         return self._batches[key]
 
+    def release(self) -> None:
+        """Give up the arrays of its batches, which the next call makes again."""
+        with self.lock:
+            for batch in self._batches.values():
+                batch.release()
+
     def mapped(self, count: int) -> Batch:
         """The function over `count` samples."""
         return self._tape.mapped if self._tape else self._batch(("map", count), lambda f: f.map(count))
@@ -269,13 +275,22 @@ class PointBatch:
     def __init__(self, kernel: Compilable, derive: Callable[[ca.Function], ca.Function]) -> None:
         self._kernel, self._derive = kernel, derive
         self._used: ca.Function | None = None
-        self._buffer: Any = None  # casadi.FunctionBuffer: the stubs misstate its signatures
+        self._derived: tuple[ca.Function, ca.Function] | None = None  # a function, and what was derived from it
+        # casadi.FunctionBuffer, whose signatures the stubs misstate, and what calls it
+        self._buffer: Any = None
+        self._trigger: Any = None
+
+    def release(self) -> None:
+        """Give up the arrays, which the next call makes again."""
+        self._used, self._buffer, self._trigger = None, None, None
+        self._inputs, self._outputs = [], []
 
     def _prepare(self, function: ca.Function) -> None:
         self._used = function
-        with BUILDING:
-            self._derived = self._derive(function)
-        f = self._derived
+        if self._derived is None or self._derived[0] is not function:
+            with BUILDING:
+                self._derived = function, self._derive(function)
+        f = self._derived[1]
         self._inputs = [np.zeros((f.size2_in(i), f.size1_in(i))) for i in range(f.n_in())]
         self._outputs = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
         self._buffer, self._trigger = f.buffer()

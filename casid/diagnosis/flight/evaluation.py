@@ -145,6 +145,8 @@ class FlightFit:
         kept = _KEPT.get(self, {})
         for name in _LARGE & kept.keys():
             del kept[name]
+        if "functions" in kept:
+            kept["functions"].release()
 
     def lighter(self, filtered: bool = True) -> FlightFit:
         """The fit without its sensitivities, to save memory; not `filtered`, also without the filter of another, which
