@@ -58,10 +58,9 @@ class NoiseCriteria:
         1.2,
         "ratio of two noise densities that exceeds the scatter of a high band, or at which inputs have other noise",
     )
-    most: float = number(
-        0.7,
-        "part of the outputs that must show a filter common to all channels, and of the rate's noise, after a filter "
-        "or a difference, below which an acceleration is computed from the rate",
+    common_filter: float = number(0.7, "part of the outputs that must show a filter common to all channels")
+    differentiated: float = number(
+        0.7, "part of the rate's noise, after a filter or a difference, below which it is computed from the rate"
     )
     smallest: float = number(
         1e-3,
@@ -89,8 +88,8 @@ class PriorCriteria:
     spread: float = number(3.0, "prior 1-sigma of a derivative without a stated uncertainty, over its size")
     unstated: float = number(
         0.1,
-        "relative uncertainty of a number whose uncertainty the file does not state, and of the velocity of turbulence "
-        "by a process of first order; the smallest 1-sigma of a derivative over its notable size",
+        "relative uncertainty of a number whose uncertainty the file does not state, and the smallest 1-sigma of a "
+        "derivative over its notable size",
     )
     regressor: float = number(0.1, "variation of a regressor that the notable size refers to", unit="rad")
     resting: float = number(1e-3, "variation of a regressor below which it is noise", unit="rad")
@@ -131,6 +130,12 @@ class TurbulenceCriteria:
         "part of the statistic that a single axis must leave unexplained",
         "derived: air moves along all axes, a vane along one",
     )
+    slow: float = number(
+        0.8, "part of the statistic that slow latent inputs of the air must reach; coloured noise cannot"
+    )
+    spectrum: float = number(
+        0.1, "relative error of the velocity", "derived: a first-order process only approximates a Dryden spectrum"
+    )
     scale_length: float = number(300.0, "initial scale length", "derived: MIL-F-8785C, at altitude", unit="m")
 
 
@@ -153,11 +158,9 @@ class StructureCriteria:
         "chosen: sampling and the simulator leave that uncertain",
     )
     stretch: float = number(
-        5.0,
-        "length of the stretches of record that the scatter of a value is computed from, and of the beginning to which "
-        "states without a measurement are fitted, for the file as given",
-        unit="s",
+        5.0, "length of the stretches of record that the scatter of a value is computed from", unit="s"
     )
+    stretch_part: float = number(0.7, "largest part of a value's information that one stretch is given")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,6 +197,9 @@ class SizeCriteria:
         0.05,
         "part of a coefficient's variation that matters, and of the strongest member's significance for another member",
         "measured: linear structure commonly leaves 2 to 4 %",
+    )
+    consequence: float = number(
+        0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
     )
     mass: float = number(
         0.5,
@@ -251,15 +257,13 @@ class NamingCriteria:
     )
     approximate: float = number(
         0.02,
-        "what an approximate model leaves: part of the statistic of an event or turbulence that it leaves elsewhere, "
-        "and of a fingerprint below which that is a combination of derivatives; part of a variation that an effect on "
-        "the signal path must exceed, and that is noise in the first fit of a channel whose noise is estimated",
+        "the same for an event or turbulence, whose shape is approximate, the least that it leaves elsewhere, and the "
+        "share of a fingerprint below which it counts as a combination of derivatives",
     )
     rival: float = number(
         0.7,
         "part of a cause's statistic above which another cause is an alternative, short of which a trial is abandoned, "
-        "of what is missing above which a minor cause may be it, of turbulence that slow latent inputs must reach, and "
-        "the most of a value's information that one stretch is given",
+        "and of what is missing above which a minor cause may be it",
     )
     alike: float = number(0.6, "sine of the angle between fingerprints below which they are similar")
     unrelated: float = number(0.95, "sine of the angle between fingerprints above which they are unrelated")
@@ -324,6 +328,10 @@ class GivenCriteria:
         "error left, over that of the right model, above which nothing is explained and no probability exceeds 0.9",
         "chosen: as much error by what is missing as 1.7 times the noise",
     )
+    window: float = number(
+        5.0, "beginning of a record used to fit states that are not measured, for the file as given", unit="s"
+    )
+    beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
 
 
 @dataclass(frozen=True, kw_only=True)

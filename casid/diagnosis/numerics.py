@@ -7,7 +7,7 @@ from typing import Literal
 
 from casid.criterion import number
 
-Extent = Literal["plain", "rough", "motion"]  # of a fit
+Extent = Literal["plain", "rough", "motion", "nearly"]  # of a fit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +22,7 @@ class FitNumerics:
         "largest number of fits that follow one another until turbulence, noise, colour or outliers stay, and of "
         "smoothings of a system's motion",
     )
+    first_noise: float = number(0.02, "noise of a channel in the first of them, over its variation")
     noise_stays: float = number(0.03, "relative change of the noise that ends fits in which it is estimated")
     whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
     plain: tuple[float, ...] = number(
@@ -34,6 +35,7 @@ class FitNumerics:
         "the same while a cause is tried, in moving air, for onsets, and for the trajectory alone",
     )
     motion: tuple[float, ...] = number((5.0, 2.0), "the same without aerodynamics")
+    nearly: tuple[float, ...] = number((2.0, 2.0), "the same where little is left to change")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +80,8 @@ class EventNumerics:
         unit="s",
     )
     fine: float = number(0.1, "time between points of a profile near its peak; onsets stay within half of it", unit="s")
+    moves: int = number(6, "largest number of moves of an onset")
+    trial_moves: int = number(2, "the same while a cause is tried, and in held-out records")
 
     @property
     def coarse(self) -> float:
@@ -99,17 +103,16 @@ class EventNumerics:
 class NamingNumerics:
     """Number and kind of the causes that are fitted in each round."""
 
-    rounds: int = number(6, "largest number of rounds, and of moves of an onset")
+    rounds: int = number(6, "largest number of rounds")
+    tentative: int = number(2, "rounds that may be refused until the named causes together explain what is missing")
     trials: int = number(
         4,
         "candidates of the first ranking that are fitted, twice those of another ranking; terms of one coefficient if "
-        "they predict the same, twice as many as otherwise; records from which sets of records are grown",
+        "they predict the same, twice as many as otherwise",
     )
-    few: int = number(
-        2,
-        "rounds that may be refused until the named causes together explain what is missing, trials that are fitted at "
-        "a time, alternatives of a named cause that are fitted again, and moves of an onset while a cause is tried",
-    )
+    side_by_side: int = number(2, "trials that are fitted at a time; later ones are abandoned if they fall behind")
+    rivals: int = number(2, "alternatives of a named cause that are fitted again")
+    starts: int = number(4, "records from which sets of records are grown")
     ranking: int = number(40, "candidates that the result keeps")
     listed: int = number(3, "findings of a kind, or small terms, that a verdict lists one by one")
 

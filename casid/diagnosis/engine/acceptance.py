@@ -379,7 +379,7 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
     near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
-    return [*[t for t in near if t not in alike][: criteria.numerics.naming.few], *alike]
+    return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
 
 
 def sine(one: Trial, other: Trial) -> float:

@@ -195,7 +195,7 @@ def try_cause(
             joint.forget()
             joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="rough"))
         if joint.fit.deviance < give_up:
-            joint, interval = at_peak(joint, evidence.criteria.numerics.naming.few)
+            joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
     if attached.effect.members:
         joint = _without_weak(base, joint)
     fitted = joint.fit

@@ -74,7 +74,7 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
     found = [base, without]
     if onsets := _onsets(without, one):
         moved = _states(without, [*others, replace(one, onsets=onsets)])
-        moves = base.criteria.numerics.naming.few
+        moves = base.criteria.numerics.events.trial_moves
         found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
     return min(found, key=lambda f: f.deviance)
 

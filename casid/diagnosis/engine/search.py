@@ -187,7 +187,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
             break
         if _passes(accepted, state):
             accepted = state
-        elif len(state.rounds) - len(accepted.rounds) >= numerics.few:
+        elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
             break
         if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
@@ -222,7 +222,7 @@ def _with_next_best(accepted: State, state: State) -> State:
     """The state with its last cause, which was refused, replaced by the best of the others that is not."""
     at, round_ = len(state.rounds) - 1, state.rounds[-1]
     others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
-    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.few]:
+    for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
         other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,), accepted.fit))
         if other.rounds[at].leader.effect.key == rival.effect.key and _passes(accepted, other):
             return other
@@ -391,7 +391,7 @@ def _tried(
         return trial, joint.fit, interval
 
     by, limit = state.criteria.naming, state.fit.flight.limit
-    at_once = state.criteria.numerics.naming.few
+    at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])

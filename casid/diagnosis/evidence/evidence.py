@@ -518,7 +518,7 @@ def scatter(evidence: Evidence, along: np.ndarray) -> float:
         pulls.append(np.add.reduceat((along[:, r] * evidence.left[:, r]).sum(axis=1), first))
         shares.append(np.add.reduceat((along[:, r] ** 2).sum(axis=1), first))
     share = np.concatenate(shares)
-    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.naming.rival)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.structure.stretch_part)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 

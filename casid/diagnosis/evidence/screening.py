@@ -235,7 +235,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
-    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.naming.trials)
+    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.naming.starts)
     return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
 

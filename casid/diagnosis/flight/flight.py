@@ -216,7 +216,7 @@ class Flight:
     @property
     def noise_by_fit(self) -> bool:
         """Whether most outputs do not show their noise, so that its level and colour are estimated with the model."""
-        return len(self.doubted) >= self.criteria.noise.most * len(self.outputs)
+        return len(self.doubted) >= self.criteria.noise.common_filter * len(self.outputs)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
         """The noise model of readings and inputs, with `coloured` disturbances."""
@@ -294,7 +294,7 @@ class Flight:
         criteria = self.criteria.noise
         filtered = self._filtered(self.outputs, edge)
         factors = [self.sigma[o] / sigma_of([r[o] for r in of], criteria) for o, of in filtered.items()]
-        if len(factors) < criteria.most * len(self.outputs):
+        if len(factors) < criteria.common_filter * len(self.outputs):
             return self
         names = [Station.at(name).name for name in self.input_sigma]
         stated = self.aircraft.noise
@@ -395,7 +395,7 @@ def prepare(
     unsure = [o for o in outputs if not aircraft.noise.get(o)]
     held = {o: high_band_holds(that_have(as_read, o, noise), o, edge) for o in unsure}
     doubted = tuple(o for o in unsure if not held[o] or hides_noise(that_have(as_read, o, noise), o, noise))
-    if len(doubted) >= noise.most * len(outputs):  # a filter common to all channels: none shows its noise
+    if len(doubted) >= noise.common_filter * len(outputs):  # a filter common to all channels: none shows its noise
         doubted = tuple(unsure)
     return Flight(
         aircraft=aircraft,
@@ -522,7 +522,7 @@ def is_derived(
         return False
     h = np.linalg.lstsq(columns, values, rcond=None)[0]
     left = float(np.linalg.norm(values - columns @ h)) / math.sqrt(more)
-    return left < criteria.most * sigma[rate] * float(np.linalg.norm(h[:-1]))
+    return left < criteria.differentiated * sigma[rate] * float(np.linalg.norm(h[:-1]))
 
 
 def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCriteria) -> bool:
@@ -533,7 +533,7 @@ def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCr
     own, of_rate = (pooled_sigma([r[name] for r in both]) for name in (acceleration, RATE_OF[acceleration]))
     varies = float(np.nanstd(np.concatenate([r[acceleration] for r in both])))
     differences = of_rate / (math.sqrt(2.0) * float(np.median([r.dt for r in both])))
-    return own < criteria.smallest * varies and own < criteria.most * differences
+    return own < criteria.smallest * varies and own < criteria.differentiated * differences
 
 
 def _pair(record: Record, rate: str, acceleration: str, reach: int) -> tuple[np.ndarray, np.ndarray]:

@@ -337,7 +337,7 @@ def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
         return flight
     numerics = flight.criteria.numerics.fit
     variation = {o: float(np.nanstd(np.concatenate([r[o] for r in flight.records]))) for o in flight.doubted}
-    first = {o: max(flight.sigma[o], flight.criteria.naming.approximate * v) for o, v in variation.items()}
+    first = {o: max(flight.sigma[o], numerics.first_noise * v) for o, v in variation.items()}
     now = replace(flight, sigma=flight.sigma | first)
     fitted = None
     for _ in range(numerics.repeats):

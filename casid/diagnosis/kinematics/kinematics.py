@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from casid.diagnosis.criteria import Criteria, KinematicCriteria
+from casid.diagnosis.criteria import KinematicCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
@@ -136,18 +136,13 @@ def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = 
     return replace(flight.noise(free_forces(flight) | dict(moving)), colour={})
 
 
-def nearly(criteria: Criteria) -> tuple[float, float]:
-    """A few iterations, to the tolerance of a rough fit, where little is left to change."""
-    return criteria.numerics.naming.few, criteria.numerics.fit.motion[1]
-
-
 def with_offsets(reconstructed: FlightFit) -> FlightFit:
     """The reconstruction with small offsets of all instruments estimated too.
 
     It must not be used to judge instruments: a bias would share its evidence with the offset.
     """
     given = reconstructed
-    return fit(given.flight, given.attached, given.noise, given, free="offsets", extent=nearly(given.criteria))
+    return fit(given.flight, given.attached, given.noise, given, free="offsets", extent="nearly")
 
 
 def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:

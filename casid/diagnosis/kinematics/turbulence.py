@@ -15,7 +15,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.subject import Subject
-from casid.diagnosis.kinematics.kinematics import nearly, reconstruct, typical_speed, with_offsets
+from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
 from casid.model.path import TURNING
 from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side
@@ -61,7 +61,7 @@ class Turbulence:
     @property
     def slow(self) -> bool:
         """Whether slow latent inputs of the air explain most of the statistic."""
-        return self.as_histories > self.criteria.naming.rival * self.gain
+        return self.as_histories > self.criteria.turbulence.slow * self.gain
 
 
 # axes -> channels that are needed to leave the forces free
@@ -195,12 +195,11 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     velocities, unknown, worse = numerics.velocities, criteria.scale_length, flight.criteria.significance.search
     begin = velocities[len(velocities) // 2]
 
-    few_steps = nearly(flight.criteria)
-    no_step = (1, few_steps[1])
+    no_step = (1, flight.criteria.numerics.fit.nearly[1])
 
     def at(sigma: float, length: float, start: FlightFit, axes: Sequence[str] = WIND, step: bool = True) -> FlightFit:
         moving = gusts(flight, sigma, length=length, axes=axes)
-        return reconstruct(flight, calm.attached, moving, start, few_steps if step else no_step).lighter()
+        return reconstruct(flight, calm.attached, moving, start, "nearly" if step else no_step).lighter()
 
     def best_along(sigmas: Sequence[float]) -> tuple[FlightFit, float]:
         """The best of the first fit and of further velocities, one after the other until one is clearly worse."""
@@ -248,7 +247,7 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     sigmas = middle * ratio ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
-    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.prior.unstated**2))
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.turbulence.spectrum**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 
 
