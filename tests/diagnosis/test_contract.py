@@ -14,15 +14,12 @@ from problems.random_systems.contract import broken, diagnosed, general, refuses
 from problems.random_systems.world import HELD_OUT, KINDS, TRUTHS, draw
 
 _PER_TEST = 10
-_QUICK, _CAMPAIGN = 300, 3000
+_QUICK, _CAMPAIGN = 150, 3000  # all structures are among the first 60; a system takes a second
 
 
 @pytest.mark.parametrize("first", range(0, _QUICK, _PER_TEST))
 def test_no_result_says_more_than_it_knows(first: int) -> None:
-    found = {
-        seed: broken(world, diagnosed(world)) for seed in range(first, first + _PER_TEST) for world in [draw(seed)]
-    }
-    assert not {seed: what for seed, what in found.items() if what}
+    assert not _broken(range(first, first + _PER_TEST))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import casid as cs
@@ -589,6 +589,7 @@ def test_without_its_library_a_format_says_what_to_install(tmp_path, monkeypatch
 
 
 @pytest.mark.parametrize("ending", ["h5", "xlsx", "mf4", "ulg", "bin", "csv.gz"])
+@settings(max_examples=25)  # each is read in a process of its own; test_mutants.py reads thousands
 @given(content=st.binary(max_size=200))
 def test_rubbish_is_one_line(tmp_path_factory, ending, content):
     file = tmp_path_factory.mktemp("rubbish") / f"m.{ending}"
