@@ -136,6 +136,7 @@ class StructureNumerics:
     rounding: float = number(
         1e-6, "variation of an angle [rad], or of a term over its size, below which it is constant or equals others"
     )
+    ridge: float = number(1e-3, "ridge on the prior of terms that are nearly the sum of others")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -111,7 +111,7 @@ def small_terms(fit: FlightFit) -> SmallTerms:
         names += [(coefficient, allowed[i]) for i in varies]
         factors.append(prior * size / spread[varies])
         series.append(whole[..., varies] * factors[-1])
-        ridge = numerics.rounding
+        ridge = numerics.ridge
         blocks.append((unit.T @ unit / len(unit) + ridge * np.eye(len(varies))) / (1.0 + ridge))
     if not names:
         return no_terms(fit)
