@@ -43,7 +43,7 @@ _SIGNS = (1.0, -1.0, 0.8, -0.9)
 def one_round() -> Criteria:
     """Criteria by which a diagnosis fits the likeliest cause of each ranking once: for what does not hang on names."""
     numerics = Criteria().numerics
-    naming = replace(numerics.naming, rounds=1, trials=1, rivals=1)
+    naming = replace(numerics.naming, rounds=1, trials=1, further_trials=1, rivals=1)
     return Criteria(numerics=replace(numerics, naming=naming))
 
 

@@ -48,16 +48,15 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
 
 
 def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """The attitude of the flow is that of the climb, whose sine is compared."""
-    at = c.known("theta", "alpha", "phi")
+    """theta - alpha is the climb angle."""
+    at = c.known("theta", "alpha", "phi") & (np.abs(c.value("phi")) < criteria.level_bank)
     if at.sum() < FEWEST_KNOWN:
         return 0.0
-    alpha, beta, phi, theta = (c.value(name)[at] for name in ("alpha", "beta", "phi", "theta"))
-    across = np.sin(beta) * np.sin(phi) + np.cos(beta) * np.sin(alpha) * np.cos(phi)
-    path = float(np.mean(np.cos(alpha) * np.cos(beta) * np.sin(theta) - across * np.cos(theta)))
+    path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
     if not c.has("altitude", "V"):
         return _normal(path, criteria.path_unknown, criteria)
-    return _normal(path - _slope(c, "altitude") / max(_mean(c, "V"), 1.0), criteria.path_known, criteria)
+    climb = float(np.clip(_slope(c, "altitude") / max(_mean(c, "V"), 1.0), -1.0, 1.0))
+    return _normal(path - math.asin(climb), criteria.path_known, criteria)
 
 
 def _slope(c: Read, name: str) -> float:
@@ -144,11 +143,11 @@ def thrust_over_drag(
     drag = known.drag * _mean(c, "rho") * V**2 / (known.rho * at**2)
     measured = c.has("altitude")
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
-    unknown = 0.0 if measured else criteria.path_known
+    unknown = criteria.path_by_altitude if measured else criteria.path_known
     needed = drag + aircraft.mass * _slope(c, "V") + weight * path - _mean(c, "fx")
-    if needed <= 0.0:
+    if needed < criteria.drag_part * drag:
         return None
-    by_drag = math.hypot(criteria.derivative, known.uncertainty, 2.0 * math.log(V / at)) * drag
+    by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
     sigma = math.hypot(by_drag, unknown * weight) / needed
     return _mean(c, "thrust") / needed, sigma
 
@@ -200,7 +199,7 @@ def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCr
     thrust = _mean(c, "thrust")
     if aircraft is None or thrust <= 0.0:
         return 0.0
-    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.trim_thrust, criteria)
+    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.usual_thrust, criteria)
 
 
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -253,7 +252,7 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     alpha, phi, theta = c.value("alpha"), c.value("phi"), c.value("theta")
     across = (c.value("ay") + g * np.sin(phi) * np.cos(theta)) / np.maximum(c.value("V"), 1.0)
     rate = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha) + across
-    decay = math.exp(-c.step / criteria.slow)
+    decay = math.exp(-c.step / criteria.sideslip_time)
     there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
     at = c.known("ay", "V", "phi", "theta", "alpha", *there)
     sideslip = np.asarray(signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))
@@ -263,7 +262,7 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
 
 _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ...] = (
     (("az",), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
-    (("theta", "alpha"), ("theta", "alpha", "beta", "phi", "altitude", "V", "t"), _flight_path),
+    (("theta", "alpha"), ("theta", "alpha", "altitude", "V", "t"), _flight_path),
     (("alpha", "V", "rho", "az"), ("alpha", "V", "rho", "az"), _lift),
     (("V",), ("V",), _trimmed("V", lambda c: c.trim)),
     (("V",), ("V",), _usual_speed),

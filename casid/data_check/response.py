@@ -14,7 +14,6 @@ from itertools import chain, combinations
 from operator import add
 
 import numpy as np
-from scipy import special
 
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import FORCES, Read, Reading
@@ -371,7 +370,7 @@ class Response:
             part = np.abs(free) * np.sqrt(np.diag(squares.XX) / squares.yy)
             std = np.hypot(std, self._by_vanes(row))
             for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
-                sure = special.log_ndtr(free[i] * np.sign(row.prior[i]) / std[i]) < -self._criteria.most_told
+                sure = -free[i] * np.sign(row.prior[i]) > self._criteria.sure * std[i]
                 if term in _MOTION and sure and part[i] > self._criteria.slope:
                     yield name, float(row.prior[i]), float(free[i]), float(std[i])
 

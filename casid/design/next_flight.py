@@ -85,10 +85,10 @@ class Untold:
     by_noise: float
     corrected: float
 
-    @property
-    def unmoved(self) -> bool:
-        """Whether it was not excited: by noise alone, the file would know it better than the records."""
-        return not self.stated > self.by_noise
+    def unmoved(self, least: float) -> bool:
+        """Whether it was not excited: by noise alone, less than `least` of what is known would come from the
+        records."""
+        return not self.stated**2 / (self.stated**2 + self.by_noise**2) > least
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

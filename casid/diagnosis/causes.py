@@ -361,8 +361,8 @@ def still_missing(
     input, the part of turbulence that is misfit (`required`), and what the approximate shapes of the `causes` leave.
     Its size must matter; `share` is another share of the variation at its port than that from which a cause matters.
     """
-    by, least = evidence.criteria, 1.0 if share is None else share / evidence.criteria.size.share
-    rough = sum((by.naming.approximate if one.onset_s else by.structure.known) * one.statistic for one in causes)
+    by, least = evidence.criteria.naming, 1.0 if share is None else share / evidence.criteria.size.share
+    rough = sum((by.approximate if one.onset_s else by.left_to_others) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum
         left = [m for m in left if m.station not in _OF_THE_AIR]

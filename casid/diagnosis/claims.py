@@ -54,7 +54,7 @@ def claims_of(facts: Facts) -> tuple[Claim, ...]:
 
 def not_flown(facts: Facts) -> str:
     """Return why the simulation as given does not fly the held-out records; empty if it stays within the noise."""
-    steps, limit = facts.budget.together, facts.criteria.given.refined
+    steps, limit = facts.budget.together, facts.criteria.refined
     if not math.isfinite(steps.as_given):
         return "it diverges"
     far = [name for name in facts.budget.worst() if facts.budget.channels[name].over("as_given") > limit]
@@ -71,7 +71,7 @@ def adequate(facts: Facts) -> bool:
 
 def grown(facts: Facts) -> str:
     """Return by how much the error on the held-out records grew; empty if it did not."""
-    steps, limit = facts.budget.together, facts.criteria.given.worse
+    steps, limit = facts.budget.together, facts.criteria.worse
     if steps.structure <= limit * max(steps.data_mended, steps.floor):  # true of NaN
         return ""
     return f"the error on held-out records grew from {times(steps.data_mended)} to {times(steps.structure)} the noise"
@@ -82,9 +82,9 @@ def left_over(facts: Facts) -> str:
     steps = facts.budget.together
     if facts.unexplained:
         return facts.unexplained[0]
-    if steps.over("structure") <= facts.criteria.given.left:
+    if steps.over("structure") <= facts.criteria.left:
         return ""
-    expected = f"; the right model would leave {times(steps.floor)}" if steps.floor > facts.criteria.given.worse else ""
+    expected = f"; the right model would leave {times(steps.floor)}" if steps.floor > facts.criteria.worse else ""
     return f"{times(steps.structure)} the noise is left{expected}"
 
 
@@ -100,7 +100,7 @@ def no_values(facts: Facts) -> str:
 def probability(value: float, facts: Facts) -> float:
     """Return the probability that may be stated: at most 90 % while more than twice the error of the right model is
     left."""
-    return min(value, facts.criteria.priors.named) if left_over(facts) else value
+    return min(value, facts.criteria.doubtful) if left_over(facts) else value
 
 
 def stated(cause: Cause, facts: Facts) -> Cause:
@@ -172,7 +172,7 @@ def records_that_differ(facts: Facts) -> Mapping[str, float]:
     if not left:
         return {}
     least = min(left.values())
-    return {name: value for name, value in left.items() if value > facts.criteria.given.left * max(least, 1.0)}
+    return {name: value for name, value in left.items() if value > facts.criteria.left * max(least, 1.0)}
 
 
 def _worst(facts: Facts, most: int = 2) -> str:

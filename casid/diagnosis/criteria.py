@@ -15,7 +15,7 @@ from typing import Any
 
 from casid.criterion import Criterion, Value, listed, number, overridden
 from casid.data_check.criteria import DataCriteria
-from casid.diagnosis.numerics import Numerics
+from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.model.causes.systems import SystemCriteria
@@ -59,16 +59,21 @@ class NoiseCriteria:
         "ratio of two noise densities that exceeds the scatter of a high band, or at which inputs have other noise",
     )
     common_filter: float = number(0.7, "part of the outputs that must show a filter common to all channels")
-    differentiated: float = number(
-        0.7, "part of the rate's noise, after a filter or a difference, below which it is computed from the rate"
-    )
     smallest: float = number(
         1e-3,
         "smallest noise, over a channel's variation",
         "derived: a noise-free simulation must not have infinite weight",
     )
+    slow: float = number(
+        2.0,
+        "mean square residual up to which slow residuals are noise of the instrument",
+        "derived: slow noise as strong as the measured noise, which is the fast part",
+    )
     differentiator: int = number(
         15, "largest number of samples on either side in a filter from rate to angular acceleration"
+    )
+    differentiated: float = number(
+        0.7, "part of the rate's noise, after that filter or a difference, below which it is computed from the rate"
     )
 
 
@@ -114,6 +119,7 @@ class KinematicCriteria:
         "confirms one",
         "measured: the same decisions up to 0.63 on 60 sets",
     )
+    smallest_part: float = number(0.5, "smallest part of a predicted size that is compared with the kinematics")
     airspeeds: float = number(
         24.0,
         "readings of airspeed in a record from which a check of compatibility reconstructs the motion",
@@ -133,10 +139,15 @@ class TurbulenceCriteria:
     slow: float = number(
         0.8, "part of the statistic that slow latent inputs of the air must reach; coloured noise cannot"
     )
+    one_reading: float = number(
+        1.5,
+        "drift of one reading, over the statistic of turbulence, above which the air is calm",
+        "measured: the same decisions from 0.82 on, on 60 sets",
+    )
+    scale_length: float = number(300.0, "initial scale length", "derived: MIL-F-8785C, at altitude", unit="m")
     spectrum: float = number(
         0.1, "relative error of the velocity", "derived: a first-order process only approximates a Dryden spectrum"
     )
-    scale_length: float = number(300.0, "initial scale length", "derived: MIL-F-8785C, at altitude", unit="m")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +165,7 @@ class StructureCriteria:
     oswald: float = number(0.5, "lowest Oswald factor of a wing", "chosen: below the usual 0.7 to 0.85")
     known: float = number(
         0.005,
-        "smallest relative 1-sigma of a value, and of a statistic: what a cause leaves to others",
+        "smallest relative 1-sigma of a value, and of a statistic",
         "chosen: sampling and the simulator leave that uncertain",
     )
     stretch: float = number(
@@ -200,6 +211,9 @@ class SizeCriteria:
     )
     consequence: float = number(
         0.02, "part of a coefficient's or channel's variation that an effect on the signal path must change"
+    )
+    late: float = number(
+        0.5, "delay of a surface that matters, in sampling intervals", "derived: inputs between samples are unknown"
     )
     mass: float = number(
         0.5,
@@ -260,12 +274,22 @@ class NamingCriteria:
         "the same for an event or turbulence, whose shape is approximate, the least that it leaves elsewhere, and the "
         "share of a fingerprint below which it counts as a combination of derivatives",
     )
+    left_to_others: float = number(
+        0.001,
+        "part of a cause's statistic that it leaves to causes and latent inputs",
+        "measured: the same decisions up to 0.03 on 60 sets",
+    )
     rival: float = number(
         0.7,
         "part of a cause's statistic above which another cause is an alternative, short of which a trial is abandoned, "
         "and of what is missing above which a minor cause may be it",
     )
     alike: float = number(0.6, "sine of the angle between fingerprints below which they are similar")
+    alike_sigmas: float = number(
+        2.0,
+        "distance of the statistics of similar causes, in 1-sigmas",
+        "derived: 2 sqrt(gain) sin(angle) whichever is true",
+    )
     unrelated: float = number(0.95, "sine of the angle between fingerprints above which they are unrelated")
 
 
@@ -308,6 +332,13 @@ class VerdictCriteria:
 class GivenCriteria:
     """The simulation as given: what contradicts it, and what the records can judge."""
 
+    window: float = number(
+        5.0, "beginning of a record used to fit states that are not measured, for the file as given", unit="s"
+    )
+    beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
+    from_records: float = number(
+        0.5, "least part of the information on a number by the records", "derived: more than the file's own"
+    )
     still: float = number(
         0.25,
         "motion of an axis, over that of the other, below which it is out of scope",
@@ -323,15 +354,12 @@ class GivenCriteria:
         1.5,
         "ratio of errors at which a loss is reported, and error of a simulation that stays within the noise",
     )
+    doubtful: float = number(0.9, "largest probability of a cause beside an error that nothing accounts for")
     left: float = number(
         2.0,
         "error left, over that of the right model, above which nothing is explained and no probability exceeds 0.9",
         "chosen: as much error by what is missing as 1.7 times the noise",
     )
-    window: float = number(
-        5.0, "beginning of a record used to fit states that are not measured, for the file as given", unit="s"
-    )
-    beginning: float = number(1.0, "beginning of a record used for the initial value of a measured state", unit="s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -344,9 +372,10 @@ class Priors:
         "measured: 11 of some 1000 names that blind flights were given were wrong (problems/blind/results.md)",
     )
     wrong: float = number(
-        9.0, "cost of a wrong name over that of a missed one", "chosen: somebody searches in the wrong place"
+        10.0, "cost of a wrong name over that of a missed one", "chosen: somebody searches in the wrong place"
     )
     holds: float = number(0.95, "probability that an ambiguity set holds the true cause")
+    numerics: ProbabilityNumerics = ProbabilityNumerics()
 
     @property
     def named(self) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
-from casid.diagnosis.criteria import Criteria, GivenCriteria
+from casid.diagnosis.criteria import GivenCriteria
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows, scaled_inverse
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
@@ -83,7 +83,7 @@ class Facts:
     source: str
     witness: str
     budget: Budget  # errors on the held-out records, and by record
-    criteria: Criteria = Criteria()
+    criteria: GivenCriteria = GivenCriteria()  # thresholds of the simulation as given
     # at_fault, corrected: faults of the data that could not be corrected, and corrections
     at_fault: tuple[Finding, ...] = ()
     corrected: tuple[Finding, ...] = ()
@@ -159,7 +159,7 @@ def determined_pairs(
     """
     index = {slot.name: i for i, slot in enumerate(fit.slots)}
     stated = {one.parameter: one.stated_std for one in changed if one.stated_std > 0.0}
-    covariance, unsure = _of_stated(fit, stated), 0.5  # less than by the file alone
+    covariance, unsure = _of_stated(fit, stated), 1.0 - criteria.from_records
     found: dict[tuple[str, str], Combination] = {}
     for one in changed:
         if one.parameter not in stated or max(one.effect.values(), default=0.0) <= 1.0:

@@ -115,7 +115,7 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
     prices = {
         "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain": required_gain(effect, criteria),
         "naming.approximate": required,
-        "structure.known": criteria.structure.known * left_by_others,
+        "naming.left_to_others": criteria.naming.left_to_others * left_by_others,
     }
     highest = max(prices, key=lambda name: prices[name])
     return at_least("gain", decisive, prices[highest], highest)
@@ -250,9 +250,10 @@ def nothing_worse(place: str, size: float) -> Gate:
     return at_most(f"size newly missing at {place}, of what matters", size, 1.0, "size.share")
 
 
-def no_single_drift(drift: float, raw: float) -> Gate:
+def no_single_drift(drift: float, raw: float, criteria: Criteria) -> Gate:
     """Ask that turbulence has more statistic than the drift of any single reading."""
-    return at_most("gain of one drifting reading, of it", drift / max(raw, 1e-300), 1.0)
+    most = criteria.turbulence.one_reading
+    return at_most("gain of one drifting reading, of it", drift / max(raw, 1e-300), most, "turbulence.one_reading")
 
 
 def stands_beside(distance: float) -> Gate:

@@ -26,8 +26,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
-from casid.diagnosis.given.as_given import AsGiven
-from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.budget import AsGiven, budget_of
 from casid.diagnosis.given.contradicted import FlightValue, flight_values
 from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air

@@ -7,35 +7,38 @@ from typing import Literal
 
 from casid.criterion import number
 
-Extent = Literal["plain", "rough", "motion", "nearly"]  # of a fit
+Extent = Literal["plain", "first", "settled", "trial", "motion", "rough", "again", "nearly"]  # of a fit
 
 
 @dataclass(frozen=True, kw_only=True)
 class FitNumerics:
     """Gauss-Newton fit of a hypothesis."""
 
+    shrink: float = number(0.4, "factor by which a step that does not decrease the deviance is shortened")
+    shortest_step: float = number(0.02, "part of a step below which a fit stops")
     promise: float = number(
         0.25, "part of the previous step's predicted decrease below which a step counts as progress"
     )
+    squares: float = number(1.01, "ratio of sums of squares within which such a step counts")
     repeats: int = number(
         8,
         "largest number of fits that follow one another until turbulence, noise, colour or outliers stay, and of "
         "smoothings of a system's motion",
     )
-    first_noise: float = number(0.02, "noise of a channel in the first of them, over its variation")
+    moved: float = number(0.5, "largest change of a value that ends fits in turbulence, in 1-sigmas")
     noise_stays: float = number(0.03, "relative change of the noise that ends fits in which it is estimated")
+    first_noise: float = number(0.02, "noise of a channel in the first of them, over its variation")
     whiteness_lags: int = number(20, "lags of the Ljung-Box statistic")
     plain: tuple[float, ...] = number(
-        (20.0, 0.5),
-        "largest number of iterations, and change of the sum of squares at which a fit ends; in turbulence also "
-        "that of a value at which fits that follow one another end",
+        (10.0, 0.5), "largest number of iterations, and change of the sum of squares at which a fit ends"
     )
-    rough: tuple[float, ...] = number(
-        (8.0, 2.0),
-        "the same while a cause is tried, in moving air, for onsets, and for the trajectory alone",
-    )
-    motion: tuple[float, ...] = number((5.0, 2.0), "the same without aerodynamics")
-    nearly: tuple[float, ...] = number((2.0, 2.0), "the same where little is left to change")
+    first: tuple[float, ...] = number((20.0, 0.5), "the same for a fit that begins far from its end")
+    settled: tuple[float, ...] = number((15.0, 0.3), "the same for a model that is kept")
+    trial: tuple[float, ...] = number((8.0, 3.0), "the same while a cause is tried")
+    motion: tuple[float, ...] = number((6.0, 1.0), "the same where the motion alone is fitted")
+    rough: tuple[float, ...] = number((10.0, 2.0), "the same without aerodynamics, in moving air, and for onsets")
+    again: tuple[float, ...] = number((5.0, 2.0), "the same for kinematics with one more cause")
+    nearly: tuple[float, ...] = number((2.0, 2.0), "the same for small offsets of instruments")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +48,7 @@ class TurbulenceNumerics:
     velocities: tuple[float, ...] = number(
         (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2), "r.m.s. velocities that are tried", unit="m/s"
     )
+    length_ratio: float = number(2.5, "ratio of the scale lengths that are tried")
     beyond: float = number(1.5, "largest distance of the peak of a parabola from the middle of its grid, in steps")
     rolling: tuple[float, ...] = number((0.3, 1.0, 3.0), "factors of the air's roll rate in MIL-F-8785C that are tried")
 
@@ -67,6 +71,15 @@ class MissingInputNumerics:
         (1e-3, 1e6), "smallest and largest variance that are tried, in units of the best-determined direction"
     )
     variances: int = number(46, "number of variances that are tried, in equal logarithmic steps")
+    highest_frequency: float = number(0.4, "highest frequency of an oscillation, over the sampling rate")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScreeningNumerics:
+    """Screening of all causes."""
+
+    starts: int = number(4, "number of records from which sets of records are grown")
+    longest_start: float = number(1.5, "largest initial size of the fit of a nonlinear effect, over the tried size")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +92,11 @@ class EventNumerics:
         "permanent effect, and half width of the fine part of a profile",
         unit="s",
     )
+    fine_up_to: float = number(30.0, "length of a record up to which this time is used", unit="s")
     fine: float = number(0.1, "time between points of a profile near its peak; onsets stay within half of it", unit="s")
     moves: int = number(6, "largest number of moves of an onset")
     trial_moves: int = number(2, "the same while a cause is tried, and in held-out records")
+    slow_polynomials: int = number(4, "Legendre polynomials of time that represent a slow change")
 
     @property
     def coarse(self) -> float:
@@ -106,20 +121,16 @@ class NamingNumerics:
     rounds: int = number(6, "largest number of rounds")
     tentative: int = number(2, "rounds that may be refused until the named causes together explain what is missing")
     trials: int = number(
-        4,
-        "candidates of the first ranking that are fitted, twice those of another ranking; terms of one coefficient if "
-        "they predict the same, twice as many as otherwise",
+        4, "candidates of the first ranking that are fitted, and terms of one coefficient if they predict the same"
+    )
+    further_trials: int = number(
+        2, "candidates of each other ranking, and terms of one coefficient otherwise, that are fitted"
     )
     side_by_side: int = number(2, "trials that are fitted at a time; later ones are abandoned if they fall behind")
     rivals: int = number(2, "alternatives of a named cause that are fitted again")
-    starts: int = number(4, "records from which sets of records are grown")
+    skew_step: float = number(0.1, "delay at which a skew is linearised, in sampling intervals")
     ranking: int = number(40, "candidates that the result keeps")
     listed: int = number(3, "findings of a kind, or small terms, that a verdict lists one by one")
-
-    @property
-    def further_trials(self) -> int:
-        """Candidates of each other ranking, and terms of one coefficient otherwise, that are fitted."""
-        return max(self.trials // 2, 1)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,6 +151,14 @@ class StructureNumerics:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ProbabilityNumerics:
+    """Probabilities that are reported."""
+
+    reported: int = number(8, "combinations of causes that are reported")
+    least: float = number(1e-4, "smallest probability of a cause that is reported")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Numerics:
     """Resolution and extent of every search."""
 
@@ -151,6 +170,7 @@ class Numerics:
     fit: FitNumerics = FitNumerics()
     turbulence: TurbulenceNumerics = TurbulenceNumerics()
     missing_input: MissingInputNumerics = MissingInputNumerics()
+    screening: ScreeningNumerics = ScreeningNumerics()
     events: EventNumerics = EventNumerics()
     naming: NamingNumerics = NamingNumerics()
     structure: StructureNumerics = StructureNumerics()

@@ -299,7 +299,7 @@ class Diagnosis:
             resting=of_aircraft(self.extended.fit.flight).resting,
             noise=self.noise,
         )
-        unmoved = [one for one in self.untold if one.unmoved]
+        unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
         return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
 
     def document(self, figures: bool = True) -> Document:
@@ -332,6 +332,7 @@ class Diagnosis:
                     responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
             with noting(failed, "next flight"):
                 following = self.next_flights()
+        least = self.criteria.given.from_records
         return Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),
             name=self.diagnosed.name,
@@ -361,7 +362,7 @@ class Diagnosis:
             smallest_detectable=self.detectable,
             detectable=self.detectable_by_channel,
             next_flights=following,
-            limited=tuple(one for one in self.untold if not one.unmoved) if of_aeroplane else (),
+            limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
             failed=tuple(failed),
         )
 

@@ -17,8 +17,7 @@ from casid.diagnosis.claims import times
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.as_given import AsGiven
-from casid.diagnosis.given.budget import AccountStep, Budget
+from casid.diagnosis.given.budget import AccountStep, AsGiven, Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -159,7 +158,7 @@ def accounted(facts: Facts, account: Sequence[AccountStep]) -> str:
         f" {_STEPS[one.step].capitalize()} makes it worse: {times(one.before)} the noise before, "
         f"{times(one.grown_to)} after."
         for one in account
-        if one.grown_to is not None and one.grown_to > facts.criteria.given.worse * one.before
+        if one.grown_to is not None and one.grown_to > facts.criteria.worse * one.before
     ]
     left = f"{times(facts.budget.together.structure)} the noise is left"
     told = f"Of that error: {', '.join(parts)}; {left}." if parts else f"With the best model {left}."
@@ -215,7 +214,7 @@ def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str
         differing(facts),
         cost(facts) if facts.causes else "",
         f"The {facts.source} as given is kept: {claims.grown(facts)}." if claims.grown(facts) else "",
-        losses(facts.budget, facts.criteria.given.worse),
+        losses(facts.budget, facts.criteria.worse),
         left_open(facts.not_judged, facts.listed),
     ]
     return " ".join(part for part in parts if part)
@@ -298,7 +297,7 @@ def cost(facts: Facts) -> str:
     alone; otherwise empty.
     """
     steps = facts.budget.together
-    if steps.structure <= facts.criteria.given.refined * max(steps.values, steps.floor):
+    if steps.structure <= facts.criteria.refined * max(steps.values, steps.floor):
         return ""
     return (
         f"Something else is missing: with the causes added, the error of a simulation of "
@@ -311,7 +310,7 @@ def failure(facts: Facts) -> str:
     empty.
     """
     steps = facts.budget.together
-    if steps.structure <= facts.criteria.given.fails * max(steps.as_given, steps.floor):
+    if steps.structure <= facts.criteria.fails * max(steps.as_given, steps.floor):
         return ""
     ratio = steps.structure / steps.as_given
     worse = f"{ratio:.2g}" if math.isfinite(ratio) else "infinitely many"

@@ -114,7 +114,7 @@ def facts_of(
         source=found.diagnosed.source,
         witness=found.diagnosed.witness,
         budget=found.budget,
-        criteria=criteria,
+        criteria=criteria.given,
         listed=criteria.numerics.naming.listed,
         at_fault=tuple(one for one in data if one.puts_in_doubt and not _is_told_by(one, causes)),
         corrected=tuple(one for one in data if one.handled != "reported"),

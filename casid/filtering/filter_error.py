@@ -44,7 +44,7 @@ _TIMES = 4  # a trajectory is linearised anew before the parameters move
 _KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
 _NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
 _HOPELESS = 1e12
-_SHORTEST = 1e-3  # part of a step that is tried
+_SHRINK, _SHORTEST = 0.4, 1e-3  # parts of a step that are tried
 _FLAT = 0.1  # of the deviance: less is no loss
 
 
@@ -406,7 +406,7 @@ def _search(
                 after = evaluate_step(system, trial, linear, noise, none).deviance
         return (trial, linear, length) if after < step.deviance + _FLAT else None
 
-    return longest(tried, _SHORTEST)
+    return longest(tried, _SHRINK, _SHORTEST)
 
 
 def _innovations(system: FilterSystem, linear: Linear, kalman: Filter) -> Innovations:

@@ -119,7 +119,7 @@ def test_every_cause_that_stays_is_asked_where_noise_is_slow() -> None:
         for one in flights([lag, scale], seed=2, count=2)
     ]
     flight = prepare(do328(), records)
-    fitted = fit(flight, [lag, scale, absent], flight.noise())
+    fitted = fit(flight, [lag, scale, absent], flight.noise(), extent="first")
     kept: Any = SimpleNamespace(fit=fitted)
     state: Any = SimpleNamespace(baseline=SimpleNamespace(fixed=False), criteria=Criteria())
     causes, minor = beside_slow_noise(kept, state, (), [cause_of(one) for one in (lag, scale, absent)], [])

@@ -22,7 +22,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import special
 
 from casid.diagnosis import gates
 from casid.diagnosis.cause import Gate, all_passed
@@ -208,7 +207,7 @@ def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
     if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
         return []
     drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
-    return [gates.no_single_drift(drift, seen.last.gain.raw)]
+    return [gates.no_single_drift(drift, seen.last.gain.raw, seen.criteria)]
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
@@ -367,7 +366,7 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:
         spread = 2.0 * np.sqrt(max(best.gain.total, 0.0) * trial.inflation) * angle
-        ways.append(behind / max(float(special.ndtri(0.5 * (1.0 + criteria.priors.holds))) * spread, 1e-300))
+        ways.append(behind / max(by.alike_sigmas * spread, 1e-300))
     return float(min(ways))
 
 

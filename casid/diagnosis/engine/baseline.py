@@ -66,11 +66,11 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
     under this noise, it is estimated with the model.
     """
     say("refit of the file")
-    calm = fit(flight, known, flight.noise())
+    calm = fit(flight, known, flight.noise(), extent="first")
     if is_far(calm, flight.criteria.given.fails**2):
         without = unread(flight)
         if without.noise_by_fit and not comes_near(flight, known):
-            flight, calm = without, fit(without, known, without.noise())
+            flight, calm = without, fit(without, known, without.noise(), extent="first")
     calm = as_inputs_run(in_colour(without_outliers(calm)))
     say("kinematics")
     offsets = demanded_offsets(calm)

@@ -185,7 +185,7 @@ def try_cause(
     alone = attached.effect.linear and set(attached.values) == {"value"}
     begin = [*base.attached, attached.with_values({"value": 0.0}) if alone else attached]
     try:
-        fitted = fit(base.flight, begin, noise, base, extent="rough", give_up=give_up)
+        fitted = fit(base.flight, begin, noise, base, extent="trial", give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
         return given_up(base, candidate, gates.cannot_be_flown()), evidence, {}
@@ -193,7 +193,7 @@ def try_cause(
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
             joint.forget()
-            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="rough"))
+            joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="trial"))
         if joint.fit.deviance < give_up:
             joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
     if attached.effect.members:
@@ -295,7 +295,7 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
     """
     intervals, name = dict[str, Intervals](), fitted.attached[-1].name
     fitted = _ended(fitted)
-    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted)
+    fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, extent="settled")
     events = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
     if fitted.attached[-1].effect.timed:
         evidence, intervals[name] = at_peak(weigh(fitted))
@@ -303,7 +303,7 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
         wider = in_its_records(evidence, fitted.attached[-1])
         if wider.onsets.keys() != fitted.attached[-1].onsets.keys():
             attached = [*fitted.attached[:-1], wider]
-            fitted = fit(fitted.flight, attached, fitted.noise, fitted)
+            fitted = fit(fitted.flight, attached, fitted.noise, fitted, extent="settled")
             events.append(len(attached) - 1)
         if events:
             events.append(len(fitted.attached) - 1)
@@ -334,7 +334,7 @@ def _ended(fitted: FlightFit) -> FlightFit:
             [*fitted.attached[:-1], other],
             fitted.noise,
             fitted,
-            extent="rough",
+            extent="trial",
         )
 
     return min([fitted, *side_by_side(ending, shorter)], key=lambda one: one.deviance)
@@ -353,4 +353,4 @@ def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
     evidence.forget()
-    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="rough"))
+    return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="trial"))

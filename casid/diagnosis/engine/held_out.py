@@ -48,7 +48,7 @@ def judge_on(records: Sequence[Record], fitted: FlightFit) -> FlightFit:
     """
     held = fitted.flight.elsewhere(fitted.derivatives, records)
     steady = [_everywhere(a) for a in fitted.attached if not a.effect.timed]
-    base = in_colour(fit(held, steady, fitted.held, free="states", extent="rough"), free="states")
+    base = in_colour(fit(held, steady, fitted.held, free="states", extent="motion"), free="states")
     for one in fitted.attached:
         if one.records:
             without = _states(base, [a for a in base.attached if a.name != one.name])
@@ -81,7 +81,7 @@ def _recurred(base: FlightFit, one: Attached) -> FlightFit:
 
 def _states(base: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """Fit only the initial states with these effects."""
-    return fit(base.flight, attached, base.noise, base, free="states", extent="rough")
+    return fit(base.flight, attached, base.noise, base, free="states", extent="motion")
 
 
 def _everywhere(one: Attached) -> Attached:
@@ -124,7 +124,7 @@ def kinematic_gain(
     found = []
     for step in (before, after):
         faults = [_everywhere(a) for a in step.attached if a.effect.of_an_instrument]
-        found.append(fit(there, faults, noise, free="states", extent="rough"))
+        found.append(fit(there, faults, noise, free="states", extent="motion"))
     return 0.5 * (found[0].data_deviance - found[1].data_deviance) / found[1].readings
 
 

@@ -26,6 +26,7 @@ from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.gates import required_gain
+from casid.diagnosis.numerics import ProbabilityNumerics
 from casid.model.effect import Effect
 from casid.model.effects import effect_named
 
@@ -64,10 +65,12 @@ def probabilities(
     there = {name: 1.0 - prod(1.0 - one.get(name, 0.0) for one in tables) for table in tables for name in table} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
     priors = state.criteria.priors
-    tempered, least = priors.tempered, priors.doubt
+    tempered, least = priors.tempered, priors.numerics.least
     return Probabilities(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
-        explanations=tuple((names, tempered(p)) for names, p in _explanations(places, faint, priors.doubt)),
+        explanations=tuple(
+            (names, tempered(p)) for names, p in _explanations(places, faint, state.criteria.priors.numerics)
+        ),
         faint=None if near is None or near[1] < 1.0 - priors.named else (near[0], tempered(near[1])),
         there={name: tempered(p) for name, p in there.items() if p > least},
         entered={name: tempered(p) for name, p in entered.items()},
@@ -207,15 +210,14 @@ def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scal
 
 
 def _explanations(
-    places: Sequence[_Place], faint: Mapping[str, float], least: float
+    places: Sequence[_Place], faint: Mapping[str, float], numerics: ProbabilityNumerics
 ) -> list[tuple[tuple[str, ...], float]]:
-    """Combinations of causes with their probabilities, the most probable first, without those less probable than
-    `least`."""
+    """Combinations of causes with their probabilities, the most probable first."""
     choices = [{(name,): p for name, p in place.probabilities.items()} | {(): place.nothing} for place in places]
     choices += [{(name,): p, (): 1.0 - p} for name, p in faint.items()]
-    likely = [{names: p for names, p in one.items() if p > least} for one in choices]
+    likely = [{names: p for names, p in one.items() if p > numerics.least} for one in choices]
     wholes: dict[tuple[str, ...], float] = {}
     for chosen in product(*(one.items() for one in likely)):  # an alternative of two causes may be in both places
         whole = tuple(sorted({name for names, _ in chosen for name in names}))
         wholes[whole] = wholes.get(whole, 0.0) + prod(p for _, p in chosen)
-    return sorted(((names, p) for names, p in wholes.items() if p > least), key=lambda one: -one[1])
+    return sorted(wholes.items(), key=lambda one: -one[1])[: numerics.reported]

@@ -381,7 +381,7 @@ def _tried(
         part = float(np.max(likely.get(one[0], needed) / needed))
         promise = promises_enough(part, state.criteria)
         if not promise.passed:
-            return replace(given_up(state.fit, one[0], promise), waits=True), state.fit, {}
+            return given_up(state.fit, one[0], promise), state.fit, {}
         try:
             limit.check()
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
@@ -532,7 +532,7 @@ def carried(baseline: Baseline, state: State) -> State:
     if not causes:
         return start
     model = baseline.start
-    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit)
+    fitted = fit(model.flight, [*model.attached, *causes], model.noise, state.fit, extent="first")
     moved = replace(start, rounds=rounds, intervals=state.intervals)
     return _settled_in(moved, fitted, next((e.effect for e in causes if e.effect.kinematic), causes[0].effect))
 
@@ -555,7 +555,7 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     if share == begun.flight.held:
         return None
     flight = of_aircraft(begun.flight).with_inputs_held(share)
-    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm)
+    again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="first")
     return _recalculated(begun, again)
 
 

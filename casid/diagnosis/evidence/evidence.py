@@ -512,13 +512,13 @@ def scatter(evidence: Evidence, along: np.ndarray) -> float:
     standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
     along, pulls, shares = evidence.along(evidence.covariance @ along), [], []
-    criteria = evidence.criteria
+    criteria = evidence.criteria.structure
     for r, record in enumerate(evidence.fit.flight.records):
-        first = np.arange(0, len(along), max(1, round(criteria.structure.stretch / record.dt)))
+        first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))
         pulls.append(np.add.reduceat((along[:, r] * evidence.left[:, r]).sum(axis=1), first))
         shares.append(np.add.reduceat((along[:, r] ** 2).sum(axis=1), first))
     share = np.concatenate(shares)
-    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.structure.stretch_part)
+    own = np.minimum(share / max(float(share.sum()), 1e-300), criteria.stretch_part)
     return float(np.linalg.norm(np.concatenate(pulls) / (1.0 - own)))
 
 

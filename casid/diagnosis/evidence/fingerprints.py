@@ -159,7 +159,7 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
     longest = max(record.duration for record in evidence.fit.flight.records)
     numerics = evidence.criteria.numerics.events
     step = numerics.step if step is None else step
-    wider = max(step, min(step * longest / evidence.criteria.systems.record, length))
+    wider = max(step, min(step * longest / numerics.fine_up_to, length))
     return np.arange(numerics.step, longest - numerics.step, wider)
 
 

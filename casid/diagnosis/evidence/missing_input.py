@@ -112,7 +112,8 @@ def _peak_frequency(fit: FlightFit) -> float | None:
     numerics, significant = fit.criteria.numerics.missing_input, fit.criteria.significance.search
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
-    frequency = frequency[(frequency > 0.5 / numerics.times[0]) & (frequency < 0.5 / steps.min())]
+    highest = numerics.highest_frequency
+    frequency = frequency[(frequency > 0.5 / numerics.times[0]) & (frequency < highest / steps.min())]
     if not len(frequency):
         return None
     power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
@@ -121,7 +122,7 @@ def _peak_frequency(fit: FlightFit) -> float | None:
         white = np.where(seen, fit.white[:, r], 0.0)
         nodes = np.fft.rfftfreq(2 * len(white), dt)
         own = 2.0 * np.abs(np.fft.rfft(white, 2 * len(white), axis=0)) ** 2 / np.maximum(seen.sum(axis=0), 1)
-        below = frequency < 0.5 / dt
+        below = frequency < highest / dt
         at = np.clip(np.rint(frequency[below] / nodes[1]).astype(int), 0, len(nodes) - 1)
         power[below] += own[at]  # chi-square, two degrees of freedom
         dof[below] += 2.0

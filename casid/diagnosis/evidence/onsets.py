@@ -145,7 +145,7 @@ def at_peak(
     """
     interval: Intervals = {}
     numerics = evidence.criteria.numerics.events
-    moves = evidence.criteria.numerics.events.moves if moves is None else moves
+    moves = numerics.moves if moves is None else moves
     for _ in range(moves):
         evidence = _slid(evidence, moves, free, which)
         fitted = evidence.fit
@@ -228,7 +228,7 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     best: Candidate | None = None
     every = _steps(evidence, coefficients, onsets, durations) if len(onsets) and coefficients else []
     for duration, steps in zip(durations, every, strict=False):
-        for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.naming.starts):
+        for chosen in grown_sets(len(steps), partial(_statistics, steps), criteria.numerics.screening.starts):
             statistic, sizes, stds = _joint(_Steps.joined([steps[r].at(o) for r, o in chosen.items()], _sum))
             members = _members(np.abs(sizes[0]) / stds[0], criteria)
             tries = float(len(onsets)) ** len(chosen) * 2.0 ** len(names) * len(durations)
@@ -268,7 +268,7 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     base, names = evidence.fit, evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
-    powers = 4  # of a cubic
+    powers = evidence.criteria.numerics.events.slow_polynomials
     whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
     acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > 0.5]  # most of it
     if not acting:

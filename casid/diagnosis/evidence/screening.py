@@ -155,7 +155,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     The smaller set is then returned.
     """
     effect, names = prints[0].effect, np.array(judge.base.batch.names)
-    R, criteria = len(names), judge.criteria.screening
+    R, criteria, longest = len(names), judge.criteria.screening, judge.criteria.numerics.screening.longest_start
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.traits.by_record else []
@@ -174,7 +174,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             before = best.attached.records if best is not None and effect.traits.relative else ()
             in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
             if best is None or net > best.net + (equivalence(net, judge.criteria) if in_more else 0.0):
-                value = size if effect.linear else one.values["value"] * size
+                value = size if effect.linear else one.values["value"] * min(size, longest)
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached,
@@ -235,7 +235,7 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
 
 def _onset_sets(judge: Screen, prints: Sequence[Fingerprint], R: int) -> list[tuple[list[Fingerprint], list[int]]]:
     """(fingerprints at their best onsets, records) for single records and larger sets that share one size."""
-    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.naming.starts)
+    sets = grown_sets(R, _ScreeningSums(judge, prints).statistics, judge.criteria.numerics.screening.starts)
     return [([prints[p] for p in chosen.values()], list(chosen)) for chosen in sets]
 
 

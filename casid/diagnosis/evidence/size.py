@@ -55,7 +55,7 @@ class AircraftSizes:
         smallest = fitted.flight.smallest_that_matters(effect)
         if smallest is not None:
             own = abs(value) / smallest if smallest > 0 else np.inf
-            return min(own, consequence(fitted, one), _lateness(fitted, one))
+            return min(own, consequence(fitted, one), _lateness(fitted, one) / criteria.late)
         share = _coefficient_share(fitted, one) / (criteria.ambiguous if effect.members else criteria.share)
         return max(share, 1.0) if effect.traits.expected else share
 
@@ -129,8 +129,7 @@ def without_and_with(fitted: FlightFit, one: Attached) -> tuple[np.ndarray, np.n
 
 
 def _lateness(fitted: FlightFit, one: Attached) -> float:
-    """Largest delay of a surface in half sampling intervals, to which its record is unknown; infinite for effects that
-    do not delay it.
+    """Largest delay of a surface in sampling intervals; infinite for effects that do not delay it.
 
     The intervals are those of the averaged records: their inputs have straight lines between them too.
     """
@@ -138,7 +137,7 @@ def _lateness(fitted: FlightFit, one: Attached) -> float:
     if one.effect.target not in SURFACES or one.effect.unit not in ("s", "rad/s"):
         return np.inf
     late = size if one.effect.unit == "s" else float(np.max(np.abs(_moved(fitted, one)))) / size
-    return late / (0.5 * float(np.median(fitted.batch.dt)))
+    return late / float(np.median(fitted.batch.dt))
 
 
 def _moved(fitted: FlightFit, one: Attached) -> np.ndarray:

@@ -89,7 +89,7 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     """
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
-    step = fit.criteria.input_timing.step * float(np.median(fit.batch.dt))
+    step = fit.criteria.numerics.naming.skew_step * float(np.median(fit.batch.dt))
     found = [(list[Attached](), 0.0)]
     for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]

@@ -92,7 +92,7 @@ def fit(
         if count >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
         step, now = gauss_newton_step(now.fit), None  # of the present point only what `best` keeps stays in memory
-        now = longest(tried)
+        now = longest(tried, numerics.shrink, numerics.shortest_step)
         gained = np.inf if now is None else abs(best.squares - now.squares)
     return best.fit
 
@@ -118,8 +118,8 @@ def from_elsewhere(fitted: FlightFit) -> FlightFit | None:
 def by_wider_noise(fitted: FlightFit, factor: float) -> tuple[FlightFit, FlightFit]:
     """The fit anew with measurement noise wider by a factor, and from there with its own noise."""
     wide = replace(fitted.noise, measurement={name: factor * s for name, s in fitted.noise.measurement.items()})
-    first = fit(fitted.flight, fitted.attached, wide)
-    return first, fit(fitted.flight, fitted.attached, fitted.noise, first)
+    first = fit(fitted.flight, fitted.attached, wide, extent="first")
+    return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="first")
 
 
 # Fit -> names -> the fit without these effects, which alternatives, needless causes and held-out records ask for.
@@ -134,7 +134,7 @@ def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = 
         others = [a for a in fitted.attached if a.name not in left_out]
         alike = near is not None and {a.name for a in near.attached} == {a.name for a in others}
         start = near if near is not None and alike and not fitted.noise.coloured else fitted
-        found = fit(fitted.flight, others, fitted.noise, start)
+        found = fit(fitted.flight, others, fitted.noise, start, extent="settled")
         if found is fitted:  # a table of weak keys must not hold a key itself
             return found
         known[left_out] = found
@@ -155,8 +155,8 @@ def relaxed(fitted: FlightFit) -> FlightFit:
         before = fitted
         attached = [replace(one, passes=True) for one in before.attached]
         before.forget()
-        fitted = fit(before.flight, attached, before.noise, before, anew=True)
-        if np.all((fitted.values - before.values) ** 2 < numerics.plain[1] * np.diag(before.covariance)):
+        fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)
+        if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break
     return fitted
 
@@ -217,7 +217,8 @@ class _Point:
             return True
         left = now.promise / self.promise if self.promise else np.inf
         numerics = now.fit.criteria.numerics.fit
-        return full and left < numerics.promise and not now.fit.noise.coloured
+        nearer = left < numerics.promise or (left < 1.0 and now.squares < numerics.squares * self.squares)
+        return full and nearer and not now.fit.noise.coloured
 
 
 def _squares(now: FlightFit) -> float:

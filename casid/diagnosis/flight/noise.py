@@ -225,7 +225,7 @@ def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[f
     """The fit under another noise of its outputs."""
     flight = replace(of_aircraft(fitted.flight), sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
-    return fit(flight, fitted.attached, noise, fitted, free=free)
+    return fit(flight, fitted.attached, noise, fitted, free=free, extent="first")
 
 
 def level_of(fitted: FlightFit) -> dict[str, float]:
@@ -246,7 +246,7 @@ def as_slow_as_left(fitted: FlightFit, drifting: Collection[str] = ()) -> Flight
         return fitted
     noise = replace(fitted.noise, slow=slow_of(fitted, drifting))
     fitted.forget()  # the arrays of one model are enough to hold
-    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free)
+    return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, extent="first")
 
 
 def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
@@ -255,10 +255,9 @@ def as_coloured_as_left(fitted: FlightFit) -> FlightFit:
     The model of turbulence is approximate, and leaves part of its effect in readings whose own noise is not slow.
     Residuals larger than the limit of `slow_of` are not noise.
     """
+    most = fitted.criteria.noise.slow
     left = colour_of(fitted, fitted.model.outputs)
-    colour = {
-        name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= 2.0
-    }  # slow noise as strong as the white
+    colour = {name: (sigma, tau) for name, (sigma, tau) in left.items() if sigma**2 <= most}
     return _under(fitted, fitted.flight.sigma, colour, fitted.free)
 
 
@@ -269,7 +268,7 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     instrument may have are not taken for noise. A drift as large as a bias that matters may be missing at the outputs
     `drifting`. Noise as slow as that would be this drift by another name, and they have none.
     """
-    white, sigma = _innovations(fitted), fitted.noise.measurement
+    white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
     significant = fitted.criteria.significance
     found = white_and_slow(fitted.batch.t, white, fitted.seen)
     drift_time = min(fitted.criteria.numerics.missing_input.drift_times)
@@ -281,7 +280,7 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     for name, one in zip(fitted.model.outputs, found, strict=True):
         largest = fitted.flight.smallest_that_matters(sensor_bias(name)) or np.inf
         # The number of independent values of a variance is the flown time over the correlation time.
-        most = 1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown)
+        most = (criteria.slow - 1.0) * (1.0 + significant.sigmas * np.sqrt(2.0 * one.tau / flown))
         parts = [(min(usual * sigma[name], largest), np.inf)] if usual else []
         faster = name not in drifting or one.tau < drift_time
         if one.gain > significant.chance and one.slow**2 < most and faster:
@@ -369,7 +368,7 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
             notes = [f"{o}: {alone.sum()} single readings far from all others left out" for o, alone in off.items()]
             records.append(replace(record.with_channels(**kept), notes=(*record.notes, *notes)))
         flight = replace(of_aircraft(fitted.flight), records=tuple(records), _regressors={})
-        fitted = fit(flight, fitted.attached, fitted.noise)
+        fitted = fit(flight, fitted.attached, fitted.noise, extent="first")
     return fitted
 
 
@@ -416,7 +415,7 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
         return fitted
     flight = of_aircraft(fitted.flight).with_inputs_held(share)
-    other = fit(flight, fitted.attached, fitted.noise, fitted)
+    other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted
 
 

@@ -101,7 +101,7 @@ def flight_values(
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False, fitted_std=corrected)
             continue
         own = value + float(fit.prior_pull[i]) * variance / from_records
-        determined = from_records > 0.5  # more than of the file's own uncertainty
+        determined = from_records > fit.flight.criteria.given.from_records
         std = corrected / from_records
         one = FlightValue(value=own, std=std, determined=determined, fitted_std=corrected)
         found[slot.name] = replace(one, at_trim=_at_trim(evidence, lines[i], one, bends.get(slot.name, {})))

@@ -125,7 +125,7 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
     part = found[one.name] / size
     if gain <= 0.0:
         # If the size stays, its 1-sigma is no measure: the deviance may be just as insensitive down to zero.
-        stays = part > 0.5
+        stays = part > criteria.kinematics.smallest_part
         predicted = -gain / part**2 if stays else (size / found.std(one.name)) ** 2
         return KinematicCheck(predicted=predicted, achieved=-predicted, criteria=criteria)
     predicted = gain / part**2
@@ -142,8 +142,9 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     if one.effect.timed or not one.effect.linear:
         return None
     whole = kinematic_check(kinematic, one)
-    predicted = 0.5**2 * whole.predicted
-    achieved = 0.5 * (whole.achieved + whole.predicted) - predicted
+    part = whole.criteria.kinematics.smallest_part
+    predicted = part**2 * whole.predicted
+    achieved = part * (whole.achieved + whole.predicted) - predicted
     if predicted <= whole.criteria.significance.search:
         return None
     return gates.worth_fitting(predicted, achieved, whole.criteria)
@@ -255,7 +256,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
 
     Turbulence can imitate any fault, and faults can imitate much of turbulence. Faults are preferred if they leave no
     turbulence together, or if they explain more in turbulence than it explains beside them. The air is calm if the
-    drift of one reading has a larger statistic than turbulence. Small offsets of all instruments are always in the
+    drift of one reading has a much larger statistic than turbulence. Small offsets of all instruments are always in the
     model.
     """
     moving = gusts(flight, turbulent.sigma, length=turbulent.length)
@@ -267,7 +268,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
         return kinematics.with_offsets(air).deviance
 
     faulty, evidence = calm, weigh(kinematics.with_offsets(calm), discrepancy=False)
-    if drifts(evidence)[0].gain > turbulent.gain:
+    if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
         return still_air(flight)
     in_moving_air = [moved(calm)]
     for _ in range(criteria.numerics.naming.trials):

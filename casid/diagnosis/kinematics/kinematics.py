@@ -118,7 +118,7 @@ def reconstruct(
     attached: Sequence[Attached] = (),
     moving: Mapping[str, tuple[float, float]] = _CALM,
     start: FlightFit | None = None,
-    extent: Extent | tuple[float, ...] = "motion",
+    extent: Extent | tuple[float, ...] = "again",
 ) -> FlightFit:
     """Flight-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
     `gusts`).
@@ -147,7 +147,7 @@ def with_offsets(reconstructed: FlightFit) -> FlightFit:
 
 def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """The reconstruction fitted again with other effects, in the same air."""
-    return fit(before.flight, attached, before.noise, before, free="effects", extent="motion")
+    return fit(before.flight, attached, before.noise, before, free="effects", extent="again")
 
 
 def with_causes(kinematic: Evidence, attached: Sequence[Attached]) -> Evidence:

@@ -239,15 +239,14 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         return judged
     # From here on, motion and velocity of the air are accurate enough for a linearisation, and no step is needed.
     # The records determine the strength of the process at short times, sigma^2 / length.
-    ratio = velocities[1] / velocities[0]
-    factors = ratio ** np.array([-1.0, 0.0, 1.0])
+    factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, step=False).deviance, factors.tolist())
     factor, spread = _lowest(factors, by_length, numerics.beyond)
     length, middle = factor * unknown, best * factor**0.5
-    sigmas = middle * ratio ** np.array([-0.5, 0.0, 0.5])
+    sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
-    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + flight.criteria.turbulence.spectrum**2))
+    std = sigma * float(np.sqrt(narrow**2 + 0.25 * spread**2 + criteria.spectrum**2))
     return replace(judged, sigma=sigma, std=std, length=length)
 
 

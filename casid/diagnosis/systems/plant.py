@@ -344,10 +344,10 @@ def plant_of(
 def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
-    wider = criteria.numerics.systems.wider
-    more = {"trials": wider * criteria.numerics.naming.trials}
-    iterations, tolerance = criteria.numerics.fit.rough
-    table = {"naming": more, "fit": {"rough": (wider * iterations, tolerance)}}
+    by, wider = criteria.numerics.naming, criteria.numerics.systems.wider
+    more = {name: wider * getattr(by, name) for name in ("trials", "further_trials")}
+    iterations, tolerance = criteria.numerics.fit.trial
+    table = {"naming": more, "fit": {"trial": (wider * iterations, tolerance)}}
     return in_time(criteria, duration / criteria.systems.record).with_values({"numerics": table})
 
 
@@ -386,7 +386,7 @@ def first_fit(plant: Plant) -> FlightFit:
     Raises EstimationError for a model that cannot follow its records at all.
     """
     try:
-        plain = fit(plant, (), plant.noise())
+        plain = fit(plant, (), plant.noise(), extent="first")
     except InputError as error:
         raise EstimationError(
             f"model '{plant.title}' cannot be fitted to these records from its nominal values: {error}"
@@ -411,8 +411,8 @@ def _by_equation_error(plant: Plant) -> list[FlightFit]:
     sizes = np.std(np.concatenate(rates), axis=0)[at]
     white = {s: float(size) for s, size in zip(stations, sizes, strict=True) if size > 0.0}
     try:
-        first = fit(plant, (), replace(plant.noise(), white=white))
-        return [fit(plant, (), plant.noise(), first)]
+        first = fit(plant, (), replace(plant.noise(), white=white), extent="first")
+        return [fit(plant, (), plant.noise(), first, extent="first")]
     except (InputError, np.linalg.LinAlgError):
         return []
 

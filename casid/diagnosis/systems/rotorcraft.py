@@ -26,11 +26,12 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
-from casid.diagnosis.given.as_given import attached_effects
+from casid.diagnosis.given.budget import attached_effects
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import noted, thrust_curve
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
+from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
@@ -69,6 +70,7 @@ _WORDS = {
     "r": "the yawing moment",
 }
 _ALIKE = (("f_u", "f_v"), ("f_w",), ("f_p", "f_q"), ("f_r",))  # equations whose disturbances are of one size
+_READ_BY = {"u": "ax", "v": "ay", "w": "az", "p": "p", "q": "q", "r": "r"}  # equation -> the reading that has its noise
 _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origin, or none
 
 
@@ -149,7 +151,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         known=lambda names: tuple(attached_effects(beside, names)),
         imitated={effectiveness(name): _judged_as_stated(rotor_effectiveness(name)) for name in aircraft.rotors.names},
     )
-    return _with_noise(plant, by_band, criteria)
+    return _with_noise(plant, by_band, criteria.rotors)
 
 
 def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -> dict[str, ca.SX]:
@@ -166,12 +168,12 @@ def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -
     return {name: ca.SX(term.evaluate(path.regressor)) for name, term in terms.items() if "dot" not in name}
 
 
-def _with_noise(plant: Plant, by_band: NoiseModel, criteria: Criteria) -> Plant:
+def _with_noise(plant: Plant, by_band: NoiseModel, by: RotorCriteria) -> Plant:
     """The plant with its most likely noise: about the file as given, and once more about its fit under that noise."""
     values: Mapping[str, float] = {}
     for again in (False, True):
         at = replace(plant.base, nominal={**plant.base.nominal, **values})
-        noise = most_likely_noise(at, plant.records, plant.freed, by_band, criteria)
+        noise = most_likely_noise(at, plant.records, plant.freed, by_band, by)
         own = {"white": noise.white, "input_sigma": dict(noise.inputs)}
         plant = replace(plant, sigma=dict(noise.measurement), **own)
         values = values if again else first_fit(plant).derivatives
@@ -241,7 +243,7 @@ def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
 
 
 def most_likely_noise(
-    model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, criteria: Criteria
+    model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, by: RotorCriteria
 ) -> NoiseModel:
     """The noise of readings and inputs, and process noise, by coordinate ascent of the likelihood.
 
@@ -249,10 +251,12 @@ def most_likely_noise(
     the noise of the readings is that of their high band: a reading may have more, for a filter or a slow update hides
     some of it, and hardly less.
     """
-    by, (rounds, gained) = criteria.rotors, criteria.numerics.fit.rough
     linear = _smoothed(model, records, free, start)
     sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
-    bounds = {name: (value / by.widest, value * by.widest) for name, value in white.items()}
+    read = {equation(n) for n, reading in _READ_BY.items() if reading in start.measurement}
+    bounds = {
+        name: (value / (by.widest if name in read else by.unread), value * by.unread) for name, value in white.items()
+    }
     for i, (name, quick) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
         bounds[name] = (by.least * quick, max(by.not_noise * varies, quick))
@@ -264,7 +268,7 @@ def most_likely_noise(
     groups += [(inputs, tuple(inputs))] if inputs else []
     lowest = _deviance(linear, start)
     for factor in by.factors:
-        for _ in range(int(rounds)):
+        for _ in range(by.sweeps):
             before = lowest
             for table, names in groups:
                 for times in (factor, 1.0 / factor):
@@ -277,7 +281,7 @@ def most_likely_noise(
                         lower = found < lowest
                         lowest = min(found, lowest)
                     table.update(here)
-            if before - lowest < gained:
+            if before - lowest < by.gained:
                 break
     return replace(start, measurement=sigma, white=white, inputs=inputs)
 
@@ -290,12 +294,12 @@ def first_fit(plant: Plant) -> FlightFit:
     known = plant.known(plant.names)
     late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
     if any(one.effect.key == late.effect.key for one in known):
-        return fit(plant, known, plant.noise())
-    fitted = fit(plant, (*known, late), plant.noise())
+        return fit(plant, known, plant.noise(), extent="first")
+    fitted = fit(plant, (*known, late), plant.noise(), extent="first")
     surely = abs(fitted[late.name]) - plant.criteria.significance.sigmas * fitted.std(late.name)
     if surely < (plant.smallest_that_matters(late.effect) or np.inf):
         return fitted
-    return fit(plant, known, plant.noise())
+    return fit(plant, known, plant.noise(), extent="first")
 
 
 def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
@@ -310,7 +314,7 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     for _ in range(fitted.criteria.numerics.fit.repeats):
         before, colour = plant.colour, colour_of(fitted, plant.outputs, longest)
         plant = replace(plant, colour=colour)
-        fitted = fit(plant, fitted.attached, plant.noise(), fitted)
+        fitted = fit(plant, fitted.attached, plant.noise(), fitted, extent="first")
         stays = fitted.criteria.numerics.fit.noise_stays
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
             break

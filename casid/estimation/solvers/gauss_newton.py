@@ -272,4 +272,4 @@ class FilterSearch:
                 self.filter.append((violation, cost))
             return point, value, length
 
-        return longest(tried, _SHORTEST, first)
+        return longest(tried, 0.5, _SHORTEST, first)

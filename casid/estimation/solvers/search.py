@@ -8,15 +8,12 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-_SHRINK = 0.5  # factor by which a step that is not taken is shortened
-
-
-def longest(tried: Callable[[float], T | None], shortest: float = 0.02, first: float = 1.0) -> T | None:
+def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, first: float = 1.0) -> T | None:
     """What `tried` finds at the longest part of a step that it takes: first, then each shrunk, above the shortest."""
     length = first
     while length > shortest:
         found = tried(length)
         if found is not None:
             return found
-        length *= _SHRINK
+        length *= shrink
     return None

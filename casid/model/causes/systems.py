@@ -34,12 +34,15 @@ class SystemCriteria:
 
     record: float = number(
         26.0,
-        "length of a record for which all numbers in seconds are meant: those of a system are longer or shorter with "
-        "its records, and onsets that are tried in a longer one are farther apart",
+        "length of a record for which all numbers in seconds are meant; those of a system are longer or shorter with "
+        "its records",
         "measured: the records of aircraft by which these were set",
-        unit="s",
     )
     seen: float = number(0.01, "r.m.s. change by an operator, of the variation, from which its size is tried")
+    whole: float = number(1.2, "the same, beyond which nothing of the signal is left")
+    wholly: float = number(
+        0.5, "part of the motion of a reading within which one that is stuck has lost all of it", "derived: half"
+    )
     cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range")
 
 
@@ -311,7 +314,7 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
         kind="sensor_stuck",
         event=Event(),
         series=stays,
-        size=Size(lowest=0.5, limit=1.5),
+        size=Size(lowest=1.0 - criteria.wholly, limit=1.0 + criteria.wholly),
         **entering,
     )
 
@@ -376,9 +379,9 @@ def _term(port: Port, name: str, last: bool) -> Effect:
 def _seen(
     changes: Mapping[float, Sequence[np.ndarray]], variation: float, criteria: SystemCriteria
 ) -> tuple[Mapping[str, float], ...]:
-    """Sizes of an operator at which it changes a series, by less than all of it."""
+    """Sizes of an operator at which it changes a series, and leaves something of it."""
     part = {v: np.sqrt(np.mean(np.concatenate(of) ** 2)) / variation for v, of in changes.items()}
-    return tuple({"value": float(v)} for v, share in part.items() if criteria.seen < share < 1.0)
+    return tuple({"value": float(v)} for v, share in part.items() if criteria.seen < share < criteria.whole)
 
 
 def _variation(series: Sequence[np.ndarray]) -> float:

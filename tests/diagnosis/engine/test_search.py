@@ -40,9 +40,9 @@ BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
 
 def state_of(flight: Flight, attached: list[Attached], rounds: tuple[Round, ...]) -> State:
     """A search that has found these causes, in calm air."""
-    calm = fit(flight, (), flight.noise())
+    calm = fit(flight, (), flight.noise(), extent="first")
     still = KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=[])
-    evidence = weigh(fit(flight, attached, flight.noise(), calm))
+    evidence = weigh(fit(flight, attached, flight.noise(), calm, extent="first"))
     return State(
         baseline=baseline_from(calm, still),
         evidence=evidence,
@@ -72,7 +72,7 @@ def test_a_fingerprint_has_the_order_of_the_readings() -> None:
     """A reading that a record does not have contributes nothing at its place; residuals are compared in that order."""
     first, second = flights([LAGGED], 3)[:2]
     flight = prepare(do328(), [first, second.with_channels(alpha=np.full(len(second), np.nan))])
-    base = weigh(fit(flight, (), flight.noise()))
+    base = weigh(fit(flight, (), flight.noise(), extent="first"))
     trial, joint, _ = try_cause(base, trial_of(LAGGED).candidate, None, np.inf)
     seen = joint.fit.seen
     response = trial.fingerprint.reshape(seen.shape)
@@ -130,7 +130,7 @@ def test_a_round_fits_each_event_once_and_no_cause_that_cannot_reach_the_best() 
 def test_a_cause_is_compared_again_beside_those_named_since(named: Attached) -> None:
     """Truth: a delay and a bias. Whichever of delay and lag was named before the bias, the delay stays."""
     flight = prepare(do328(), flights([LATE.with_values({"value": 0.06}), BIAS], 3))
-    base = weigh(fit(flight, (), flight.noise()))
+    base = weigh(fit(flight, (), flight.noise(), extent="first"))
     other = LATE if named is LAGGED else LAGGED
     fitted = [try_cause(base, trial_of(one).candidate, None, np.inf)[:2] for one in (named, other, BIAS)]
     tried = [checked(trial, joint.fit, base, None) for trial, joint in fitted]

@@ -51,7 +51,7 @@ def test_noise_of_a_recorded_surface_does_not_bend_the_size_of_what_is_not_linea
     hidden = Attached(effect=operator("delta_r"), values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     start = replace(hidden, values={"value": 0.7 * size})
-    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()))
+    fitted = fit(flight, [start], flight.noise(), fit(flight, (), flight.noise()), extent="first")
     evidence = weigh(fitted)
     assert fitted[hidden.name] == pytest.approx(size, rel=0.02)
     assert abs(fitted[hidden.name] - size) < 2.0 * deviation(evidence, hidden.name)
@@ -64,7 +64,7 @@ def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
     flight = prepare(do328(), flights([hidden], seed=1, rate_hz=50.0))
     base = fit(flight, (), flight.noise())
     begin = [replace(hidden, values={"value": 0.007, "rest": 0.0}), replace(hidden, values={"value": 0.007})]
-    free, middle = (fit(flight, [one], flight.noise(), base) for one in begin)
+    free, middle = (fit(flight, [one], flight.noise(), base, extent="first") for one in begin)
     assert free[hidden.name] == pytest.approx(0.01, rel=0.03)  # noise pushes a play open
     assert hidden.effect.in_words(free.attached[0].values)["rest"] == pytest.approx(rest, abs=0.1)
     assert middle.deviance > free.deviance + 500.0
@@ -76,7 +76,7 @@ def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> Non
     limited = Attached(effect=rate_limit("delta_e"), values={"value": 0.04})
     flight = prepare(do328(), flights([limited], seed=1, rate_hz=25.0))
     base = fit(flight, (), flight.noise())
-    compared = fit(flight, [limited], flight.noise(), base)
+    compared = fit(flight, [limited], flight.noise(), base, extent="first")
     assert compared.noise_held
     assert missing_inputs(weigh(compared))[0].gain > 300.0
     anew = relaxed(compared)
@@ -97,7 +97,7 @@ def test_a_cause_gains_neither_by_a_stronger_nor_by_a_weaker_control(effectivene
 def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
     """The truth is the delay that was flown; a reading compared with the wrong state ends 30 % short of it."""
     flight = prepare(do328(), flights([LATE], seed=1))
-    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise())
+    found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), extent="first")
     assert found.converged
     assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
 
@@ -118,7 +118,7 @@ def test_a_model_that_misses_something_is_fitted_to_the_end(missing: Effect, sur
     size = {"sensor_delay": 0.15, "rate_limit": 0.08, "actuator_lag": 0.12}[missing.kind]
     hidden = Attached(effect=missing, values={"value": size})
     flight = prepare(do328(), flights([hidden], seed=1, surface_noise=surface_noise * SURFACE_NOISE))
-    fitted = fit(flight, (), flight.noise())
+    fitted = fit(flight, (), flight.noise(), extent="first")
     assert fitted.converged
     step = _step_from(fitted)
     assert np.all(np.abs(step) < 0.05 * np.sqrt(np.diag(fitted.covariance)))
@@ -211,7 +211,7 @@ def test_the_fit_of_a_delay_ends_at_a_maximum() -> None:
     base = fit(flight, [], flight.noise())
     start = flown.with_values({"value": 0.03})
     rough = fit(flight, [start], base.noise, base, extent=(1, 0.5))
-    found = fit(flight, [start], base.noise, base)
+    found = fit(flight, [start], base.noise, base, extent="settled")
     assert rough.deviance > found.deviance + 1000.0
     assert found.converged
     evidence = weigh(found)
@@ -277,11 +277,11 @@ def test_a_fit_without_an_effect_is_made_once_and_the_same_from_either_side() ->
     late = Attached(effect=sensor_delay("beta"), values={"value": 0.1})
     slow = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
     flight = prepare(do328(), flights([late, slow], seed=3, count=2, duration_s=12.0))
-    alone = fit(flight, [late], flight.noise())
-    both = fit(flight, [*alone.attached, slow], flight.noise(), alone)
+    alone = fit(flight, [late], flight.noise(), extent="settled")
+    both = fit(flight, [*alone.attached, slow], flight.noise(), alone, extent="settled")
     near = without(both, {slow.name}, alone)
     assert without(both, {slow.name}) is near
-    for again in (near, without(fit(flight, both.attached, flight.noise(), both), {slow.name})):
+    for again in (near, without(fit(flight, both.attached, flight.noise(), both, extent="first"), {slow.name})):
         assert [one.name for one in again.attached] == [late.name]
         assert again.deviance == pytest.approx(alone.deviance, abs=1.0)
         assert np.all(np.abs(again.values - alone.values) < 0.3 * np.sqrt(np.diag(alone.covariance)))

@@ -95,7 +95,7 @@ def test_a_noise_that_the_file_states_leaves_that_of_the_others_to_the_fit() -> 
     stated = replace(do328(), noise={"alpha": NOISE["alpha"]})
     flight = unread(prepare(stated, measured(50.0, 5.0, 0.0)))
     assert flight.noise_by_fit and "alpha" not in flight.doubted
-    found = in_colour(fit(flight, [], flight.noise())).noise
+    found = in_colour(fit(flight, [], flight.noise(), extent="first")).noise
     assert found.measurement["alpha"] == NOISE["alpha"] and set(found.colour) == set(flight.outputs) - {"alpha"}
 
 

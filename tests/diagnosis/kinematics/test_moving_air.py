@@ -121,7 +121,7 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     moved = (fit(flight, [], noise, base, anew=True).values - base.values) / np.sqrt(np.diag(base.covariance))
     assert np.abs(moved).max() < 1.0
     absent = Attached(effect=unsteady_aero("CY"), values={"value": 0.0})
-    beside = fit(flight, [absent], noise, base)
+    beside = fit(flight, [absent], noise, base, extent="settled")
     assert beside.converged
     still = fit(flight, [], flight.noise())
     assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)

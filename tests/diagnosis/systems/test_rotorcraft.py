@@ -50,8 +50,7 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
     """Readings up to 1e14 times as exact as they are, forces from nothing to a million times the weight: most begin
     without a density, and what is found has one wherever the beginning has."""
     rng, usual, ill = np.random.default_rng(2), hovering.noise(), 0
-    by = hovering.criteria.with_values({"numerics": {"fit": {"rough": (1.0, 2.0)}}})
-    by = replace(by, rotors=replace(by.rotors, factors=(4.0,)))
+    by = replace(hovering.criteria.rotors, factors=(4.0,), sweeps=1)
     for _ in range(12):
         drawn = {
             part: {name: value * 10.0 ** rng.uniform(*decades) for name, value in table.items()}

@@ -1,5 +1,4 @@
-"""Which fault the records show, as a wrong sign, unit or axis: the alternatives compete in how well they explain what
-channels must have to do with each other."""
+"""The alternatives compete: how much better does each explain what channels must have to do with each other?"""
 
 from __future__ import annotations
 
@@ -71,8 +70,8 @@ class Weighing:
         self._aircraft = aircraft
         self._gravity = aircraft.gravity if aircraft is not None else GRAVITY
         density = trimmed_density(aircraft) if aircraft is not None else None
-        span = None if aircraft is None else aircraft.moment_length_lateral
-        self._place = criteria.accelerometer * span if span else criteria.vane_across  # 1-sigma, along each axis
+        span = aircraft.moment_length_lateral if aircraft is not None else criteria.usual_span
+        self._place = criteria.accelerometer * span  # 1-sigma, along each axis
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
@@ -109,7 +108,7 @@ class Weighing:
         the next is sought. Where an error of an instrument, which a diagnosis corrects, explains the records better,
         the next fault is sought beside it."""
         found: list[Weighed] = []
-        for _ in {name for one in self._quick for name in one.values}:  # a fault of each channel at most
+        for _ in range(self._criteria.faults):
             gains = [self._gains(a) for a in self._outputs()]
             best = self._best(gains)
             if best is not None:
@@ -371,7 +370,7 @@ class Weighing:
         for name, factor in alternative.reading.factor.items():
             ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
             moved = abs(factor) * max(ranges, default=0.0)
-            if 0.0 < moved <= self._criteria.smallest_deflection:
+            if moved > 0.0 and not self._criteria.smallest_deflection < moved < self._criteria.most_deflection:
                 return False
         return True
 
@@ -394,16 +393,16 @@ class Weighing:
         return Weighed(alternative=alternative, records=records, log_odds=top + self._criteria.fault, rivals=rivals)
 
     def _prior(self, alternative: Alternative) -> float:
-        """Log prior odds beside those of any fault: one axis of an instrument in a unit of its own is a
-        fault more, and accelerometers stand where there is room."""
+        """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own, and
+        accelerometers stand where there is room."""
         if alternative.kind in INSTRUMENT_ERRORS:
             return -self._criteria.fault - 0.5 * float(np.sum(np.square(alternative.reading.place))) / self._place**2
         if alternative.kind == "data_gravity":
-            return self._criteria.fault
+            return self._criteria.apart
         names = alternative.reading.factor.keys()
         group = next((members for members in INSTRUMENTS if names < set(members)), ())
         there = {name for record in self._quick for name in group if name in record}
-        return self._criteria.fault if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
+        return self._criteria.apart if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
 
     def _total(self, alternative: Alternative, gains: Sequence[float]) -> float:
         """Gain in all records, or in some of them, of which there are many choices. An instrument stays in place."""
