@@ -134,9 +134,10 @@ def possible(one: Attached) -> tuple[Gate, ...]:
 
 
 def possible_in_part(one: Attached) -> tuple[Gate, ...]:
-    """Ask that half of a predicted size is possible; a fit may find less than the prediction."""
+    """Ask that half of a predicted size is not too large to be possible; a fit may find less than the prediction."""
     half = one.with_values({"value": 0.5 * one.values["value"]})
-    return tuple(replace(gate, gate=f"{gate.gate}, of half the predicted one") for gate in possible(half))
+    too_large = (gate for gate in possible(half) if not gate.least or gate.threshold < 0.0)
+    return tuple(replace(gate, gate=f"{gate.gate}, of half the predicted one") for gate in too_large)
 
 
 def matters(share: float) -> Gate:
