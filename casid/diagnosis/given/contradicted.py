@@ -65,7 +65,7 @@ class FlightValue:
         return min((self, self.stated), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
     def against(self, given: float, margin: float, criteria: Criteria) -> bool:
-        """Whether either slope differs from `given` by more than a margin and by more than three deviations."""
+        """Whether both slopes differ from `given` by more than a margin and by more than three deviations."""
         sigmas, both = criteria.significance.sigmas, (self, self.stated)
         return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)
 
