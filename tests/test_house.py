@@ -219,7 +219,7 @@ def test_matplotlib_stays_in_the_report() -> None:
 
 _COMPUTES = {"estimation", "filtering", "analysis", "design", "diagnosis", "frequency", "data_check"}
 _UNITS = {"gain_db", "phase_deg"}  # a number in another unit
-_FITS = {"flight", "evidence", "engine", "shown", "judgement", "causes", "diagnose"}  # parts of the diagnosis
+_FITS = {"flight", "evidence", "engine", "shown", "last_tests", "causes", "diagnose"}  # parts of the diagnosis
 
 
 def test_the_report_draws_and_fits_nothing() -> None:

@@ -17,12 +17,12 @@ import numpy as np
 from casid.arguments import require
 from casid.data_check import words
 from casid.data_check.criteria import DataCriteria
+from casid.data_check.faults import Weighed, Weighing, described, with_readings
 from casid.data_check.file_meaning import SI_OF, FileMeaning
 from casid.data_check.reading import Finding, Handled
 from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
 from casid.data_check.rotors import rotor_faults
-from casid.data_check.weighing import Weighed, Weighing, described, with_readings
 from casid.errors import InputError, check_known
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft

@@ -11,6 +11,7 @@ from scipy import special
 from casid.diagnosis import gates
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Gate, Trace, all_passed, merged
 from casid.diagnosis.engine.acceptance import sine
+from casid.diagnosis.engine.baseline import is_induced_drag, is_usual
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
@@ -18,7 +19,6 @@ from casid.diagnosis.evidence.evidence import Evidence, deviation, sure, unlike_
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.evidence.onsets import Intervals, end_intervals
 from casid.diagnosis.evidence.size import meaningful_share, missing_size
-from casid.diagnosis.evidence.structure import is_induced_drag, is_usual
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached

@@ -23,10 +23,10 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.gates import odds_against_good_records
-from casid.diagnosis.given.budget import attached_effects, fly_as_given, fly_recorded
+from casid.diagnosis.given.as_given import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.scope import out_of_sight, scope_of, split
-from casid.diagnosis.judgement import Stages, judged
+from casid.diagnosis.last_tests import Stages, judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.time_limit import TimeLimit

@@ -1,4 +1,7 @@
-"""The sentences of a diagnosis. This file decides nothing; it only puts results into words."""
+"""The sentences of a diagnosis. This file decides nothing; it only puts results into words.
+
+The sentence of a kind of cause is in its definition in `casid/model/causes/`.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,8 @@ from casid.diagnosis.claims import times
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.given.budget import AccountStep, AsGiven, Budget
+from casid.diagnosis.given.as_given import AsGiven
+from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged

@@ -19,7 +19,7 @@ from casid.diagnosis.evidence.missing_input import missing_oscillation
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached, prior
-from casid.diagnosis.given.budget import attached_effects
+from casid.diagnosis.given.as_given import attached_effects
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue

@@ -14,7 +14,7 @@ from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.judgement import too_small_or_refused
+from casid.diagnosis.last_tests import too_small_or_refused
 from casid.model.causes import (
     actuator_lag,
     aero_term,

@@ -251,7 +251,7 @@ def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more
     found = diagnose(rough_file(), records)
     assert (found.verdict, found.causes) == ("values wrong", ()), str(found)
     assert ("Cm", "alpha^2*delta_e") in {(c.target, c.term) for c in found.minor}
-    monkeypatch.setattr("casid.diagnosis.judgement.minor_trials", lambda *_: [])
+    monkeypatch.setattr("casid.diagnosis.last_tests.minor_trials", lambda *_: [])
     assert diagnose(rough_file(), records).verdict == "unexplained"
 
 

@@ -17,7 +17,7 @@ from casid.diagnosis.evidence.size import missing_size
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.noise import as_slow_as_left
-from casid.diagnosis.judgement import drifting, traced
+from casid.diagnosis.last_tests import drifting, traced
 from casid.model.causes import sensor_bias
 from problems.do328 import do328
 

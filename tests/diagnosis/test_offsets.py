@@ -9,7 +9,7 @@ import pytest
 from diagnosis_flights import DEG, NOISE, flights, one_round, rough_file
 
 from casid.diagnosis import diagnose as stages
-from casid.diagnosis.evidence.structure import demanded_offsets
+from casid.diagnosis.evidence.nuisance import demanded_offsets
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached

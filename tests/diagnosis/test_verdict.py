@@ -23,7 +23,7 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
-from casid.diagnosis.judgement import beside_slow_noise
+from casid.diagnosis.last_tests import beside_slow_noise
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import _hidden_by_air
 from casid.diagnosis.verdict import concluded

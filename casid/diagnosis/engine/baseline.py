@@ -1,12 +1,22 @@
-"""The baseline of a search: noise, outliers, input timing, kinematics and expected structure."""
+"""The baseline of a search: noise, outliers, input timing, kinematics and expected structure.
+
+Expected is what every real aircraft has and a linear aircraft file lacks: a parabolic drag polar, and the roll due to
+yaw rate and the yaw due to roll rate that grow with lift (strip theory). These terms are no causes, but without them
+causes would be misjudged. They are added before the search if the records require them, and listed under `minor`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.evidence.structure import demanded_offsets, demanded_structure
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
+from casid.diagnosis.evidence.nuisance import demanded_offsets
+from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, of_aircraft
@@ -15,6 +25,16 @@ from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unrea
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.check import KinematicFindings, comes_near, judge_kinematics
 from casid.diagnosis.kinematics.turbulence import Turbulence, in_turbulence, still_air
+from casid.model.causes import aero_term
+from casid.model.effect import Effect
+from casid.model.path import aerodynamic_parameters
+
+_EXPECTED = {
+    "CD": ("alpha^2", "beta^2"),
+    "CX": ("alpha^2", "beta^2"),
+    "Cl": ("alpha*r",),
+    "Cn": ("alpha*p",),
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -91,3 +111,41 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
         start = in_colour(in_turbulence(of_aircraft(calm.flight), moving, structured))
     calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # rarely needed again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)
+
+
+def is_usual(effect: Effect) -> bool:
+    """Whether an effect is structure that every aircraft has."""
+    return effect.regressor is not None and effect.regressor in _EXPECTED.get(effect.target, ())
+
+
+def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
+    """Whether a drag term of alpha^2 is no larger than induced drag.
+
+    The limit is CL_alpha^2 / (pi A e) with the aspect ratio A and the lowest Oswald factor e of real wings.
+    """
+    if (effect.target, effect.regressor) != ("CD", "alpha^2"):
+        return False
+    aircraft = of_aircraft(fit.flight).aircraft
+    lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
+    aspect = aircraft.area / aircraft.moment_length_pitch**2
+    return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
+
+
+def demanded_structure(base: FlightFit) -> list[Attached]:
+    """Expected terms that the aircraft file lacks and that improve the fit significantly, with predicted values."""
+    aircraft = of_aircraft(base.flight).aircraft
+    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
+    present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
+    effects = [
+        aero_term(coefficient, term)
+        for coefficient in aircraft.coefficients
+        for term in _EXPECTED.get(coefficient, ())
+        if (coefficient, term) not in present
+    ]
+    judge, found = Screen(weigh(base, discrepancy=False)), []
+    everywhere = np.ones((1, len(base.batch.names)))
+    for one in fingerprints(judge.evidence, effects):
+        statistic, size, _, _ = judge.score([one], everywhere)
+        if statistic > base.criteria.naming.gain:
+            found.append(Attached(effect=one.effect, values={"value": size}))
+    return found

@@ -47,9 +47,9 @@ from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
+from casid.diagnosis.evidence.nuisance import demanded_offsets
 from casid.diagnosis.evidence.onsets import Intervals, configuration_changes
 from casid.diagnosis.evidence.screening import Candidate, Screen, predicted_statistics, rank, screen
-from casid.diagnosis.evidence.structure import demanded_offsets
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.flight import of_aircraft

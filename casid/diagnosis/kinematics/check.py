@@ -13,9 +13,9 @@ from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
 from casid.diagnosis.evidence.missing_input import drifts
+from casid.diagnosis.evidence.nuisance import SKEWED, demanded_skews
 from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Candidate, Screen, screen
-from casid.diagnosis.evidence.structure import SKEWED, demanded_skews
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, of_aircraft

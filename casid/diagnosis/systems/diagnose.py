@@ -20,7 +20,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.given.scope import split
-from casid.diagnosis.judgement import Stages, judged
+from casid.diagnosis.last_tests import Stages, judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of

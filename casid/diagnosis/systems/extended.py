@@ -13,7 +13,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series
 from casid.diagnosis.flight.noise import SimulatedRecords, View, view_of
-from casid.diagnosis.given.budget import AsGiven
+from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.systems.plant import Draft, Plant
 from casid.errors import InputError
 from casid.model.station import control

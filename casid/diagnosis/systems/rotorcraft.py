@@ -26,7 +26,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
-from casid.diagnosis.given.budget import attached_effects
+from casid.diagnosis.given.as_given import attached_effects
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import noted, thrust_curve

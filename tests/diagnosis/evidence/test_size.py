@@ -9,8 +9,8 @@ import pytest
 from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.baseline import is_induced_drag
 from casid.diagnosis.evidence.size import meaningful_share
-from casid.diagnosis.evidence.structure import is_induced_drag
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached

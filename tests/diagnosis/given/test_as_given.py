@@ -9,7 +9,7 @@ import pytest
 from diagnosis_flights import flights
 
 from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.given.budget import fly_as_given
+from casid.diagnosis.given.as_given import fly_as_given
 from casid.diagnosis.shown import simulated_of
 from casid.keeping import plain
 from problems.do328 import do328

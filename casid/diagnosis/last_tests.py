@@ -14,19 +14,19 @@ from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.acceptance import tempered
-from casid.diagnosis.engine.baseline import Baseline
+from casid.diagnosis.engine.baseline import Baseline, is_usual
 from casid.diagnosis.engine.held_out import Kept, judge_on, keep, with_events
 from casid.diagnosis.engine.probability import Probabilities, other_explanations, probabilities
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_inputs
 from casid.diagnosis.evidence.size import missing_size
-from casid.diagnosis.evidence.structure import is_usual
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
-from casid.diagnosis.given.budget import AsGiven, budget_of
+from casid.diagnosis.given.as_given import AsGiven
+from casid.diagnosis.given.budget import budget_of
 from casid.diagnosis.given.contradicted import FlightValue, flight_values
 from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air

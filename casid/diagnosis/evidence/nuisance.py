@@ -1,10 +1,8 @@
-"""Structure that every real aircraft has and a linear aircraft file lacks.
+"""Small errors of instruments, which are no causes, but without which causes would be misjudged.
 
-These terms are not causes, but without them causes would be misjudged. They are added before the search if the records
-require them: a parabolic drag polar; the roll due to yaw rate and the yaw due to roll rate that grow with lift (strip
-theory); small offsets of the instruments; and delays of a few milliseconds between attitudes and rates, which every
-instrumentation has. Several small offsets together can imitate turbulence, and an offset of the accelerometers can
-imitate the effect of a few milliseconds on a bank angle. All of them are listed under `minor`.
+These are small offsets, and delays of a few milliseconds between attitudes and rates, which every instrumentation has.
+Several small offsets together can imitate turbulence, and an offset of the accelerometers can imitate the effect of a
+few milliseconds on a bank angle. They are listed under `minor`.
 """
 
 from __future__ import annotations
@@ -14,61 +12,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from casid.diagnosis.evidence.evidence import weigh
-from casid.diagnosis.evidence.fingerprints import Projection, fingerprints
-from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.evidence.fingerprints import Projection
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
-from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
-from casid.model.causes import aero_term, sensor_delay
+from casid.model.causes import sensor_delay
 from casid.model.effect import Effect
-from casid.model.path import aerodynamic_parameters
 
-_EXPECTED = {
-    "CD": ("alpha^2", "beta^2"),
-    "CX": ("alpha^2", "beta^2"),
-    "Cl": ("alpha*r",),
-    "Cn": ("alpha*p",),
-}
 _UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
 SKEWED = (*_UNIT, *_ATTITUDES)  # groups that may be milliseconds late without a fault
-
-
-def is_usual(effect: Effect) -> bool:
-    """Whether an effect is structure that every aircraft has."""
-    return effect.regressor is not None and effect.regressor in _EXPECTED.get(effect.target, ())
-
-
-def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
-    """Whether a drag term of alpha^2 is no larger than induced drag.
-
-    The limit is CL_alpha^2 / (pi A e) with the aspect ratio A and the lowest Oswald factor e of real wings.
-    """
-    if (effect.target, effect.regressor) != ("CD", "alpha^2"):
-        return False
-    aircraft = of_aircraft(fit.flight).aircraft
-    lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
-    aspect = aircraft.area / aircraft.moment_length_pitch**2
-    return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
-
-
-def demanded_structure(base: FlightFit) -> list[Attached]:
-    """Expected terms that the aircraft file lacks and that improve the fit significantly, with predicted values."""
-    aircraft = of_aircraft(base.flight).aircraft
-    present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
-    present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
-    effects = [
-        aero_term(coefficient, term)
-        for coefficient in aircraft.coefficients
-        for term in _EXPECTED.get(coefficient, ())
-        if (coefficient, term) not in present
-    ]
-    judge, found = Screen(weigh(base, discrepancy=False)), []
-    everywhere = np.ones((1, len(base.batch.names)))
-    for one in fingerprints(judge.evidence, effects):
-        statistic, size, _, _ = judge.score([one], everywhere)
-        if statistic > base.criteria.naming.gain:
-            found.append(Attached(effect=one.effect, values={"value": size}))
-    return found
 
 
 def demanded_offsets(base: FlightFit) -> list[Attached]:

@@ -1,0 +1,101 @@
+"""The file flown as given: simulations of the records by the unmodified file or model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import View, view_of
+from casid.errors import InputError
+from casid.filtering.initial_state import measured_start
+from casid.model.aircraft import Aircraft
+from casid.model.applied import values_of
+from casid.model.effects import effect_of
+from casid.native.processors import side_by_side
+from casid.records.record import Record
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AsGiven:
+    """Simulations by the unmodified file of the fitted and the held-out records, with the data corrected; and as they
+    were `recorded`, where that differs."""
+
+    mended: tuple[View, View]
+    recorded: tuple[View, View] | None = None
+
+    @property
+    def fitted(self) -> View:
+        """In the fitted records as they were recorded."""
+        return (self.recorded or self.mended)[0]
+
+    @property
+    def held(self) -> View:
+        """In the held-out records as they were recorded."""
+        return (self.recorded or self.mended)[1]
+
+
+def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
+    """Simulations of the fitted and the held-out records by the unmodified file; `known` are its own effects."""
+    both = [flight, flight.with_records(flight.aircraft, held)]
+    fitted, unseen = side_by_side(lambda one: _flown(one, known), both)
+    return AsGiven(mended=(fitted, unseen))
+
+
+def fly_recorded(
+    flight: Flight, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
+) -> tuple[View, View] | None:
+    """The same with the records before they were corrected; None if it cannot be simulated with these."""
+    fitted, held = recorded
+    try:
+        return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended
+    except InputError:
+        return None
+
+
+def attached_effects(aircraft: Aircraft, names: Sequence[str]) -> list[Attached]:
+    """The effects of the aircraft file that act in the records of these names, to be fitted further."""
+    found = []
+    for value in aircraft.effects:
+        effect = effect_of(value)
+        onsets = {r: 0.5 * (lo + hi) for r, (lo, hi) in (value.onset_s or {}).items() if r in names}
+        records = tuple(r for r in value.records if r in names)
+        elsewhere = not onsets if effect.timed else bool(value.records) and not records
+        if not effect.stochastic and not elsewhere:
+            values = effect.in_words(values_of(value, effect))  # a time constant below zero acts as its size does
+            found.append(Attached(effect=effect, values=values, onsets=onsets, records=records))
+    return found
+
+
+def _flown(flight: Flight, known: Sequence[Attached]) -> View:
+    view = view_of(_states(flight, known), _start(flight, known))
+    return replace(view, fit=view.fit.lighter())
+
+
+def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
+    return fit(flight, known, flight.noise(), free="states")
+
+
+def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
+    """(R, states) initial states: measured ones, and fits to the first seconds for the others; None if those seconds do
+    not determine them.
+    """
+    window = flight.criteria.given.window
+    parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
+    try:
+        short = flight.with_records(flight.aircraft, parts)
+        begun = _states(short, known)
+    except InputError:
+        return None
+    beginning = flight.criteria.given.beginning
+    return np.stack(
+        [
+            measured_start(begun.model, record, begun.motion.X[0, r], begun.parameters[r], beginning)
+            for r, record in enumerate(short.records)
+        ]
+    )
