@@ -19,8 +19,20 @@ def diagnosed(**others):
     return cs.diagnose(SYSTEM.model(), records, ports=SYSTEM.ports(), library=SYSTEM.library, **others)
 
 
-def test_without_time_everything_that_was_not_tried_is_listed(tmp_path):
-    whole, cut = diagnosed(), diagnosed(seconds=1e-3)
+@pytest.fixture(scope="module")
+def said() -> list[str]:
+    """What the diagnosis to the end reports."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def whole(said: list[str]) -> cs.Diagnosis:
+    """The diagnosis to the end."""
+    return diagnosed(report=said.append)
+
+
+def test_without_time_everything_that_was_not_tried_is_listed(tmp_path, whole: cs.Diagnosis):
+    cut = diagnosed(seconds=1e-3)
     assert not whole.not_tried and cut.not_tried
     assert {one.because for one in cut.not_tried} == {"not tried: the limit of 0.001 s was reached"}
     assert not cut.causes and "that were tried" in cut.sentence
@@ -35,14 +47,14 @@ def test_without_time_everything_that_was_not_tried_is_listed(tmp_path):
     assert "the limit of 0.001 s was reached" in page and "no cause of the catalogue" not in page
 
 
-def test_with_time_enough_the_limit_changes_nothing():
-    found, limited = diagnosed(), diagnosed(seconds=1e6)
-    assert not limited.not_tried and limited.sentence == found.sentence
-    assert [c.to_dict() for c in limited.causes] == [c.to_dict() for c in found.causes]
+def test_with_time_enough_the_limit_changes_nothing(whole: cs.Diagnosis):
+    limited = diagnosed(seconds=1e6)
+    assert not limited.not_tried and limited.sentence == whole.sentence
+    assert [c.to_dict() for c in limited.causes] == [c.to_dict() for c in whole.causes]
 
 
 @pytest.mark.parametrize("round_", [1, 2])
-def test_ctrl_c_gives_the_verdict_so_far(round_: int):
+def test_ctrl_c_gives_the_verdict_so_far(round_: int, whole: cs.Diagnosis):
     said: list[str] = []
 
     def report(stage: str) -> None:
@@ -50,18 +62,16 @@ def test_ctrl_c_gives_the_verdict_so_far(round_: int):
         if stage == f"naming, round {round_}":
             raise KeyboardInterrupt
 
-    whole, cut = diagnosed(), diagnosed(report=report)
+    cut = diagnosed(report=report)
     assert {one.because for one in cut.not_tried} == {"not tried: the search was interrupted"}
     assert [c.key for c in cut.causes] == [c.key for c in whole.causes][: round_ - 1]
     assert any("interrupted" in one for one in said)
 
 
-def test_data_and_the_simulation_as_given_are_told_before_any_cause_is_tried():
-    said: list[str] = []
-    found = diagnosed(report=said.append)
+def test_data_and_the_simulation_as_given_are_told_before_any_cause_is_tried(said: list[str], whole: cs.Diagnosis):
     at = next(i for i, one in enumerate(said) if one.startswith("so far:"))
     assert not any(one.startswith("naming") for one in said[:at])
-    assert found.held_out_as_given.records[0] in said[at] and "times the noise" in said[at]
+    assert whole.held_out_as_given.records[0] in said[at] and "times the noise" in said[at]
 
 
 def test_a_second_ctrl_c_ends_the_diagnosis():

@@ -544,11 +544,8 @@ def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> floa
 
 def _simulated(linear: Linear, at: int, history: np.ndarray) -> np.ndarray:
     """(N, R, ny) change of the readings by a history (N, R) at a disturbance."""
-    N, R, _ = linear.X.shape
-    x, found = np.zeros((R, linear.X.shape[2])), np.zeros(linear.output.shape)
-    for k in range(N):
-        found[k] = np.einsum("rij,rj->ri", linear.C[k], x) + linear.Dw[k, :, :, at] * history[k][:, None]
-        if k < N - 1:
-            x = np.einsum("rij,rj->ri", linear.A[k], x)
-            x = x + linear.Bw0[k, :, :, at] * history[k][:, None] + linear.Bw1[k, :, :, at] * history[k + 1][:, None]
-    return found
+    x, h = np.zeros(linear.X.shape), history[..., None]
+    driven = linear.Bw0[: len(x) - 1, ..., at] * h[:-1] + linear.Bw1[: len(x) - 1, ..., at] * h[1:]
+    for k, added in enumerate(driven):
+        x[k + 1] = (linear.A[k] @ x[k, ..., None])[..., 0] + added
+    return (linear.C @ x[..., None])[..., 0] + linear.Dw[..., at] * h
