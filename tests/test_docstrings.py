@@ -31,7 +31,8 @@ USED_MOST = (
     "SingleShooting",
 )
 RULES = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["numpydoc_validation"]
-OF_MEMBERS = {"EX01", "RT01"}  # the example of the class uses its methods; annotations say what they return
+# the example of the class uses its methods; annotations and the sentence say what they take and return
+OF_MEMBERS = {"EX01", "PR01", "RT01"}
 OF_THE_DIAGNOSIS = {"PR01", "PR02", "SS02"}  # one function for aircraft and systems takes any arguments
 WITH_EXAMPLES = [name for name in casid.__all__ if ">>>" in (inspect.getdoc(getattr(casid, name)) or "")]
 VARIADIC = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)

@@ -87,13 +87,7 @@ class MatchedTest:
         return tuple(one for one in self.conditions if one.met is False)
 
     def outcome(self, label: str) -> str:
-        """Say how a side does: "pass", "fail", "not judged", or "in tolerance, conditions not met".
-
-        Parameters
-        ----------
-        label
-            "as given" or "extended".
-        """
+        """ "pass", "fail", "not judged", or "in tolerance, conditions not met" of the side "as given" or "extended"."""
         word = VERDICTS[self.sides[label].passed]
         return "in tolerance, conditions not met" if word == "pass" and self.unmet else word
 

@@ -110,28 +110,17 @@ class ProofOfMatch:
         return data_frame(rows, "row")
 
     def plot(self, test: str | None = None) -> Any:
-        """The figure of a test by its id, of the first without: flight, simulations and tolerance bands.
+        """The figure of a test like ``2.c.10``, or of the first one: flight, simulations and tolerance bands.
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         test that was not flown.
-
-        Parameters
-        ----------
-        test
-            Paragraph of the standard, like ``2.c.10``.
         """
         from casid.report.match_page import plot
 
         return plot(self, test)
 
     def report(self, folder: str | Path) -> None:
-        """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made.
-
-        Parameters
-        ----------
-        folder
-            Name of the folder.
-        """
+        """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made."""
         from casid.report.match_page import write_match
 
         write_match(self, folder)

@@ -63,23 +63,11 @@ class Bootstrap:
         object.__setattr__(self, "covariance", np.atleast_2d(np.cov(self.estimates.T)))
 
     def std(self, name: str) -> float:
-        """Scatter of a parameter.
-
-        Parameters
-        ----------
-        name
-            Of the parameter.
-        """
+        """Scatter of a parameter by its name."""
         return float(np.sqrt(self.covariance[self._index(name), self._index(name)]))
 
     def bias(self, name: str) -> float:
-        """Mean of the drawn estimates minus the value that they were drawn with.
-
-        Parameters
-        ----------
-        name
-            Of the parameter.
-        """
+        """Mean of the drawn estimates of a parameter minus the value that they were drawn with."""
         return float(self.estimates[:, self._index(name)].mean() - self.values[name])
 
     def interval(self, name: str, level: float = 0.95) -> tuple[float, float]:

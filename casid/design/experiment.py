@@ -120,15 +120,7 @@ class Experiment:
         return np.arange(round(self.duration / self.dt) + 1) * self.dt
 
     def record(self, moves: Mapping[str, np.ndarray], name: str) -> Record:
-        """The simulated record of deflections (N,) from rest by surface; its outputs are exact.
-
-        Parameters
-        ----------
-        moves
-            Surface -> deflection from rest (N,) [rad].
-        name
-            Of the record.
-        """
+        """The simulated record of deflections (N,) [rad] from rest by surface, under a name; its outputs are exact."""
         channels = {n: self.rest[n] + moves.get(n, np.zeros(len(self.t))) for n in self.model.inputs}
         record = Record(name=name, t=self.t, channels=channels, hold="linear", source="designed")
         return simulate(self.model, record, self.start, self.values).as_record()

@@ -47,12 +47,7 @@ class StepInput:
         number(self.rise_s, "Steps: rise_s", positive=True)
 
     def check(self, duration: float) -> None:
-        """Check that the pulses fit into a record.
-
-        Parameters
-        ----------
-        duration
-            Of the record [s].
+        """Check that the pulses fit into a record of a duration [s].
 
         Raises
         ------
@@ -63,26 +58,12 @@ class StepInput:
             raise InputError(f"Steps: {self.pulses} pulses of {self.shortest_s} s do not fit into {duration:g} s")
 
     def bounds(self, duration: float) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the unknowns: rest before the first pulse [s], durations [s], sizes.
-
-        Parameters
-        ----------
-        duration
-            Of the record [s].
-        """
+        """Limits of the unknowns in a record of a duration [s]: rest before the pulses, their durations, sizes."""
         low = np.r_[2 * self.rise_s, np.full(self.pulses, self.shortest_s), np.full(self.pulses, -1.0)]
         return low, np.r_[np.full(1 + self.pulses, duration), np.ones(self.pulses)]
 
     def samples(self, unknowns: Any, t: np.ndarray) -> Any:
-        """(N,) deflection; CasADi or numpy as the unknowns are.
-
-        Parameters
-        ----------
-        unknowns
-            Rest [s], durations [s] and sizes of the pulses.
-        t
-            Times (N,) [s].
-        """
+        """(N,) deflection at times `t` (N,) [s]; CasADi or numpy as the unknowns are."""
         tanh = np.tanh if isinstance(unknowns, np.ndarray) else ca.tanh
         width = 0.5 * self.rise_s
         begin, total = unknowns[0], 0.0
@@ -94,25 +75,11 @@ class StepInput:
         return total
 
     def ends(self, unknowns: Any) -> Any:
-        """Time at which the last pulse ends [s]: not after the record.
-
-        Parameters
-        ----------
-        unknowns
-            As in `samples`.
-        """
+        """Time at which the last pulse ends [s]: not after the record."""
         return sum((unknowns[i] for i in range(1, 1 + self.pulses)), unknowns[0])
 
     def standard(self, unit_s: float, amplitude: float) -> np.ndarray:
-        """The unknowns of a 3-2-1-1 whose shortest pulse takes `unit_s`; pulses beyond the fourth are at rest.
-
-        Parameters
-        ----------
-        unit_s
-            Duration of the shortest pulse [s].
-        amplitude
-            Size of the pulses.
-        """
+        """The unknowns of a 3-2-1-1 of an amplitude whose shortest pulse takes `unit_s`; further pulses are at rest."""
         if self.pulses < 4:
             raise InputError(f"Steps: a 3-2-1-1 needs 4 pulses, got {self.pulses}")
         durations = np.r_[3 * unit_s, 2 * unit_s, unit_s, unit_s, np.full(self.pulses - 4, self.shortest_s)]
@@ -120,15 +87,7 @@ class StepInput:
         return np.r_[max(0.5, 2 * self.rise_s), durations, sizes]
 
     def random(self, rng: np.random.Generator, duration: float) -> np.ndarray:
-        """Unknowns to start from: pulses of random share of the duration, alternating.
-
-        Parameters
-        ----------
-        rng
-            Source of the durations.
-        duration
-            Of the record [s].
-        """
+        """Unknowns to start from: pulses of random share of the duration [s], alternating."""
         share = rng.dirichlet(np.full(self.pulses + 1, 2.0))[: self.pulses]
         durations = self.shortest_s + share * 0.9 * (duration - self.pulses * self.shortest_s - 1.0)
         sign = rng.choice([-1.0, 1.0]) * (-1.0) ** np.arange(self.pulses)
@@ -162,12 +121,7 @@ class Multisine:
         number(self.rise_s, "Multisine: rise_s", positive=True)
 
     def check(self, duration: float) -> None:
-        """Check that the fading fits into a record.
-
-        Parameters
-        ----------
-        duration
-            Of the record [s].
+        """Check that the fading fits into a record of a duration [s].
 
         Raises
         ------
@@ -178,25 +132,11 @@ class Multisine:
             raise InputError(f"Multisine: fading of {self.rise_s} s does not fit into {duration:g} s")
 
     def bounds(self, duration: float) -> tuple[np.ndarray, np.ndarray]:
-        """Limits of the unknowns: amplitudes of the sines, then of the cosines.
-
-        Parameters
-        ----------
-        duration
-            Of the record [s].
-        """
+        """Limits of the unknowns: amplitudes of the sines, then of the cosines."""
         return np.full(2 * self.lines, -1.0), np.ones(2 * self.lines)
 
     def samples(self, unknowns: Any, t: np.ndarray) -> Any:
-        """(N,) deflection; CasADi or numpy as the unknowns are.
-
-        Parameters
-        ----------
-        unknowns
-            Amplitudes of the sines, then of the cosines.
-        t
-            Times (N,) [s].
-        """
+        """(N,) deflection at times `t` (N,) [s]; CasADi or numpy as the unknowns are."""
         duration = t[-1] - t[0]
         inside = t - t[0]
         fade = np.tanh(inside / self.rise_s) * np.tanh((duration - inside) / self.rise_s)
@@ -207,25 +147,11 @@ class Multisine:
         return total
 
     def ends(self, unknowns: Any) -> Any:
-        """It fills the record.
-
-        Parameters
-        ----------
-        unknowns
-            As in `samples`.
-        """
+        """It fills the record."""
         return 0.0
 
     def random(self, rng: np.random.Generator, duration: float) -> np.ndarray:
-        """Unknowns to start from: equal power in all lines, random phases.
-
-        Parameters
-        ----------
-        rng
-            Source of the phases.
-        duration
-            Of the record [s].
-        """
+        """Unknowns to start from: equal power in all lines, random phases."""
         phase = rng.uniform(0.0, 2.0 * np.pi, self.lines)
         return np.r_[np.sin(phase), np.cos(phase)] * 0.5 / np.sqrt(self.lines)
 

@@ -85,13 +85,7 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry that `to_dict` made; JSON has no infinite numbers, of which the outcome tells the sign.
-
-        Parameters
-        ----------
-        entry
-            An entry of ``gates`` in diagnosis.json.
-        """
+        """The gate of an entry of ``gates`` in diagnosis.json. The outcome tells the sign of an infinite number."""
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         least, holds = entry.get("least", True), entry["passed"] and not any(other.passed for other in others)
         infinite = math.inf if holds == least else -math.inf
@@ -168,13 +162,7 @@ class Decision:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Decision:
-        """The decision of an entry that `to_dict` made.
-
-        Parameters
-        ----------
-        entry
-            An entry of ``decisions`` in diagnosis.json.
-        """
+        """The decision of an entry of ``decisions`` in diagnosis.json."""
         gates = tuple(Gate.from_dict(gate) for gate in entry["gates"])
         return cls(
             cause=entry["cause"],
@@ -227,11 +215,6 @@ class Trace:
     def against(self, cause: str) -> Trace:
         """The decisions that kept a cause from being named.
 
-        Parameters
-        ----------
-        cause
-            Kind with or without target.
-
         Raises
         ------
         InputError
@@ -266,14 +249,9 @@ class Trace:
         return tuple(sorted(best.values(), key=lambda one: (OUTCOMES.index(one.outcome), one.round)))
 
     def summary(self, most: int = 12) -> str:
-        """One line for each cause with the gate that decided, named causes first.
+        """One line for each cause with the gate that decided, named ones first, then `most` of the others.
 
         `most` is the number of lines for refused and untried causes; those with the most gates come first.
-
-        Parameters
-        ----------
-        most
-            Largest number of lines for causes that were refused or not tried.
         """
         chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
         rest = [one for one in self.deciding if one not in chosen and one.failed]

@@ -41,10 +41,7 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
 
     A cause is named if the held-out records support it, and if it is significant and matters beside all others in the
     final model. Structure that every aircraft has is minor unless it is unusually large. An effect that is expected of
-    some aircraft is minor unless it is equivalent to another cause.
-
-    kept  the model after the test on the held-out records
-    left  latent inputs of that model in the fitted records
+    some aircraft is minor unless it is equivalent to another cause. `left` are latent inputs of the model.
     """
     final, required = kept.evidence.fit, state.baseline.required
     told = [*_moving_air(state, kept)]

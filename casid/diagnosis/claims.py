@@ -175,11 +175,11 @@ def records_that_differ(facts: Facts) -> Mapping[str, float]:
     return {name: value for name, value in left.items() if value > facts.criteria.left * max(least, 1.0)}
 
 
-def _worst(facts: Facts, most: int = 2) -> str:
-    """The worst channels with their errors as given."""
+def _worst(facts: Facts) -> str:
+    """The two worst channels with their errors as given."""
     labels, channels = facts.budget.labels, facts.budget.channels
     order = sorted(channels, key=lambda name: -channels[name].as_given)
-    return ", ".join(f"{labels.get(n, n)} {times(channels[n].as_given)}" for n in order[:most])
+    return ", ".join(f"{labels.get(n, n)} {times(channels[n].as_given)}" for n in order[:2])
 
 
 def times(ratio: float) -> str:

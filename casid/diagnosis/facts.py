@@ -114,9 +114,7 @@ def changed_values(
 ) -> tuple[ChangedValue, ...]:
     """Values of the extended model beside those as given, those with the largest effect on the readings first.
 
-    given   values as given, by name
-    flight  values by the records alone
-    least   relative uncertainty of a value without a stated one
+    `least` is the relative uncertainty of a value without a stated one.
     """
     units, found = fit.model.units, []
     names = {one.name: one.effect.unit for one in fit.attached}

@@ -43,12 +43,8 @@ def what_is_left(
 ) -> tuple[tuple[Cause, ...], list[MissingInput]]:
     """The minor causes and the latent inputs that no cause explains.
 
-    Latent inputs are dropped if causes that are too small to matter explain them.
-
-    kept    the model after the test on the held-out records
-    left    latent inputs in the fitted records
-    judged  named causes and minor ones so far
-    minor   the minor causes, with those added here
+    Latent inputs that were `left` are dropped if causes that are too small to matter explain them; these are added to
+    the minor ones among those `judged`.
     """
     (causes, minor), begun, required = judged, state.baseline, state.baseline.required
     unexplained = _not_by_noise(kept.fit, still_missing(kept.evidence, left, causes, required), causes, begun)
@@ -212,12 +208,7 @@ def judged(
     diagnosed: ByFit,
     stages: Stages,
 ) -> Diagnosis:
-    """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences.
-
-    given      simulations by the file or model as given
-    diagnosed  makes what is diagnosed, as given and as extended
-    stages     takes the time of each stage
-    """
+    """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences."""
     begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")

@@ -175,12 +175,7 @@ class Diagnosis:
     trace: Trace = Trace()
 
     def claim(self, statement: str) -> Claim:
-        """The claim with a statement.
-
-        Parameters
-        ----------
-        statement
-            As in `claims`.
+        """The claim with a statement of `claims`.
 
         Raises
         ------
@@ -208,12 +203,7 @@ class Diagnosis:
         return self.trace.of(cause)
 
     def why_not(self, cause: str) -> Trace:
-        """The decisions that kept a cause from being named, see `why`.
-
-        Parameters
-        ----------
-        cause
-            Kind and target, like ``actuator_lag(delta_e)``.
+        """The decisions that kept a cause like ``actuator_lag(delta_e)`` from being named, see `why`.
 
         Raises
         ------
@@ -449,11 +439,6 @@ class Diagnosis:
     def save(self, path: str | Path) -> None:
         """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
 
-        Parameters
-        ----------
-        path
-            Name of the file.
-
         Raises
         ------
         InputError
@@ -509,13 +494,7 @@ class Diagnosis:
         return dict(sorted(ratio.items(), key=lambda item: -item[1]))
 
     def write(self, path: str | Path) -> None:
-        """Write diagnosis.json. If that fails, no partial file is left.
-
-        Parameters
-        ----------
-        path
-            Name of the file.
-        """
+        """Write diagnosis.json. If that fails, no partial file is left."""
         with whole_file(path) as temporary:
             temporary.write_text(json.dumps(plain(self.to_dict()), indent=1, allow_nan=False), encoding="utf-8")
 

@@ -32,14 +32,12 @@ from casid.records.record import Record
 from casid.signals import SURFACES
 
 
-def simulated_of(
-    view: View, figures: bool = True, bands: Sequence[float] = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
-) -> Simulated:
-    """The simulation of a view; `bands` are edges of bands of frequency [Hz], of which those that the records hold
-    are kept. Innovations and bands are for `figures`, and empty without."""
+def simulated_of(view: View, figures: bool = True) -> Simulated:
+    """The simulation of a view. Innovations and bands are for `figures`, and empty without."""
     fit, model = view.fit, view.fit.model
     records = tuple(fit.flight.records)
     fastest = 0.5 / max(record.dt for record in records)
+    bands = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz, their edges; the records hold some of them
     edges = np.array([edge for edge in bands if edge < fastest and figures])
     of_aircraft = isinstance(fit.flight, Flight)
     return Simulated(
@@ -74,12 +72,8 @@ def reported(cause: Cause, **curves: Any) -> ReportedCause:
 def drawn_cause(
     cause: Cause, bare: FlightFit, views: tuple[View, View], missing: Mapping[str, MissingInput]
 ) -> ReportedCause:
-    """A cause with what its figures show.
-
-    bare     the model that the latent inputs were added to
-    views    simulations of the fitted records, as given and extended
-    missing  the latent inputs by port, before any cause was named
-    """
+    """A cause with what its figures show: `views` as given and extended, and what was `missing` by port in the `bare`
+    model, before any cause was named."""
     if cause.effect.stochastic:
         return reported(cause)
     extended, there = views[1].fit, missing.get(cause.effect.enters or "")

@@ -47,15 +47,10 @@ def concluded(
     data: Sequence[Finding] = (),
     doubts: Sequence[Doubt] = (),
 ) -> Diagnosis:
-    """The diagnosis with its verdict and sentences.
+    """The diagnosis that was `found`, with its verdict and sentences.
 
-    found       the diagnosis with causes and latent inputs only
-    against     numbers of the file or model that are inconsistent with the records
-    factors     common factors of groups of numbers. One without any number in `against` is left out, and the numbers of
-                the others are not reported one by one.
-    not_judged  what the records leave open
-    data        findings of the data check
-    doubts      numbers of the file that are impossible
+    A common factor without any number `against` the records is left out, and the numbers of the others are not reported
+    one by one. `doubts` are numbers of the file that are impossible.
     """
     found = replace(found, causes=tuple(_or_the_data(one, data) for one in found.causes))
     facts = facts_of(found, against, factors, not_judged, data, doubts)

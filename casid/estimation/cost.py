@@ -151,13 +151,7 @@ class RangeWeights:
         number(self.maximum, "RangeWeights: maximum", positive=True)
 
     def weights(self, measured: np.ndarray) -> np.ndarray:
-        """(channels,) weights of the (samples, channels) measurements; NaN are missing samples.
-
-        Parameters
-        ----------
-        measured
-            Measurements (samples, channels).
-        """
+        """(channels,) weights of the (samples, channels) measurements; NaN are missing samples."""
         low, high = np.nanmin(measured, axis=0), np.nanmax(measured, axis=0)
         return np.minimum(1.0 / np.maximum(high - low, 1e-300), self.maximum)
 

@@ -247,15 +247,7 @@ class Fit:
         return self.parameters[name]
 
     def correlation(self, first: str, second: str) -> float:
-        """Correlation of the errors of two parameters; raises InputError for a name that was not estimated.
-
-        Parameters
-        ----------
-        first
-            Name of a parameter.
-        second
-            Name of another one.
-        """
+        """Correlation of the errors of two parameters; raises InputError for a name that was not estimated."""
         names = list(self.parameters)
         i, j = names.index(self[first].name), names.index(self[second].name)
         return float(self.correlations[i, j])
@@ -303,11 +295,6 @@ class Fit:
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         record that was not fitted.
-
-        Parameters
-        ----------
-        record
-            Name of the record.
         """
         from casid.report.estimate_figures import plot_fit
 
@@ -332,13 +319,7 @@ class Fit:
         return predict(self, record, window_s)
 
     def save(self, path: str | Path) -> None:
-        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
-
-        Parameters
-        ----------
-        path
-            Name of the file.
-        """
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
         save(self, path)
 
     def to_frame(self) -> DataFrame:

@@ -43,13 +43,7 @@ class InitialState:
         table_of(self.std, "InitialState: std", "{'alpha': 0.01}")
 
     def of(self, record: str) -> tuple[dict[str, float], dict[str, float]]:
-        """Values and deviations of one record, by state.
-
-        Parameters
-        ----------
-        record
-            Name of the record.
-        """
+        """Values and deviations of the record of a name, by state."""
         return of_record(self.value, record), of_record(self.std, record)
 
 

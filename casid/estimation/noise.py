@@ -53,15 +53,7 @@ class Noise:
         number(self.sigma, "Noise: sigma", positive=True)
 
     def expression(self, model: Model, output: str) -> ca.SX:
-        """The 1-sigma in the symbols of the model; of a channel, in a symbol of the channel's name.
-
-        Parameters
-        ----------
-        model
-            Model of the problem.
-        output
-            Name of the output.
-        """
+        """The 1-sigma in the symbols of the model; of a channel, in a symbol of the channel's name."""
         if isinstance(self.sigma, str):
             return ca.SX.sym(self.sigma)
         if not callable(self.sigma):

@@ -245,13 +245,7 @@ class Problem:
         return np.array([order[n] for n in self.shared + self.local], dtype=int)
 
     def columns(self, record: int) -> np.ndarray:
-        """(free,) where the free parameters of a record stand in `parameters`, in the order of `free_index`.
-
-        Parameters
-        ----------
-        record
-            Its position among the records.
-        """
+        """(free,) where the free parameters of a record, by its position, stand in `parameters`; as `free_index`."""
         return self._columns[record]
 
     @cached_property
@@ -279,13 +273,7 @@ class Problem:
         return np.array([known.get(name.split("[")[0], np.inf) for name in self.parameters])
 
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
-        """(records, model parameters) values that each record is simulated with.
-
-        Parameters
-        ----------
-        theta
-            Free parameters, in the order of `parameters`.
-        """
+        """(records, model parameters) values that each record is simulated with, of free ones as in `parameters`."""
         values = self._known.copy()
         values[:, self.free_index] = theta[self._columns]
         return values
@@ -301,13 +289,7 @@ class Problem:
         return np.array([self.model.nominal_vector(self.fixed_in(record.name)) for record in self.records])
 
     def fixed_in(self, record: str) -> dict[str, float]:
-        """Parameter -> value of what is fixed in a record, or in all if there is none of the name.
-
-        Parameters
-        ----------
-        record
-            Name of the record.
-        """
+        """Parameter -> value of what is fixed in a record, or in all if there is none of the name."""
         return of_record(self.fixed, record)
 
     @cached_property
@@ -354,13 +336,7 @@ class Problem:
         return given.reshape(len(stds), len(self.model.states))
 
     def outputs_of(self, record: Record) -> np.ndarray:
-        """(N, outputs) measured outputs, NaN where missing.
-
-        Parameters
-        ----------
-        record
-            One of the records.
-        """
+        """(N, outputs) measured outputs of one of the records, NaN where missing."""
         missing = np.full(len(record), np.nan)
         columns = [record.channels.get(name, missing) for name in self.model.outputs]
         return np.stack(columns, axis=1)
@@ -379,13 +355,7 @@ class Problem:
         return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
 
     def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
-        """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters.
-
-        Parameters
-        ----------
-        constraint
-            A constraint of the problem.
-        """
+        """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters."""
         per_record = any(name in self.local for name in constraint.coefficients)
         rows = []
         for record in self.records if per_record else self.records[:1]:

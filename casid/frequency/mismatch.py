@@ -91,11 +91,6 @@ class MismatchEnvelope:
     def read(cls, path: str | Path) -> MismatchEnvelope:
         """The envelope of a CSV file with the columns omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
 
-        Parameters
-        ----------
-        path
-            Name of the file.
-
         Raises
         ------
         InputError
@@ -117,13 +112,7 @@ class MismatchEnvelope:
         return cls(**columns, name=file.stem)
 
     def bounds(self, omega: np.ndarray) -> dict[str, np.ndarray]:
-        """Name of each bound -> (frequencies,) its value; NaN outside the table.
-
-        Parameters
-        ----------
-        omega
-            Frequencies (frequencies,) [rad/s].
-        """
+        """Name of each bound -> (frequencies,) its value at omega (frequencies,) [rad/s]; NaN outside the table."""
         at, table = np.log(omega), np.log(self.omega)
         return {n: np.interp(at, table, getattr(self, n), left=np.nan, right=np.nan) for n in _COLUMNS[1:]}
 

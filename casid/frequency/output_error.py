@@ -74,11 +74,6 @@ class FourierOutputError:
     def equations(self, problem: Problem) -> FourierOutputs:
         """The transformed outputs of a problem.
 
-        Parameters
-        ----------
-        problem
-            What is estimated.
-
         Raises
         ------
         EstimationError

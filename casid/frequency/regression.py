@@ -86,11 +86,6 @@ class FourierEquationError:
     def equations(self, problem: Problem) -> FourierEquations:
         """The transformed equations of a problem.
 
-        Parameters
-        ----------
-        problem
-            What is estimated.
-
         Raises
         ------
         EstimationError

@@ -152,13 +152,7 @@ class FrequencyResponse:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for.
-
-        Parameters
-        ----------
-        path
-            Name of the file.
-        """
+        """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""
         save(self, path)
 
     __repr__ = brief

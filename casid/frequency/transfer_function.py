@@ -83,27 +83,11 @@ class TransferFunction:
         return (self.gain, *self.zeros, *self.poles, *pairs, *([self.delay] if self.delay else []))
 
     def response(self, omega: np.ndarray, values: Mapping[str, float]) -> np.ndarray:
-        """(frequencies,) complex response at omega [rad/s].
-
-        Parameters
-        ----------
-        omega
-            Frequencies (frequencies,) [rad/s].
-        values
-            Parameter -> value.
-        """
+        """(frequencies,) complex response at omega (frequencies,) [rad/s], with values by parameter."""
         return self.with_slopes(omega, values)[0]
 
     def with_slopes(self, omega: np.ndarray, values: Mapping[str, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """(frequencies,) complex response, and name -> (frequencies,) derivative of its logarithm.
-
-        Parameters
-        ----------
-        omega
-            Frequencies (frequencies,) [rad/s].
-        values
-            Parameter -> value.
-        """
+        """As `response`, and name -> (frequencies,) derivative of its logarithm."""
         s = 1j * np.asarray(omega, dtype=float)
         found = values[self.gain] * s**-self.integrators
         slopes = {name: np.zeros(len(s), complex) for name in self.names}

@@ -235,23 +235,11 @@ class Aircraft:
         return {name: one.coefficient for one in self.tables if one.free for name in one.knots}
 
     def with_derivatives(self, derivatives: Mapping[str, float]) -> Aircraft:
-        """The same aircraft with derivatives replaced or added.
-
-        Parameters
-        ----------
-        derivatives
-            Name -> value [per rad]; those that are not named stay.
-        """
+        """The same aircraft with derivatives [per rad] replaced or added, name -> value."""
         return replace(self, derivatives={**self.derivatives, **derivatives})
 
     def with_terms(self, terms: Mapping[str, Mapping[str, float]]) -> Aircraft:
-        """The same aircraft with terms replaced or added, coefficient -> monomial -> value.
-
-        Parameters
-        ----------
-        terms
-            Coefficient -> monomial -> value, like ``{"Cm": {"alpha^2": 0.4}}``.
-        """
+        """The same aircraft with terms replaced or added, like ``{"Cm": {"alpha^2": 0.4}}``."""
         merged = {coefficient: dict(table) for coefficient, table in self.terms.items()}
         for coefficient, table in terms.items():
             canonical = {parse_term(name, f"terms: '{coefficient}'").name: value for name, value in table.items()}
@@ -259,13 +247,7 @@ class Aircraft:
         return replace(self, terms=merged)
 
     def with_effects(self, effects: Iterable[EffectValue]) -> Aircraft:
-        """The same aircraft with effects added to those that it has.
-
-        Parameters
-        ----------
-        effects
-            Kind, target and value of each.
-        """
+        """The same aircraft with effects added to those that it has."""
         return replace(self, effects=(*self.effects, *effects))
 
     @classmethod

@@ -68,13 +68,5 @@ class SampledFeedback:
         self.__dict__.update(model=model, received=state["received"](model.x, model.u))
 
     def at(self, x: ca.SX, u: ca.SX) -> ca.SX:
-        """The received inputs at a state and command.
-
-        Parameters
-        ----------
-        x
-            States.
-        u
-            Inputs of the model.
-        """
+        """The received inputs at states x and commanded inputs u."""
         return ca.substitute([self.received], [self.model.x, self.model.u], [x, u])[0]

@@ -164,13 +164,7 @@ class Rotor:
         return np.polynomial.Polynomial(self.thrust) * self.effectiveness
 
     def static_thrust(self, u: Any) -> Any:
-        """Thrust [N] at rest and at the reference voltage, without `effectiveness`.
-
-        Parameters
-        ----------
-        u
-            Input: a number, an array or an expression.
-        """
+        """Thrust [N] at rest and at the reference voltage of an input, without `effectiveness`."""
         total = 0.0 * u
         for factor in reversed(self.thrust):
             total = total * u + factor
@@ -274,12 +268,7 @@ class Rotors:
         return (*self.names, *((self.voltage.channel,) if self.voltage else ()))
 
     def of(self, target: str) -> tuple[Rotor, ...]:
-        """The rotors that the target of an effect names: one, or all.
-
-        Parameters
-        ----------
-        target
-            Name of a rotor, or "rotors".
+        """The rotors that the target of an effect names: one, or all by "rotors".
 
         Raises
         ------

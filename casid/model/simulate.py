@@ -54,24 +54,12 @@ class Simulation:
     outputs: np.ndarray
 
     def state(self, name: str) -> np.ndarray:
-        """(N,) one state; raises InputError for a name that the model does not have.
-
-        Parameters
-        ----------
-        name
-            Of the state.
-        """
+        """(N,) one state; raises InputError for a name that the model does not have."""
         check_known("state", (name,), self.model.states, f"simulation of '{self.model.name}'")
         return self.states[:, self.model.states.index(name)]
 
     def output(self, name: str) -> np.ndarray:
-        """(N,) one output; raises InputError for a name that the model does not have.
-
-        Parameters
-        ----------
-        name
-            Of the output.
-        """
+        """(N,) one output; raises InputError for a name that the model does not have."""
         check_known("output", (name,), self.model.outputs, f"simulation of '{self.model.name}'")
         return self.outputs[:, self.model.outputs.index(name)]
 
@@ -83,13 +71,7 @@ class Simulation:
         )
 
     def as_record(self, name: str | None = None) -> Record:
-        """The record with its measured outputs replaced by the simulated ones.
-
-        Parameters
-        ----------
-        name
-            Of the new record; None: that of the simulated one.
-        """
+        """The record with its measured outputs replaced by the simulated ones, under its own name or another."""
         flown = self.record.with_channels(**{o: self.outputs[:, i] for i, o in enumerate(self.model.outputs)})
         return flown.renamed(name or self.record.name)
 

@@ -185,13 +185,7 @@ class Model:
         self.__dict__.update({"period": None} | state)
 
     def nominal_vector(self, values: Mapping[str, float] | None = None) -> np.ndarray:
-        """(parameters,) nominal values, with `values` put over them by name.
-
-        Parameters
-        ----------
-        values
-            Parameter -> value.
-        """
+        """(parameters,) nominal values, with `values` put over them by name."""
         values = values or {}
         check_known("parameter", values, self.parameters, f"model '{self.name}'")
         chosen = {name: number(value, f"model '{self.name}': value of '{name}'") for name, value in values.items()}

@@ -250,13 +250,7 @@ class Table:
         return looked_up * factor.evaluate(regressors) if factor.factors else looked_up
 
     def with_knots(self, values: Mapping[str, float]) -> Table:
-        """A copy with the named values replaced. A table that is not free is returned as it is.
-
-        Parameters
-        ----------
-        values
-            Name of a knot -> value.
-        """
+        """A copy with the knots of these names replaced. A table that is not free is returned as it is."""
         if not self.free:
             return self
         given = tuple(float(values.get(name, value)) for name, value in self.knots.items())

@@ -63,13 +63,7 @@ class ColumnMap:
 
     @classmethod
     def of(cls, value: ColumnMap | Mapping[str, Any] | str | Path | None) -> ColumnMap:
-        """A map as a caller may give it: itself, its TOML file, a table like {"alpha": "ALCG:deg"}, or None.
-
-        Parameters
-        ----------
-        value
-            A map, the name of a TOML file, a table, or None for an empty map.
-        """
+        """A map as a caller may give it: itself, its TOML file, a table like {"alpha": "ALCG:deg"}, or None."""
         if isinstance(value, ColumnMap):
             return value
         if isinstance(value, Mapping):
@@ -85,13 +79,7 @@ class ColumnMap:
 
     @classmethod
     def read(cls, path: str | Path) -> ColumnMap:
-        """The map of a TOML file: `variable = "NAME"` (optional) and a table [columns], `alpha = "12:deg"`.
-
-        Parameters
-        ----------
-        path
-            Name of the file.
-        """
+        """The map of a TOML file: `variable = "NAME"` (optional) and a table [columns], `alpha = "12:deg"`."""
         data = read_toml(a_path(path, "ColumnMap.read"))
         check_known("key", data, ("columns", "variable"), str(path))
         columns, variable = data.get("columns"), data.get("variable")
@@ -103,26 +91,14 @@ class ColumnMap:
 
     @classmethod
     def from_options(cls, options: Iterable[str]) -> ColumnMap:
-        """The map that `--map` options make together: TOML files and `channel=column` settings, later ones win.
-
-        Parameters
-        ----------
-        options
-            Each a file name or ``channel=column:unit``.
-        """
+        """The map that `--map` options make together: TOML files and `channel=column` settings, later ones win."""
         result = cls()
         for option in options:
             result = result.merged(parse_map_option(option) if "=" in option else cls.read(option))
         return result
 
     def merged(self, other: ColumnMap) -> ColumnMap:
-        """Both maps; `other` wins where both speak of one channel.
-
-        Parameters
-        ----------
-        other
-            The map that takes precedence.
-        """
+        """Both maps; `other` wins where both speak of one channel."""
         return ColumnMap(columns={**self.columns, **other.columns}, variable=other.variable or self.variable)
 
 

@@ -197,13 +197,7 @@ class Record:
         self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
 
     def hold_of(self, channel: str) -> str:
-        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear.
-
-        Parameters
-        ----------
-        channel
-            Name of the channel.
-        """
+        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
         if channel == "t":
             return "linear"
         return self.hold if isinstance(self.hold, str) else self.hold.get(channel, "linear")
@@ -217,13 +211,7 @@ class Record:
 
     def following(self, names: Iterable[str]) -> np.ndarray:
         """(N-1, channels) values at the end of each sample interval: those of the next sample, or of this one where a
-        channel is held.
-
-        Parameters
-        ----------
-        names
-            Channels.
-        """
+        channel is held."""
         names = argument_names(names, "Record.following: names")
         values = self.matrix(names)
         held = np.array([self.hold_of(name) == "held" for name in names], dtype=bool)
@@ -240,70 +228,30 @@ class Record:
         return float(self.t[-1] - self.t[0])
 
     def matrix(self, names: Iterable[str]) -> np.ndarray:
-        """(N, channels) of the named channels.
-
-        Parameters
-        ----------
-        names
-            Channels.
-        """
+        """(N, channels) of the named channels."""
         columns = [self[name] for name in argument_names(names, "Record.matrix: names")]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
     def with_channels(self, **channels: np.ndarray) -> Record:
-        """The same record with channels added or replaced, (N,) each.
-
-        Parameters
-        ----------
-        **channels
-            Values (N,) by name.
-        """
+        """The same record with channels added or replaced, (N,) each."""
         where = f"record '{self.name}'"
         added = {name: _channel(name, values, self.t, where) for name, values in channels.items()}
         return self._with(channels={**self.channels, **added})
 
     def renamed(self, name: str) -> Record:
-        """The same record under another name.
-
-        Parameters
-        ----------
-        name
-            The new name.
-        """
+        """The same record under another name."""
         return self._with(name=require(name, str, "Record.renamed: name", "renamed('m2')"))
 
     def with_notes(self, *notes: str) -> Record:
-        """The same record with further notes.
-
-        Parameters
-        ----------
-        *notes
-            One sentence each.
-        """
+        """The same record with further notes, one sentence each."""
         return self._with(notes=(*self.notes, *notes))
 
     def without(self, *names: str) -> Record:
-        """The same record without the named channels.
-
-        Parameters
-        ----------
-        *names
-            Channels.
-        """
+        """The same record without the named channels."""
         return self._with(channels={k: v for k, v in self.channels.items() if k not in names})
 
     def between(self, start: float, stop: float, name: str | None = None) -> Record:
-        """The part with start <= t < stop [s], time stamps kept.
-
-        Parameters
-        ----------
-        start
-            First time [s].
-        stop
-            Time after the last sample [s].
-        name
-            Of the part; None: the name of the record.
-        """
+        """The part with start <= t < stop [s], time stamps kept, under its own name or another."""
         for what, value in (("start", start), ("stop", stop)):
             if not isinstance(value, Real):
                 raise InputError(f"record '{self.name}': {what} is {given(value)}; expected a time in s")

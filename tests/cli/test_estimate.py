@@ -102,10 +102,8 @@ def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, sc
     covariance = np.array(result["correlation"]["matrix"]) * std[:, None] * std
     assert error @ np.linalg.solve(covariance, error) < 29.6  # chi-square, 10 degrees of freedom, 0.999
     for name, parameter in result["parameters"].items():
-        assert (
-            parameter["prior"] == pytest.approx(0.8 * STABLE[name])
-            and 0.0 < parameter["std_cramer_rao"] <= parameter["std"]
-        )
+        assert parameter["prior"] == pytest.approx(0.8 * STABLE[name])
+        assert 0.0 < parameter["std_cramer_rao"] <= parameter["std"] * (1.0 + 1e-12)  # equal where residuals are white
     for name, sigma in NOISE.items():
         assert result["channels"][name]["rms"] == pytest.approx(sigma, rel=0.2)
     written = Aircraft.read(tmp_path / "model.toml")

@@ -1,4 +1,4 @@
-"""Series of several rates on one clock. Truth: how many samples were taken."""
+"""Logs: series of several rates on one clock, attitudes. Truth: how many samples were taken, three rotations."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from records.test_formats import flown_log
 
-from casid.records.log import of_log
+from casid.records.log import euler_angles, of_log
 from casid.records.readers import read_record
 
 
@@ -30,3 +32,19 @@ def test_a_channel_of_a_log_has_two_readings_at_least(tmp_path, count):
     record = read_record(tmp_path / "m.bin")
     found = record.t[np.isfinite(record["V"])] + 1.0 if "V" in record else ()
     np.testing.assert_allclose(found, [2.0, 8.0] if count == 2 else [], atol=1e-6)
+
+
+@given(st.tuples(*[st.floats(-1.5, 1.5)] * 3))
+def test_quaternions_turn_as_three_rotations(angles):
+    """The quaternion of 3-2-1 angles, written out as the product of its three half turns."""
+    phi, theta, psi = angles
+    w, x, y, z = 1.0, 0.0, 0.0, 0.0
+    for angle, axis in ((psi, (0, 0, 1)), (theta, (0, 1, 0)), (phi, (1, 0, 0))):
+        c, (i, j, k) = np.cos(angle / 2), np.sin(angle / 2) * np.array(axis)
+        w, x, y, z = (
+            w * c - x * i - y * j - z * k,
+            w * i + x * c + y * k - z * j,
+            w * j - x * k + y * c + z * i,
+            w * k + x * j - y * i + z * c,
+        )
+    np.testing.assert_allclose(euler_angles(np.array([[w, x, y, z]]))[0], angles, atol=1e-7)

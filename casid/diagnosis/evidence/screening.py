@@ -248,10 +248,7 @@ def grown_sets(
     largest increase are added, and all onsets are then moved once more. This is necessary because fitted derivatives
     hide an effect that is in most records, so that a single record shows little.
 
-    records     number of records
     statistics  (chosen, records) -> (onsets, records) statistic of each onset in a record together with the chosen ones
-    starts      number of records from which sets are grown
-    dict        one set
     """
     alone = statistics({}, range(records))
     singles = [{r: int(np.argmax(alone[:, r]))} for r in range(records)]

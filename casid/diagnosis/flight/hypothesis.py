@@ -121,14 +121,8 @@ class Regressors:
         return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
 
     def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
-        """Name -> (N, R) regressors and inputs along a trajectory.
-
-        Rates of the flow angles, from finite differences, are included.
-
-        X       (N, R, nx) Trajectory
-        W       (N, R, nw) Disturbances, including moving air
-        inputs  (N, R, nu) Inputs
-        """
+        """Name -> (N, R) regressors and inputs along a trajectory X (N, R, nx), with disturbances W (N, R, nw), moving
+        air among them, and inputs (N, R, nu). Rates of the flow angles are from finite differences."""
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}

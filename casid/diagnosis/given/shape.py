@@ -116,9 +116,7 @@ def shapes_of(fit: FlightFit, held: FlightFit, unexplained: Sequence[MissingInpu
 def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points], gains: float) -> Shape | None:
     """The curve by which the fitted records predict each other best, if held-out ones support it; else None.
 
-    coefficient   name of the coefficient
-    fitted, held  latent inputs of the records
-    gains         ratio of the errors before and after it, on records left out, from which a curve is kept
+    A curve is kept from the ratio `gains` of the errors before and after it, on records left out.
     """
     parts = _stretches(fitted)
     scored = [(*_left_out(parts, basis), basis) for basis in _bases(fitted)]

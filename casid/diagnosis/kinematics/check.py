@@ -165,13 +165,9 @@ class KinematicFindings:
 def judge_kinematics(
     flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
 ) -> KinematicFindings:
-    """Run the kinematic stage.
+    """Run the kinematic stage, with the effects `known` by the file and small `offsets` of instruments.
 
-    known              effects of the aircraft file
-    offsets            small instrument offsets of the baseline
-    refitted           the re-estimated file in calm air. Turbulence must also move the aircraft according to this
-                       model.
-    KinematicFindings  the result, with those skews between instruments that the kinematics require
+    Turbulence must also move the aircraft according to the `refitted` file in calm air.
     """
     if not kinematics.available(flight):
         return KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=list(offsets))
@@ -228,11 +224,7 @@ def without_turbulence(
 ) -> tuple[Evidence, list[Candidate]] | None:
     """Kinematic evidence in calm air with its ranking, if the named causes explain what was taken for turbulence.
 
-    Turbulence can imitate faults until these are found.
-
-    known          effects of the aircraft file
-    attached       all effects of the model with the named causes
-    tuple or None  evidence and ranking as in `judge_kinematics`; None if too much of the turbulence remains
+    Turbulence can imitate faults until these are found. None if too much of the turbulence remains.
     """
     found = [one for one in attached if one.effect.kinematic]
     before = [one for one in known if one.effect.kinematic]

@@ -60,13 +60,7 @@ class GaussNewton:
         require(self.patient, bool, "GaussNewton: patient", "patient=True or patient=False")
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened.
-
-        Parameters
-        ----------
-        objective
-            Of the problem as it is transcribed.
-        """
+        """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
         iteration = Iteration(objective, Clock(self.seconds, objective), self.tolerance)
         return iteration.run(FilterSearch(iteration), self.iterations, patient=self.patient)
 

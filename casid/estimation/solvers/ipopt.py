@@ -65,11 +65,6 @@ class Ipopt:
     def minimise(self, objective: Objective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is said in the status.
 
-        Parameters
-        ----------
-        objective
-            Cost and transcription of a problem.
-
         Raises
         ------
         EstimationError

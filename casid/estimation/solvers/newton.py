@@ -88,13 +88,7 @@ class Automatic:
         return GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds, patient=False)
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; a bad course of the iteration is said in the status.
-
-        Parameters
-        ----------
-        objective
-            Cost and transcription of a problem.
-        """
+        """Minimise the objective; a bad course of the iteration is said in the status."""
         begin = time.perf_counter()
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = replace(self.usual, patient=objective.soft).minimise(objective)

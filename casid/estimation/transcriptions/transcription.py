@@ -70,11 +70,6 @@ class SingleShooting:
     def dynamics(self, problem: Problem) -> Dynamics:
         """One segment per record.
 
-        Parameters
-        ----------
-        problem
-            What is estimated.
-
         Raises
         ------
         EstimationError
@@ -139,11 +134,6 @@ class MultipleShooting:
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of `interval` samples.
 
-        Parameters
-        ----------
-        problem
-            What is estimated.
-
         Raises
         ------
         EstimationError
@@ -206,11 +196,6 @@ class Collocation:
 
     def dynamics(self, problem: Problem) -> Dynamics:
         """Segments of some samples, whose states are unknowns all the same.
-
-        Parameters
-        ----------
-        problem
-            What is estimated.
 
         Raises
         ------

@@ -124,13 +124,7 @@ class Library:
                 raise InputError(f"library: regressor '{name}' is {given(function)}; expected a function")
 
     def terms(self, model: Model) -> dict[str, ca.SX]:
-        """Name -> expression in the states and inputs of the model.
-
-        Parameters
-        ----------
-        model
-            Model of the system.
-        """
+        """Name -> expression in the states and inputs of the model."""
         names = (*model.states, *model.inputs)
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         found = {"1": ca.SX(1.0)} if self.degree else {}
@@ -140,13 +134,7 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
     def further_terms(self, model: Model) -> dict[str, ca.SX]:
-        """Monomials of one degree more in one or two variables, by name.
-
-        Parameters
-        ----------
-        model
-            Model of the system.
-        """
+        """Monomials of one degree more in one or two variables, by name."""
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         names = (*model.states, *model.inputs)
         found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
