@@ -28,8 +28,9 @@ from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
+from casid.diagnosis.evidence.fingerprints import print_of
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
-from casid.diagnosis.evidence.screening import equivalence
+from casid.diagnosis.evidence.screening import Screen, equivalence
 from casid.diagnosis.evidence.size import meaningful_share, missing_size
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
@@ -379,6 +380,30 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
     near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
     return [*[t for t in near if t not in alike][: criteria.numerics.naming.rivals], *alike]
+
+
+def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:
+    """Whether a rival may come as near a named cause, beside all others, as equivalent causes are.
+
+    The linearised model with the named cause predicts both: what the rival adds to it, and what the cause is then still
+    worth. It predicts nothing of an effect that is not linear in its size, or has other values, nor of a rival term,
+    which is model discrepancy too.
+    """
+    named, slots = best.candidate.attached, [slot.name for slot in evidence.fit.slots]
+    one, criteria = rival.candidate.attached, evidence.criteria
+    linear = all(a.effect.linear and set(a.values) == {"value"} for a in (one, named))
+    if one.effect.regressor or not linear or named.name not in slots:
+        return True
+    judge, index, (print_, keep) = Screen(evidence), slots.index(named.name), print_of(evidence, one)
+    left, match, _ = judge.projected([print_], keep[None])
+    if left <= 0.0:
+        return True
+    along = float(judge.covariance[index] @ (keep @ print_.cross))
+    size = evidence.fit[named.name] + judge.newton[index] - along * match / left
+    behind = size**2 / (judge.covariance[index, index] + along**2 / left) - match**2 / left
+    spread = 2.0 * np.sqrt(max(best.gain.total, 0.0)) * sine(best, rival)
+    near = max(equivalence(best.gain.raw, criteria), criteria.naming.alike_sigmas * spread)
+    return gates.promises_enough(near / max(behind, near), criteria).passed
 
 
 def sine(one: Trial, other: Trial) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -164,6 +165,11 @@ def _reversed(values: Values) -> Values:
     return {**values, "value": -values["value"]}
 
 
+# Fit of a model -> candidate as it was fitted beside it -> what `try_cause` found: the next best takes the place of one
+# that is refused.
+_TRIED: WeakKeyDictionary[FlightFit, dict[Candidate, tuple[Trial, Evidence, Intervals]]] = WeakKeyDictionary()
+
+
 def try_cause(
     evidence: Evidence, candidate: Candidate, seen: Gate | None, give_up: float
 ) -> tuple[Trial, Evidence, Intervals]:
@@ -180,6 +186,8 @@ def try_cause(
     base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
     if seen is not None and not seen.passed:
         return given_up(base, candidate, seen), evidence, {}
+    if candidate in (tried := _TRIED.setdefault(base, {})):
+        return tried[candidate]
     interval: Intervals = {}
     # At size zero the other values of an effect have no influence and could not be estimated.
     alone = attached.effect.linear and set(attached.values) == {"value"}
@@ -209,6 +217,8 @@ def try_cause(
         moved={slot.name: fitted[slot.name] - base[slot.name] for slot in base.slots},
     )
     joint.forget()
+    if fitted.converged:
+        tried[trial.candidate] = trial, joint.lighter(), interval
     return trial, joint, interval
 
 

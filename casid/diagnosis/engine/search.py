@@ -27,6 +27,7 @@ from casid.diagnosis.engine.acceptance import (
     can_be_named,
     explains,
     gains_enough,
+    may_come_near,
     near_rivals,
     ranked,
     ranked_behind,
@@ -74,7 +75,7 @@ class State:
     baseline: Baseline  # the model that the causes are added to
     evidence: Evidence  # of the fitted model with the causes
     kinematic: Evidence | None  # of the kinematics with the causes; None if the forces cannot be left free
-    observed: Sequence[Candidate]  # instrument and air causes, ranked by the kinematics alone
+    observed: Sequence[Candidate] | None  # causes ranked by the kinematics alone; None until a round needs them
     missing: tuple[MissingInput, ...]  # latent input at each port, with the statistic that it still has
     rounds: tuple[Round, ...] = ()
     intervals: Mapping[str, Intervals]  # 95 % intervals of the onsets, by name of the cause
@@ -259,8 +260,10 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     """
     taken = {one.effect.key for one in state.fit.attached}
     effects = [one for one in catalogue if one.key not in taken]
-    if state.kinematic is not None:
-        state.kinematic.forget()  # until the fits are begun
+    if (kinematic := state.kinematic) is not None:
+        seen = [one for one in state.fit.flight.effects if one.kinematic and one.key not in taken]
+        state = replace(state, observed=state.observed or screen(kinematic, seen))
+        kinematic.forget()  # until the fits are begun
     screened = _screened(state, effects)
     chosen = with_look_alikes(screened.chosen, effects, state.fit.batch.names)
     trials, fits, intervals = _tried(state, chosen, screened.likely)
@@ -304,7 +307,7 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     prints, exactly = fingerprints(state.evidence, effects), Screen(state.evidence, exact=True)
     candidates, cautious = rank(exactly, prints), rank(Screen(state.evidence), prints)
     names = {one.name for one in effects}
-    observed = [one for one in state.observed if one.name in names]
+    observed = [one for one in state.observed or () if one.name in names]
     switching = any(one.timed for one in effects) and not any(one.effect.members for one in state.fit.attached)
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
@@ -350,9 +353,7 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
     kinematic, observed = state.kinematic, state.observed
     if kinematic is not None and changed.kinematic:
         evidence.forget()
-        kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
-        taken = {one.effect.key for one in evidence.fit.attached}
-        observed = screen(kinematic, [e for e in evidence.fit.flight.effects if e.kinematic and e.key not in taken])
+        kinematic, observed = kinematics.with_causes(kinematic, evidence.fit.attached), None
     return replace(state, evidence=evidence, kinematic=kinematic, observed=observed, missing=missing)
 
 
@@ -368,8 +369,7 @@ def _tried(
     fits       the fits of the trials that can be named, or that are too small to be named
     intervals  95 % intervals of the onsets, by name of the cause
     """
-    trials: list[Trial] = []
-    fits: dict[Trial, FlightFit] = {}
+    trials, fits = list[Trial](), dict[Trial, FlightFit]()
     intervals, give_up, least = dict[str, Intervals](), np.inf, np.zeros(2)
     earlier, required = [one.leader for one in state.named], state.baseline.required
     state.evidence.forget()  # the arrays of one model are enough to hold
@@ -390,8 +390,7 @@ def _tried(
             return given_up(state.fit, one[0], no_time_left()), state.fit, {}
         return trial, joint.fit, interval
 
-    by, limit = state.criteria.naming, state.fit.flight.limit
-    at_once = state.criteria.numerics.naming.side_by_side
+    by, limit, at_once = state.criteria.naming, state.fit.flight.limit, state.criteria.numerics.naming.side_by_side
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
@@ -478,9 +477,10 @@ def swapped(state: State) -> State:
     """
     for at in range(len(state.rounds) - 1):
         round_, taken = state.rounds[at], {one.effect.key for one in state.fit.attached}
-        best = round_.leader
+        best, same = round_.leader, round_.equivalents
         rivals = [t for t in near_rivals(round_, state.criteria) if t.effect.key not in taken]
-        if rivals and round_.named and best.effect.key in taken and best.meaningful:
+        there = round_.named and best.effect.key in taken and best.meaningful
+        if there and any(t in same or may_come_near(state.evidence, best, t) for t in rivals):
             state = _with_best_of(state, at, (best, *rivals))
     return state
 

@@ -229,6 +229,12 @@ class Evidence:
             self.__dict__.pop(name, None)
         self.fit.forget()
 
+    def lighter(self) -> Evidence:
+        """The evidence of a copy of the fit that has no arrays."""
+        fit = replace(self.fit)
+        _WEIGHED[fit] = dict(_WEIGHED.get(self.fit, {}))
+        return replace(self, fit=fit)
+
     def in_records(self) -> Iterator[tuple[slice, Evidence]]:
         """(records, evidence of their time histories) A few records at a time, so many that their arrays are small
         beside those of the fit; estimates and sums are those of all records.

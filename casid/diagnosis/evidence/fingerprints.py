@@ -17,7 +17,7 @@ from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.filtering.kernel import COLUMNS
-from casid.model.effect import Effect
+from casid.model.effect import Effect, with_grid
 from casid.model.operators import CYCLES
 from casid.model.station import Station, reading
 from casid.native.processors import side_by_side
@@ -331,6 +331,17 @@ def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray
     while some := list(islice(following, COLUMNS)):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(base, some))
     return found
+
+
+def print_of(evidence: Evidence, one: Attached) -> tuple[Fingerprint, np.ndarray]:
+    """The fingerprint of a unit of an effect with its other values and onsets, and the weights (R,) of the records in
+    which it acts."""
+    if one.effect.timed:
+        prints = prints_of(evidence, one.effect, [history(evidence.fit, one.with_values({"value": 1.0}))])
+    else:
+        further = {key: value for key, value in one.values.items() if key != "value"}
+        prints = fingerprints(evidence, [with_grid(one.effect, further)])
+    return prints[0], np.array([float(one.concerns(name)) for name in evidence.fit.batch.names])
 
 
 def _white_of_equations(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:

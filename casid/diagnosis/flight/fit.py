@@ -127,13 +127,17 @@ _WITHOUT: WeakKeyDictionary[FlightFit, dict[frozenset[str], FlightFit]] = WeakKe
 
 
 def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = None) -> FlightFit:
-    """The fit without some of its effects, converged; begun `near` it if that is a fit of the same effects in calm
-    air, whose filter is its own."""
+    """The fit without some of its effects, converged; begun `near` it, with the values of its effects, if that is a
+    fit of the same effects in calm air, whose filter is its own."""
     known, left_out = _WITHOUT.setdefault(fitted, {}), frozenset(names)
     if left_out not in known:
-        others = [a for a in fitted.attached if a.name not in left_out]
-        alike = near is not None and {a.name for a in near.attached} == {a.name for a in others}
-        start = near if near is not None and alike and not fitted.noise.coloured else fitted
+        start, others = fitted, tuple(a for a in fitted.attached if a.name not in left_out)
+        if (
+            near is not None
+            and not fitted.noise.coloured
+            and [a.name for a in near.attached] == [a.name for a in others]
+        ):
+            start, others = near, near.attached
         found = fit(fitted.flight, others, fitted.noise, start, extent="settled")
         if found is fitted:  # a table of weak keys must not hold a key itself
             return found

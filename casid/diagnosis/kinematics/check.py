@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from casid.diagnosis import gates
 from casid.diagnosis.cause import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import fingerprints, history, prints_of
+from casid.diagnosis.evidence.fingerprints import print_of
 from casid.diagnosis.evidence.missing_input import drifts
 from casid.diagnosis.evidence.nuisance import SKEWED, demanded_skews
 from casid.diagnosis.evidence.onsets import at_peak
@@ -25,7 +23,7 @@ from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
-from casid.model.effect import Effect, with_grid
+from casid.model.effect import Effect
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,13 +96,8 @@ def kinematic_check(kinematic: Evidence | None, one: Attached) -> KinematicCheck
         return KinematicCheck()
     if not effect.linear:
         return _fitted_check(kinematic.fit, one)
-    size, judge, names = one.values["value"], Screen(kinematic), kinematic.fit.batch.names
-    if effect.timed:
-        parts = prints_of(kinematic, effect, [history(kinematic.fit, one.with_values({"value": 1.0}))])
-    else:
-        further = {key: v for key, v in one.values.items() if key != "value"}
-        parts = fingerprints(kinematic, [with_grid(effect, further)])
-    left, match, _ = judge.projected(parts, np.array([[float(one.concerns(name)) for name in names]]))
+    size, (print_, keep) = one.values["value"], print_of(kinematic, one)
+    left, match, _ = Screen(kinematic).projected([print_], keep[None])
     return KinematicCheck(
         predicted=size**2 * left,
         achieved=2.0 * size * match - size**2 * left,

@@ -12,11 +12,13 @@ from diagnosis_flights import flights, trial_of
 from casid.diagnosis.cause import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.engine.acceptance import may_come_near
 from casid.diagnosis.engine.baseline import baseline_from
 from casid.diagnosis.engine.candidates import checked, try_cause
 from casid.diagnosis.engine.search import State, added, dropped, swapped, with_gates_of_set
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -28,6 +30,7 @@ from casid.model.causes import (
     effectiveness_change,
     input_delay,
     sensor_bias,
+    sensor_scale,
     thrust_line,
     unsteady_aero,
 )
@@ -77,6 +80,40 @@ def test_a_fingerprint_has_the_order_of_the_readings() -> None:
     seen = joint.fit.seen
     response = trial.fingerprint.reshape(seen.shape)
     assert not seen.all() and not response[~seen].any() and np.mean(response[seen] != 0.0) > 0.9
+
+
+def test_a_cause_is_not_fitted_twice_beside_the_same_model() -> None:
+    """The next best takes the place of a cause that is refused: as it was fitted in its round."""
+    flight = prepare(do328(), flights([LAGGED], 3))
+    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    trial, joint, _ = try_cause(base, trial_of(LAGGED).candidate, None, np.inf)
+    again, same, _ = try_cause(base, trial.candidate, None, np.inf)
+    assert again is trial and same.fit.motion is joint.fit.motion and same.deviance == joint.deviance
+
+
+SCALE, LIKE_IT, UNLIKE = (
+    Attached(effect=effect, values={"value": value})
+    for effect, value in ((sensor_scale("p"), 0.1), (sensor_scale("phi"), -0.1), (sensor_bias("p"), 0.01))
+)
+
+
+@pytest.mark.parametrize(
+    ("size", "named", "rival", "near"),
+    [
+        (0.1, SCALE, UNLIKE, False),
+        (0.1, UNLIKE, SCALE, True),
+        (0.1, SCALE, LIKE_IT, False),
+        (0.01, SCALE, LIKE_IT, True),
+    ],
+)
+def test_what_comes_near_a_named_cause_is_predicted(size: float, named: Attached, rival: Attached, near: bool) -> None:
+    """Truth: the statistics of both, fitted in one another's place, where a scale of `size` is hidden."""
+    flight = prepare(do328(), flights([SCALE.with_values({"value": size})], 3))
+    base = weigh(fit(flight, (), flight.noise(), extent="first"))
+    best, other = (try_cause(base, trial_of(one).candidate, None, np.inf)[0] for one in (named, rival))
+    beside = weigh(fit(flight, [best.candidate.attached], flight.noise(), base.fit, extent="settled"))
+    assert may_come_near(beside, best, other) == near
+    assert near or best.gain.total - other.gain.total > equivalence(best.gain.raw, Criteria())
 
 
 @pytest.mark.parametrize(("left", "passes"), [(2e4, True), (7e4, False)])

@@ -35,6 +35,7 @@ from casid.model.causes import (
     dead_zone,
     input_delay,
     rate_limit,
+    sensor_bias,
     sensor_delay,
     structural_mode,
 )
@@ -100,6 +101,16 @@ def test_a_late_reading_is_fitted_from_far_away(guess: float) -> None:
     found = fit(flight, [Attached(effect=sensor_delay("az"), values={"value": guess})], flight.noise(), extent="first")
     assert found.converged
     assert abs(found["sensor_delay(az)"] - 0.18) < 3.0 * found.std("sensor_delay(az)")
+
+
+def test_the_fit_without_a_cause_is_the_one_that_it_was_added_to() -> None:
+    """Truth: that fit itself, whose effects have values of their own."""
+    bias = Attached(effect=sensor_bias("q"), values={"value": 0.004})
+    flight = prepare(do328(), flights([LATE, bias], seed=1))
+    before = fit(flight, [bias], flight.noise(), extent="settled")
+    after = fit(flight, [*before.attached, LATE], flight.noise(), before, extent="settled")
+    assert after[bias.name] != before[bias.name]
+    assert without(after, {LATE.name}, before) is before
 
 
 def _step_from(fitted: FlightFit) -> np.ndarray:
