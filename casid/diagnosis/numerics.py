@@ -42,6 +42,16 @@ class FitNumerics:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LevelNumerics:
+    """Search for sizes of noise with the model."""
+
+    least: float = number(0.5, "part of the noise of a reading by its high band below which it is not sought")
+    factors: tuple[float, ...] = number((4.0, 2.0, 1.4), "steps by which sizes are sought; in turbulence the last one")
+    sweeps: int = number(4, "largest number of rounds with each step")
+    gained: float = number(2.0, "decrease of the deviance below which a round is the last one")
+
+
+@dataclass(frozen=True, kw_only=True)
 class TurbulenceNumerics:
     """Search for strength and scale of turbulence."""
 
@@ -168,6 +178,7 @@ class Numerics:
         "measured: a lag of 0.12 s keeps 96 % of its statistic with 36 samples, 85 % with 24 (docs/diagnosis.md)",
     )
     fit: FitNumerics = FitNumerics()
+    levels: LevelNumerics = LevelNumerics()
     turbulence: TurbulenceNumerics = TurbulenceNumerics()
     missing_input: MissingInputNumerics = MissingInputNumerics()
     screening: ScreeningNumerics = ScreeningNumerics()

@@ -195,10 +195,17 @@ class ParameterFunctions:
         return ParameterFunctions, (self.model, self.free)
 
     def in_stretches(
-        self, batch: Batch, P: np.ndarray, X: np.ndarray, W: np.ndarray, direction: np.ndarray | None = None
+        self,
+        batch: Batch,
+        P: np.ndarray,
+        X: np.ndarray,
+        W: np.ndarray,
+        direction: np.ndarray | None = None,
+        ends: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Iterator[tuple[slice, np.ndarray, np.ndarray]]:
         """(samples, Dp, Bp) of stretches about X (N, R, nx), as `linearise` makes them: over the samples, and over the
-        intervals between these and the next. With `direction` (R, n) one column, the sum along it."""
+        intervals between these and the next. With `direction` (R, n) one column, the sum along it. `ends` are states
+        and disturbances (N-1, R, n) at the end of each interval, where these are not those of the next sample."""
         (N, R, nx), along = X.shape, () if direction is None else (direction,)
         kernel = filter_kernel(nx, len(self.model.outputs))
         driven = _driven if kernel is None else kernel.driven
@@ -208,9 +215,25 @@ class ParameterFunctions:
             here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only
             by_x, by_p = at_points(function, X[here], batch.U[here], P, W[here], *along)
             dt = batch.dt[first : here.stop - 1]
-            Bp, Dp = driven(by_x.swapaxes(2, 3), by_p.swapaxes(2, 3), dt, batch.live[here], seen[here])
+            live, read = batch.live[here], seen[here]
+            if ends is not None:  # as in `linearise`
+                until = slice(first, here.stop - 1)
+                last = at_points(function, ends[0][until], batch.U[first + 1 : here.stop], P, ends[1][until], *along)
+                by_x, by_p = (_interleaved(*both) for both in zip((by_x, by_p), last, strict=True))
+                dt, live = _interleaved(dt, np.zeros_like(dt[1:])), _interleaved(live, live[1:])
+                read = _interleaved(read, np.zeros_like(read[1:]))
+            Bp, Dp = driven(by_x.swapaxes(2, 3), by_p.swapaxes(2, 3), dt, live, read)
+            if ends is not None:
+                Bp, Dp = Bp[::2], Dp[::2]
             count = min(together, N - first)
             yield slice(first, first + count), Dp[:count], Bp
+
+
+def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """(N + n, ...) The first of N, the first of n, the second of N and so on; n is N - 1."""
+    found = np.empty((len(first) + len(second), *first.shape[1:]), dtype=first.dtype)
+    found[::2], found[1::2] = first, second
+    return found
 
 
 def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
@@ -269,27 +292,40 @@ def linearise(
     P: np.ndarray,
     X: np.ndarray,
     W: np.ndarray | None = None,
+    news: np.ndarray | None = None,
 ) -> Linear:
     """Linearise about X (N, R, nx) with parameters P (R, np) and disturbances W (N, R, nw). State and output are those
     of a Runge-Kutta step, the step matrices its derivatives for a linear model: a resonance with a few samples per
-    cycle stays as stable as it is."""
+    cycle stays as stable as it is. Motion that is predicted from sample to sample jumps at each: with `news` (N-1, R,
+    nw), the part of disturbances that a sample adds, an interval ends where it was predicted to end."""
     model = functions.model
     W = np.zeros((*batch.live.shape, len(model.disturbances))) if W is None else W
     held = batch.held_at(model)
     (U0, U1), (W0, W1) = batch.ends(batch.U), batch.ends(W, held)
+    W1 = W1 if news is None else W1 - news
     after = functions.step(X[:-1], U0, U1, P, W0, W1, batch.dt)
     output = functions.output(X, batch.U, P, W)
     seen = np.isfinite(batch.Z)
     residual = np.where(seen, batch.Z - output, 0.0)
     defect = np.where(batch.live[1:, :, None], after - X[1:], 0.0)
     kernel = filter_kernel(len(model.states), len(model.outputs))
+    points, dt, live, read = (X, batch.U, W), batch.dt, batch.live, seen
+    if news is not None:  # every end is a sample of its own, at the time of the next one
+        ends = zip(points, (after, batch.U[1:], W[1:] - news), strict=True)
+        points = tuple(_interleaved(*both) for both in ends)
+        dt, live = _interleaved(dt, np.zeros_like(dt[1:])), _interleaved(live, live[1:])
+        read = _interleaved(seen, np.zeros_like(seen[1:]))
 
     def jacobians(samples: slice) -> list[np.ndarray]:
-        return functions.jacobians(X[samples], batch.U[samples], P, W[samples])
+        x, u, w = (one[samples] for one in points)
+        return functions.jacobians(x, u, P, w)
 
     sizes = len(model.states), len(functions.free), len(model.disturbances)
     interval = _interval if kernel is None else kernel.interval
-    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(jacobians, sizes, batch.dt, batch.live, held, seen)
+    made = interval(jacobians, sizes, dt, live, held, read)
+    A, Bp, Bw0, Bw1, C, Dp, Dw = made if news is None else (np.ascontiguousarray(one[::2]) for one in made)
+    if news is not None:
+        defect = defect + np.where(batch.live[1:, :, None], (Bw1 @ news[..., None])[..., 0], 0.0)
     return Linear(
         model=model,
         free=functions.free,

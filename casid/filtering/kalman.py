@@ -82,8 +82,21 @@ class Filter:
 
     def predicted(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (N, R, ny) of one column as by `whiten`, and (N, R, n) states and coloured disturbances as they
-        are predicted from the samples before, less those about which the model is linearised."""
-        white, states = self._columns(Y, F, self._begun(first), keep=True)
+        are predicted from the samples before, less those about which the model is linearised.
+
+        What the model of `linear` makes of that distance, other than the one that the filter goes `through`, is added
+        to the residual once: to first order in the change, the innovations are those of the predictor of `linear` with
+        this gain. That predictor itself may be unstable."""
+        begun = self._begun(first)
+        white, states = self._columns(Y, F, None if begun is None else begun.copy(), keep=True)
+        if self.through is not self.linear:
+            held, nx = self.through, self.linear.X.shape[2]
+            moved, index = states[..., :nx, :], [held.model.disturbances.index(name) for name in self.noise.coloured]
+            gusts, decay = states[..., nx : nx + len(index), :], _decay(held.dt, self.noise)[..., None, :]
+            C, A, Dw, Bw0, Bw1 = (getattr(self.linear, a) - getattr(held, a) for a in ("C", "A", "Dw", "Bw0", "Bw1"))
+            Y, F = Y + C @ moved + Dw[..., index] @ gusts, F.copy()
+            F[:, :, :nx] += A @ moved[:-1] + (Bw0[..., index] + decay * Bw1[..., index]) @ gusts[:-1]
+            white, states = self._columns(Y, F, begun, keep=True)
         return self.colouring.taken_off(white).swapaxes(0, 1)[..., 0], -states[..., 0]
 
     def whiten(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> np.ndarray:
@@ -391,14 +404,13 @@ def residual_about(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(Y, F, first) of the residual of a model linearised about histories `coloured` (N, R, nc) of the noise's coloured
     disturbances, which their processes expect to begin near zero and to decay from sample to sample. Also about the
-    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero. Both go `through` the model that the
-    filter has (`Filter.through`), by default this one."""
+    noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero; it goes `through` the model that the
+    filter has (`Filter.through`), by default this one, so that a control gains nothing by its noise."""
     Y, F = residual_column(linear)
-    linear = through or linear
-    decay = np.exp(-linear.dt[..., None] / np.array([tau for _, tau in noise.coloured.values()]))
-    news = (coloured[1:] - decay * coloured[:-1])[..., None]
+    news = coloured_news(linear.dt, noise, coloured)[..., None]
     index = [linear.model.disturbances.index(name) for name in noise.coloured]
     F = np.concatenate([F + linear.Bw1[..., index] @ news, news], axis=2)
+    linear = through or linear
     if inputs is not None:
         index, W = [linear.model.disturbances.index(name) for name in noise.inputs], inputs[..., None]
         Y = Y + linear.Dw[..., index] @ W
@@ -406,6 +418,16 @@ def residual_about(
     first = np.zeros((F.shape[1], F.shape[2], 1))
     first[:, linear.X.shape[2] :, 0] = coloured[0]
     return Y, F, first
+
+
+def coloured_news(dt: np.ndarray, noise: NoiseModel, coloured: np.ndarray) -> np.ndarray:
+    """(N-1, R, nc) What coloured disturbances (N, R, nc) are after each interval, less what is left of them."""
+    return coloured[1:] - _decay(dt, noise) * coloured[:-1]
+
+
+def _decay(dt: np.ndarray, noise: NoiseModel) -> np.ndarray:
+    """(N-1, R, nc) Part of each coloured disturbance that is left after an interval."""
+    return np.exp(-dt[..., None] / np.array([tau for _, tau in noise.coloured.values()]))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -85,7 +85,7 @@ class Further:
     grid: tuple[Mapping[str, float], ...] = ({},)
     # further parameters that an aircraft file may leave out
     defaults: Mapping[str, float] = field(default_factory=dict)
-    unsigned: tuple[str, ...] = ()  # values of which only the size counts: a fit may come out on either side of zero
+    unsigned: tuple[str, ...] = ()  # values of which only the size counts
     # values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
     folded: tuple[str, ...] = ()
     either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried

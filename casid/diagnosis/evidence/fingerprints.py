@@ -253,7 +253,8 @@ def _symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, t
     P[:, [model.parameters.index(name) for name in base.model.parameters]] = base.parameters
     names = [e.name for e in effects]
     slopes = base.flight.functions(model).by_parameters(names)
-    found = [(Dp, Bp) for _, Dp, Bp in slopes.in_stretches(base.batch, P, base.linear.X, base.moving)]
+    about = base.batch, P, base.linear.X, base.moving
+    found = [(Dp, Bp) for _, Dp, Bp in slopes.in_stretches(*about, ends=base.ends)]
     Dp, Bp = (np.concatenate(parts) for parts in zip(*found, strict=True))
     return {name: (Dp[..., i], Bp[..., i]) for i, name in enumerate(names)}
 

@@ -122,7 +122,7 @@ def without_and_with(fitted: FlightFit, one: Attached) -> tuple[np.ndarray, np.n
     if one.effect.symbolic:
         P = fitted.parameters.copy()
         P[:, fitted.model.parameters.index(one.name)] = 0.0
-        plain = fitted.functions.output(fitted.motion.X, fitted.batch.U, P, fitted.moving)
+        plain = fitted.functions.output(fitted.linear.X, fitted.batch.U, P, fitted.moving)
     both = ((without, plain), ([*without, one], fitted.output))
     first, second = (readings(some, names, t, output, outputs, fitted.known) for some, output in both)
     return first, second

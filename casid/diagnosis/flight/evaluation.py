@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Generic, Literal, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -23,9 +22,10 @@ from casid.diagnosis.flight.hypothesis import (
     prior,
     readings,
 )
+from casid.diagnosis.flight.motion import AlongMotion, Motion, along_motion, scattered
 from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
-from casid.filtering.kalman import Filter, kalman_filter, residual_about
+from casid.filtering.kalman import Filter, coloured_news, kalman_filter, residual_about
 from casid.filtering.kernel import COLUMNS, SAMPLES
 from casid.model.path import STATES
 from casid.model.station import Station
@@ -36,7 +36,7 @@ from casid.model.system import Model
 Free = Literal["all", "effects", "offsets", "states"]
 
 # Sensitivities, and time histories along the motion: most of the size of a fit. They are given up by `forget`.
-_LARGE = frozenset(["linear", "filter", "slopes", "columns", "known", "regressors"])
+_LARGE = frozenset(["linear", "filter", "slopes", "ends", "columns", "known", "regressors"])
 (_SYRK,) = get_blas_funcs(("syrk",), dtype="d")
 _ROWS = COLUMNS * SAMPLES  # of sensitivities that stay in the processor's cache
 _KEPT: WeakKeyDictionary[FlightFit, dict[str, Any]] = WeakKeyDictionary()  # what is at hand of the arrays of a fit
@@ -74,26 +74,6 @@ class Slot:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Motion:
-    """The point about which a model is linearised."""
-
-    X: np.ndarray  # (N, R, nx) trajectory
-    coloured: np.ndarray  # (N, R, nc) most likely histories of the coloured disturbances
-    inputs: np.ndarray  # (N, R, ni) most likely noise of the recorded inputs, in the order of the acting noise
-
-    def of_records(self, some: slice) -> Motion:
-        """The same of some records, as views."""
-        return Motion(X=self.X[:, some], coloured=self.coloured[:, some], inputs=self.inputs[:, some])
-
-    def moved(self, step: Motion, length: float = 1.0) -> Motion:
-        return Motion(
-            X=self.X + length * step.X,
-            coloured=self.coloured + length * step.coloured,
-            inputs=self.inputs + length * step.inputs,
-        )
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class FlightFit:
     """A fitted hypothesis: its values and its motion. Whatever else it has is computed from them on demand."""
 
@@ -110,7 +90,7 @@ class FlightFit:
     values: np.ndarray  # (slots,) estimates
     covariance: np.ndarray  # (slots, slots) their covariance under the assumed noise
     gradient: np.ndarray  # (slots,) gradient of the log likelihood; zero at a maximum
-    motion: Motion  # the point about which the model is linearised
+    motion: Motion  # its motion, about which the model is linearised
     prior_pull: np.ndarray  # (slots,) gradient of the prior
     prior_weight: np.ndarray  # (slots,) inverse variance of the prior
     readings: int  # number of readings that are compared
@@ -132,6 +112,8 @@ class FlightFit:
     errors = _Computed[np.ndarray]()  # (N, R, ni) correction of the recorded inputs in `known`
     white = _Computed[np.ndarray]()  # (N, R, ny) innovations
     slopes = _Computed[Slopes]()  # slopes of the model by the slots
+    # states and disturbances (N-1, R, n) at the ends of intervals, where these are not those of the next sample
+    ends = _Computed[tuple[np.ndarray, np.ndarray] | None](lambda fit: fit.slopes.ends)
     columns = _Computed[np.ndarray]()  # (N, R, ny, slots) whitened sensitivities
     grams = _Computed[np.ndarray]()  # (R, slots, slots) their products with each other, in every record
     pulls = _Computed[np.ndarray]()  # (R, slots) and with the innovations
@@ -163,6 +145,7 @@ class FlightFit:
         for name in ("batch", "linear", "filter"):
             arrays[name] = getattr(self, name).of_records(some)
         arrays |= {"grams": self.grams[some], "pulls": self.pulls[some]}
+        arrays["ends"] = None if self.ends is None else tuple(one[:, some] for one in self.ends)
         found = replace(self, motion=self.motion.of_records(some), parameters=self.parameters[some])
         return _with_arrays(found, {"model": self.model, "functions": self.functions, **arrays})
 
@@ -191,8 +174,8 @@ class FlightFit:
     @property
     def moving(self) -> np.ndarray:
         """(N, R, nw) All disturbances of the linearisation."""
-        W = _scattered(self.model, self.acting.coloured, self.motion.coloured)
-        return self.disturbances + W + _scattered(self.model, self.acting.inputs, self.errors)
+        W = scattered(self.model, self.acting.coloured, self.motion.about[1])
+        return self.disturbances + W + scattered(self.model, self.acting.inputs, self.errors)
 
     @property
     def filter_held(self) -> bool:
@@ -201,8 +184,7 @@ class FlightFit:
         This is so in turbulence if a parameter is estimated that decides how the air moves the aircraft: a derivative,
         or the offset of an instrument, since one is that of the airspeed.
         """
-        offsets = any(slot.name.startswith(OFFSET) for slot in self.slots)
-        return bool(self.noise.coloured and (offsets or self.derivatives))
+        return _is_held(self.flight, self.noise, self.slots)
 
     @property
     def noise_held(self) -> bool:
@@ -220,6 +202,12 @@ class FlightFit:
         """Fitted derivatives and terms of the aircraft file."""
         given = {name for name in self.flight.model().parameters if not name.startswith(OFFSET)}
         return {s.name: float(v) for s, v in zip(self.slots, self.values, strict=True) if s.name in given}
+
+
+def _is_held(flight: Subject, noise: NoiseModel, slots: Sequence[Slot]) -> bool:
+    """See `FlightFit.filter_held`."""
+    own = flight.model().parameters
+    return bool(noise.coloured) and any(slot.name.startswith(OFFSET) or slot.name in own for slot in slots)
 
 
 def _with_arrays(fit: FlightFit, arrays: dict[str, Any]) -> FlightFit:
@@ -261,6 +249,7 @@ class Work:
                 self.weight[i] = nuisance[slot.name] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
+        self.filter_held = _is_held(flight, noise, self.slots)  # as `FlightFit.filter_held`
 
     def with_recorded(self, known: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         """The series from which effects are computed during a fit: the inputs as recorded.
@@ -306,6 +295,7 @@ class Work:
         batch: Batch,
         P: np.ndarray,
         moving: np.ndarray,
+        ends: tuple[np.ndarray, np.ndarray] | None,
         histories: tuple[HistorySlope, ...],
     ) -> Slopes:
         """The slopes by all slots; a symbolic effect has none in records in which it does not act."""
@@ -319,40 +309,10 @@ class Work:
             batch=batch,
             parameters=P,
             moving=moving,
+            ends=ends,
             present=present,
             histories=histories,
         )
-
-
-def _scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
-    """(N, R, nw) Histories (N, R, names) of named disturbances in their places among all."""
-    W = np.zeros((*histories.shape[:2], len(model.disturbances)))
-    W[..., [model.disturbances.index(name) for name in names]] = histories
-    return W
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class AlongMotion:
-    """Time histories along the motion of a fit."""
-
-    X: np.ndarray  # (N, R, nx) trajectory
-    moving: np.ndarray  # (N, R, nw) coloured disturbances
-    inputs: np.ndarray  # (N, R, nu) denoised inputs
-    regressors: Any
-
-    @cached_property
-    def known(self) -> dict[str, np.ndarray]:
-        """Name -> (N, R) denoised motion and inputs."""
-        return self.regressors.along(self.X, self.moving, self.inputs)
-
-
-def along_motion(
-    regressors: Any, model: Model, acting: NoiseModel, motion: Motion, further: np.ndarray | float = 0.0
-) -> AlongMotion:
-    """The time histories along a motion, with `further` disturbances (N, R, nw)."""
-    moving = _scattered(model, acting.coloured, motion.coloured) + further
-    inputs = regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
-    return AlongMotion(X=motion.X, moving=moving, inputs=inputs, regressors=regressors)
 
 
 def _along(fit: FlightFit, further: np.ndarray | float = 0.0) -> AlongMotion:
@@ -377,8 +337,11 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     P = work.parameters(values, attached)
     late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
     moved = work.seen_earlier(late) if late.any() else batch
-    moving_all = W + along.moving + _scattered(model, acting.inputs, errors)
-    linear = linearise(work.functions, moved, P, motion.X, moving_all)
+    X, coloured = motion.about
+    moving = W + scattered(model, acting.coloured, coloured) + scattered(model, acting.inputs, errors)
+    news = coloured_news(batch.dt, acting, coloured)
+    news = scattered(model, acting.coloured, news) if work.filter_held else None
+    linear = linearise(work.functions, moved, P, X, moving, news)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
     linear = replace(linear, residual=earlier(residual, late) if late.any() else residual)
@@ -386,9 +349,11 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     acting = acting_noise(held, attached, work.dt)  # the same names as before, with the effect of the reference
     kalman = kalman_filter(linear, acting) if work.filter is None else work.filter.along(linear, acting)
     histories = _slopes_of_histories(work, attached, linear, made_of, late)
-    slopes = work.slopes(attached, moved, P, moving_all, histories)
-    columns = slopes.whitened(kalman, motion.X, moving_all)
-    white = kalman.whiten(*residual_about(linear, acting, motion.coloured, errors, kalman.through))[..., 0]
+    ends = None if news is None else _without_news(linear, moving, news)
+    slopes = work.slopes(attached, moved, P, moving, ends, histories)
+    about = residual_about(linear, acting, coloured, errors, kalman.through)
+    white = kalman.predicted(*about)[0] if work.filter_held else kalman.whiten(*about)[..., 0]
+    columns = slopes.whitened(kalman)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
     pull = work.weight * deviation
@@ -413,12 +378,17 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
         data_deviance=data,
         deviance=data + float(np.sum(work.weight * deviation**2)),
     )
-    if found.filter_held:
+    if work.filter_held:
         found = replace(found, filter_of_another=replace(kalman, linear=kalman.through))
     arrays = {"model": model, "batch": batch, "functions": work.functions, "linear": linear, "filter": kalman}
     arrays |= {"output": linear.output, "read": read, "seen": linear.seen, "disturbances": W, "errors": errors}
     arrays |= {"white": white, "slopes": slopes, "columns": columns, "grams": grams, "pulls": pulls}
     return _with_arrays(found, arrays | ({"known": along.known} if of_histories else {}))
+
+
+def _without_news(linear: Linear, moving: np.ndarray, news: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """States and disturbances (N-1, R, n) that are predicted for the end of each interval, before the next sample."""
+    return linear.X[1:] + linear.defect - (linear.Bw1 @ news[..., None])[..., 0], moving[1:] - news
 
 
 def by_rows(columns: np.ndarray) -> np.ndarray:
@@ -517,18 +487,36 @@ def _slopes_of_histories(
 def gauss_newton_step(now: FlightFit) -> tuple[np.ndarray, Motion]:
     """Change of values and motion by one full Gauss-Newton step."""
     change = now.covariance @ now.gradient
-    Y, F, first = residual_about(now.linear, now.acting, now.motion.coloured, now.errors, now.filter.through)
+    Y, F, first = about_motion(now)
     read, driven = now.slopes.along(now.linear, change)
     F[:, :, : len(now.model.states)] -= driven
     return change, smoothed(now, Y - read, F, first)
 
 
+def about_motion(now: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The residual about the motion of a fit (`residual_about`)."""
+    return residual_about(now.linear, now.acting, now.motion.about[1], now.errors, now.filter.through)
+
+
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
-    """Change to the most likely motion, given a residual."""
+    """Change to the most likely motion, given a residual, and to the predicted one."""
     moved, noise = now.filter.smooth(Y, F, first)
     most, nx = now.criteria.significance.sigmas * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
     noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
-    return Motion(X=moved[..., :nx], coloured=moved[..., nx:], inputs=noise - now.motion.inputs)
+    motion, (X, coloured) = now.motion, now.motion.about
+    ahead = None if motion.predicted is None else predicted(now, Y, F, first) - motion.predicted
+    return Motion(
+        X=X + moved[..., :nx] - motion.X,
+        coloured=coloured + moved[..., nx:] - motion.coloured,
+        inputs=noise - motion.inputs,
+        predicted=ahead,
+    )
+
+
+def predicted(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """(N, R, nx + nc) States and coloured disturbances as predicted from the samples before, given a residual."""
+    about = np.concatenate(now.motion.about, axis=2)
+    return about + now.filter.predicted(Y, F, first)[1][..., : about.shape[2]]
 
 
 def held_noise(

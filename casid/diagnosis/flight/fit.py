@@ -10,8 +10,19 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from casid.diagnosis.flight.evaluation import FlightFit, Free, Motion, Slot, Work, evaluate, gauss_newton_step, smoothed
+from casid.diagnosis.flight.evaluation import (
+    FlightFit,
+    Free,
+    Slot,
+    Work,
+    about_motion,
+    evaluate,
+    gauss_newton_step,
+    predicted,
+    smoothed,
+)
 from casid.diagnosis.flight.hypothesis import Attached, acting_noise
+from casid.diagnosis.flight.motion import Motion
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.errors import InputError
@@ -69,7 +80,11 @@ def fit(
     values = _start_values(work, attached, start)
     motion = _start_motion(work, attached, start, values)
     flight.limit.check()
-    best = now = _flown(work, attached, values, motion)
+    now = _flown(work, attached, values, motion)
+    if work.filter_held and motion.predicted is None:  # about the predicted motion from here on
+        work.filter = work.filter or now.fit.filter_of_another
+        now = _flown(work, attached, values, replace(motion, predicted=predicted(now.fit, *about_motion(now.fit))))
+    best = now
     count, gained = 1, np.inf
 
     def tried(length: float) -> _Point | None:
@@ -81,7 +96,8 @@ def fit(
         best, after = best.lighter(), None
         with suppress(InputError):  # a step may be too long
             values, motion = best.fit.values + length * step[0], best.fit.motion.moved(step[1], length)
-            after = _flown(work, attached, values, motion)
+            if not _turned_negative(attached, work.slots, best.fit.values, values):
+                after = _flown(work, attached, values, motion)
         return after if after is not None and best.leads_to(after, tolerance, full=length == 1.0) else None
 
     while now is not None:
@@ -163,6 +179,18 @@ def relaxed(fitted: FlightFit) -> FlightFit:
         if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break
     return fitted
+
+
+def _turned_negative(
+    attached: Sequence[Attached], slots: Sequence[Slot], before: np.ndarray, after: np.ndarray
+) -> bool:
+    """Whether a value that cannot be negative has become so, such as a lag: the step to it was too long."""
+    own = {one.name: one.effect for one in attached}
+    for slot, old, new in zip(slots, before, after, strict=True):
+        effect = own.get(slot.name) if slot.attached is None else attached[slot.attached].effect
+        if effect is not None and new < 0.0 < old and (slot.key or "value") in effect.further.unsigned:
+            return True
+    return False
 
 
 def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
@@ -256,11 +284,16 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit |
         return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)
-    return Motion(
+    found = Motion(
         X=_carried(work.model.states, start.model.states, before.X, still.X),
         coloured=before.coloured if same else still.coloured,
         inputs=_carried(acting.inputs, start.acting.inputs, before.inputs, still.inputs),
     )
+    if not (work.filter_held and same and before.predicted is not None):
+        return found
+    now = np.concatenate([found.X, found.coloured], axis=2)
+    names, known = ((*model.states, *acting.coloured) for model in (work.model, start.model))
+    return replace(found, predicted=_carried(names, known, before.predicted, now))
 
 
 def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, otherwise: np.ndarray) -> np.ndarray:

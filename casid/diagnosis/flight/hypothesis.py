@@ -336,13 +336,14 @@ class Slopes:
     batch: Batch
     parameters: np.ndarray  # (R, np) parameters of the model
     moving: np.ndarray  # (N, R, nw) disturbances
+    ends: tuple[np.ndarray, np.ndarray] | None  # states and disturbances at the ends of intervals (`in_stretches`)
     present: np.ndarray  # (R, slots) 1 for a parameter that acts in a record, else 0
     histories: tuple[HistorySlope, ...]  # those of the slots behind the parameters
 
-    def whitened(self, kalman: Filter, X: np.ndarray, moving: np.ndarray) -> np.ndarray:
-        """(N, R, ny, slots) Whitened sensitivities to all slots, along states X and disturbances `moving`."""
+    def whitened(self, kalman: Filter) -> np.ndarray:
+        """(N, R, ny, slots) Whitened sensitivities to all slots."""
         linear, own = kalman.linear, len(self.functions.free)
-        stretches = self.functions.in_stretches(self.batch, self.parameters, X, moving)
+        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, ends=self.ends)
         columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
         columns[..., :own] *= self.present[:, None, :own]
         for i, slope in enumerate(self.histories, own):
@@ -360,7 +361,8 @@ class Slopes:
         own = len(self.functions.free)
         read, driven = np.zeros((*linear.output.shape, 1)), np.zeros((*linear.defect.shape, 1))
         by_parameters = self.present[:, :own] * change[:own]
-        stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, by_parameters)
+        about = self.batch, self.parameters, linear.X, self.moving
+        stretches = self.functions.in_stretches(*about, by_parameters, self.ends)
         for at, Dp, Bp in stretches if own else ():
             read[at], driven[at] = Dp, Bp
         for slope, by in zip(self.histories, change[own:], strict=True):

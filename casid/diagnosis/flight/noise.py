@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import signal, stats
 
-from casid.diagnosis.flight.evaluation import FlightFit, Free, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, Free, about_motion, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
 from casid.filtering.free_flight import free_flight_sigma
-from casid.filtering.kalman import residual_about
 from casid.filtering.slow import usual_offset, white_and_slow
 from casid.model.causes import sensor_bias
 from casid.model.station import control
@@ -316,9 +315,7 @@ def colour_of(fitted: FlightFit, outputs: Iterable[str], longest: float = np.inf
 def _innovations(fitted: FlightFit) -> np.ndarray:
     """(N, R, ny) Innovations of a fit whose noise model has no colour."""
     plain = replace(fitted.filter, noise=replace(fitted.filter.noise, colour={}))
-    through = fitted.filter.through
-    column = residual_about(fitted.linear, fitted.acting, fitted.motion.coloured, fitted.errors, through)
-    return plain.whiten(*column)[..., 0]
+    return plain.predicted(*about_motion(fitted))[0]
 
 
 def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
-from casid.diagnosis.flight.evaluation import FlightFit, by_rows, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, by_rows
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
 from casid.estimation.residual_colour import (
@@ -29,7 +29,6 @@ from casid.estimation.residual_colour import (
     spread,
 )
 from casid.estimation.solvers.quadratic import inverse_along
-from casid.filtering.kalman import residual_about
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.effects import effect_of
@@ -77,16 +76,14 @@ def flight_values(
 
     A derivative is the slope of the straight line nearest along the records. The 1-sigma is the largest of those
     that allow for the model discrepancy, for differences between stretches of record, and for coloured residuals. Where
-    the records leave it open how the air moves, `otherwise` is the fit in its other form; its distance, and that of the
-    values that predict best (`by_prediction`), are part of the 1-sigma. The 95 % interval reaches the values of all
-    `others`, explanations that change values by so much.
+    the records leave it open how the air moves, `otherwise` is the fit in its other form, whose distance is part of
+    the 1-sigma. The 95 % interval reaches the values of all `others`, explanations that change values by so much.
     """
     fit, found = evidence.fit, {}
     quantile = float(ndtri(0.5 * (1.0 + fit.criteria.priors.holds)))
     coloured, bends = coloured_deviation(fit), _bends(fit) if isinstance(fit.flight, Flight) else {}
     lines = straight_lines(evidence)
     wake = by_the_wake(evidence, lines)
-    ahead = np.zeros(len(fit.slots)) if otherwise is None else by_prediction(fit)
     for i, slot in enumerate(fit.slots):
         value, weight = float(fit.values[i]), float(fit.prior_weight[i])
         variance = float(lines[i] @ evidence.covariance @ lines[i])
@@ -95,7 +92,7 @@ def flight_values(
         corrected = max(math.hypot(slope, *left_open(evidence, i)), float(coloured[i]))
         corrected = math.hypot(corrected, float(wake[i]))
         if otherwise is not None:
-            corrected = math.hypot(corrected, otherwise[slot.name] - value, float(ahead[i]))
+            corrected = math.hypot(corrected, otherwise[slot.name] - value)
         corrected = math.hypot(corrected, max((abs(one.get(slot.name, 0.0)) for one in others), default=0.0) / quantile)
         if not (variance > 0.0 and from_records > 0.0):
             found[slot.name] = FlightValue(value=value, std=math.inf, determined=False, fitted_std=corrected)
@@ -106,22 +103,6 @@ def flight_values(
         one = FlightValue(value=own, std=std, determined=determined, fitted_std=corrected)
         found[slot.name] = replace(one, at_trim=_at_trim(evidence, lines[i], one, bends.get(slot.name, {})))
     return found
-
-
-def by_prediction(fit: FlightFit) -> np.ndarray:
-    """(slots,) Change of the values to those that predict best, by one step of Gauss and Newton.
-
-    A fit in moving air finds its most likely motion and the values together. That maximum is at larger values: less air
-    explains the same motion. Prediction errors have no such slope, if they change along the motion that is predicted.
-    """
-    nx, places = fit.motion.X.shape[2], [fit.model.disturbances.index(name) for name in fit.acting.coloured]
-    about = residual_about(fit.linear, fit.acting, fit.motion.coloured, fit.errors, fit.filter.through)
-    white, before = fit.filter.predicted(*about)
-    moving = fit.moving.copy()
-    moving[..., places] += before[..., nx : nx + len(places)]
-    columns = by_rows(fit.slopes.whitened(fit.filter, fit.motion.X + before[..., :nx], moving))
-    gradient = columns.T @ white.swapaxes(0, 1).reshape(-1) - fit.prior_pull
-    return scaled_inverse(columns.T @ columns + np.diag(fit.prior_weight)) @ gradient
 
 
 def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:

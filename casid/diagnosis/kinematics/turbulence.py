@@ -14,8 +14,12 @@ from casid.diagnosis.evidence.missing_input import moving_air
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, of_aircraft
+from casid.diagnosis.flight.hypothesis import acting_noise
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
+from casid.filtering.innovations import NoiseModel
+from casid.filtering.kalman import kalman_filter, residual_about
+from casid.filtering.levels import Levels, most_likely_levels
 from casid.model.path import TURNING
 from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side
@@ -117,8 +121,48 @@ def gusts(
 
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
-    """The fit of the full model in turbulence, of the form that explains most."""
-    return relaxed(_in_likeliest_form(flight, turbulent, start))  # the filters of the other forms are given up by then
+    """The fit of the full model in turbulence, of the form that explains most, under its most likely noise."""
+    form = _in_likeliest_form(flight, turbulent, start)  # the filters of the other forms are given up by then
+    return relaxed(_under_its_noise(form))
+
+
+def _under_its_noise(fitted: FlightFit) -> FlightFit:
+    """The fit with the most likely noise of what the air moves, and velocity of the air along each axis.
+
+    What the air does above the band of the motion is in the noise that was measured there, which is too large. With a
+    wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
+    """
+    search, noise, linear = fitted.criteria.numerics.levels, fitted.held, fitted.linear
+    dt, at = float(np.median(fitted.batch.dt)), [fitted.model.disturbances.index(name) for name in noise.coloured]
+    moved = np.any(linear.Dw[..., at] != 0.0, axis=(0, 1, 3))
+    readings = [name for name, one in zip(fitted.model.outputs, moved, strict=True) if one]
+    velocities = {name: sigma for name, (sigma, _) in noise.coloured.items()}
+    bounds = {name: (search.least * noise.measurement[name], noise.measurement[name]) for name in readings}
+
+    def under(levels: Levels, noise: NoiseModel) -> NoiseModel:
+        measurement = {name: levels.get(name, sigma) for name, sigma in noise.measurement.items()}
+        coloured = {name: (levels[name], tau) for name, (_, tau) in noise.coloured.items()}
+        return replace(noise, measurement=measurement, coloured=coloured)
+
+    def deviance(levels: Levels) -> float:
+        acting = acting_noise(under(levels, noise), fitted.attached, dt)
+        about = residual_about(linear, acting, fitted.motion.about[1], fitted.errors)
+        try:
+            kalman = kalman_filter(linear, acting)
+        except np.linalg.LinAlgError:
+            return np.inf
+        return float(np.sum(kalman.whiten(*about) ** 2) + np.sum(kalman.log_determinant))
+
+    found = most_likely_levels(
+        {name: noise.measurement[name] for name in readings} | velocities,
+        bounds | dict.fromkeys(velocities, (0.0, np.inf)),
+        deviance,
+        [(name,) for name in (*velocities, *readings)],
+        search.factors[-1:],
+        search.sweeps,
+        search.gained,
+    )
+    return fit(fitted.flight, fitted.attached, under(found, fitted.noise), fitted, extent="rough")
 
 
 def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
@@ -175,14 +219,13 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
 
     Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
     """
-    flight, moved = of_aircraft(fitted.flight), [axis for axis in WIND if axis in fitted.noise.coloured]
-    sigma = max(fitted.noise.coloured[axis][0] for axis in moved)
-    length = typical_speed(flight) * max(tau for axis, (_, tau) in fitted.noise.coloured.items() if axis in WIND)
+    flight, wind = of_aircraft(fitted.flight), {n: one for n, one in fitted.noise.coloured.items() if n in WIND}
+    sigma = max(velocity for velocity, _ in wind.values())
+    length = typical_speed(flight) * max(tau for _, tau in wind.values())
     turning, moments = ({}, {}) if flight.turning else (TURNING, dict.fromkeys(_ROLLING, 1.0))
-    moving = {
-        name: one for name, one in gusts(flight, sigma, moments, length).items() if name in fitted.model.disturbances
-    }
-    noise = replace(fitted.noise, coloured=moving)
+    turned = gusts(flight, sigma, moments, length, axes=())
+    moving = {name: one for name, one in turned.items() if name in fitted.model.disturbances}
+    noise = replace(fitted.noise, coloured=wind | moving)
     return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, extent="rough")
 
 

@@ -27,7 +27,3 @@ class RotorCriteria:
     widest: float = number(3000.0, "factor by which a disturbance may be smaller than at the beginning of that search")
     unread: float = number(100.0, "the same where no reading has the disturbance, and by which any may be larger")
     not_noise: float = number(0.3, "part of the variation of a reading above which it is motion and no noise")
-    least: float = number(0.5, "part of the noise of a reading by its high band below which it is not sought")
-    factors: tuple[float, ...] = number((4.0, 2.0, 1.4), "steps by which sizes of noise are sought")
-    sweeps: int = number(4, "largest number of rounds of that search with each step")
-    gained: float = number(2.0, "decrease of the deviance below which a round is the last one")

@@ -31,10 +31,10 @@ from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import noted, thrust_curve
 from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
-from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
+from casid.filtering.levels import Levels, most_likely_levels
 from casid.model.aircraft import Aircraft
 from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
@@ -151,7 +151,7 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         known=lambda names: tuple(attached_effects(beside, names)),
         imitated={effectiveness(name): _judged_as_stated(rotor_effectiveness(name)) for name in aircraft.rotors.names},
     )
-    return _with_noise(plant, by_band, criteria.rotors)
+    return _with_noise(plant, by_band)
 
 
 def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -> dict[str, ca.SX]:
@@ -168,12 +168,12 @@ def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -
     return {name: ca.SX(term.evaluate(path.regressor)) for name, term in terms.items() if "dot" not in name}
 
 
-def _with_noise(plant: Plant, by_band: NoiseModel, by: RotorCriteria) -> Plant:
+def _with_noise(plant: Plant, by_band: NoiseModel) -> Plant:
     """The plant with its most likely noise: about the file as given, and once more about its fit under that noise."""
     values: Mapping[str, float] = {}
     for again in (False, True):
         at = replace(plant.base, nominal={**plant.base.nominal, **values})
-        noise = most_likely_noise(at, plant.records, plant.freed, by_band, by)
+        noise = most_likely_noise(at, plant.records, plant.freed, by_band, plant.criteria)
         own = {"white": noise.white, "input_sigma": dict(noise.inputs)}
         plant = replace(plant, sigma=dict(noise.measurement), **own)
         values = values if again else first_fit(plant).derivatives
@@ -243,7 +243,7 @@ def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
 
 
 def most_likely_noise(
-    model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, by: RotorCriteria
+    model: Model, records: Sequence[Record], free: Sequence[str], start: NoiseModel, criteria: Criteria
 ) -> NoiseModel:
     """The noise of readings and inputs, and process noise, by coordinate ascent of the likelihood.
 
@@ -251,7 +251,7 @@ def most_likely_noise(
     the noise of the readings is that of their high band: a reading may have more, for a filter or a slow update hides
     some of it, and hardly less.
     """
-    linear = _smoothed(model, records, free, start)
+    linear, by, search = _smoothed(model, records, free, start), criteria.rotors, criteria.numerics.levels
     sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
     read = {equation(n) for n, reading in _READ_BY.items() if reading in start.measurement}
     bounds = {
@@ -259,31 +259,27 @@ def most_likely_noise(
     }
     for i, (name, quick) in enumerate(start.measurement.items()):
         varies = float(np.std(Z[..., i][linear.seen[..., i]]))
-        bounds[name] = (by.least * quick, max(by.not_noise * varies, quick))
+        bounds[name] = (search.least * quick, max(by.not_noise * varies, quick))
     inputs = dict(start.inputs)
     for name, value in inputs.items():  # at most all that varies
         series = np.concatenate([record[Station.at(name).name] for record in records])
-        bounds[name] = by.least * value, max(float(np.std(series)), value)
-    groups = [(white, names) for names in _ALIKE] + [(sigma, (name,)) for name in sigma]
-    groups += [(inputs, tuple(inputs))] if inputs else []
-    lowest = _deviance(linear, start)
-    for factor in by.factors:
-        for _ in range(by.sweeps):
-            before = lowest
-            for table, names in groups:
-                for times in (factor, 1.0 / factor):
-                    lower = True
-                    while lower:  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
-                        here = {name: table[name] for name in names}
-                        moved = {name: float(np.clip(value * times, *bounds[name])) for name, value in here.items()}
-                        table.update(moved)
-                        found = _deviance(linear, replace(start, measurement=sigma, white=white, inputs=inputs))
-                        lower = found < lowest
-                        lowest = min(found, lowest)
-                    table.update(here)
-            if before - lowest < by.gained:
-                break
-    return replace(start, measurement=sigma, white=white, inputs=inputs)
+        bounds[name] = search.least * value, max(float(np.std(series)), value)
+    groups = [*_ALIKE, *((name,) for name in sigma), *([tuple(inputs)] if inputs else [])]
+
+    def noise(levels: Levels) -> NoiseModel:
+        readings, equations, logged = ({name: levels[name] for name in one} for one in (sigma, white, inputs))
+        return replace(start, measurement=readings, white=equations, inputs=logged)
+
+    found = most_likely_levels(
+        sigma | white | inputs,
+        bounds,
+        lambda levels: _deviance(linear, noise(levels)),
+        groups,
+        search.factors,
+        search.sweeps,
+        search.gained,
+    )
+    return noise(found)
 
 
 def first_fit(plant: Plant) -> FlightFit:

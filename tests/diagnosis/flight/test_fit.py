@@ -113,6 +113,16 @@ def test_the_fit_without_a_cause_is_the_one_that_it_was_added_to() -> None:
     assert without(after, {LATE.name}, before) is before
 
 
+@pytest.mark.parametrize("guess", [0.375, 0.6])
+def test_a_lag_stays_above_zero_from_far_away(guess: float) -> None:
+    """The truth is the lag that was flown; the first full step goes below zero, where its size acts all the same."""
+    flown = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
+    flight = prepare(do328(), flights([flown], seed=1))
+    found = fit(flight, [flown.with_values({"value": guess})], flight.noise(), extent="first")
+    assert found.converged
+    assert abs(found["actuator_lag(delta_e)"] - 0.05) < 3.0 * found.std("actuator_lag(delta_e)")
+
+
 def _step_from(fitted: FlightFit) -> np.ndarray:
     """The change of the values by a full step from the result of a fit."""
     work = Work(fitted.flight, fitted.attached, fitted.noise, "all")

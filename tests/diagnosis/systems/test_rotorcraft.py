@@ -50,7 +50,9 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
     """Readings up to 1e14 times as exact as they are, forces from nothing to a million times the weight: most begin
     without a density, and what is found has one wherever the beginning has."""
     rng, usual, ill = np.random.default_rng(2), hovering.noise(), 0
-    by = replace(hovering.criteria.rotors, factors=(4.0,), sweeps=1)
+    numerics = hovering.criteria.numerics
+    rough = replace(numerics, levels=replace(numerics.levels, factors=(4.0,), sweeps=1))
+    criteria = replace(hovering.criteria, numerics=rough)
     for _ in range(12):
         drawn = {
             part: {name: value * 10.0 ** rng.uniform(*decades) for name, value in table.items()}
@@ -61,7 +63,7 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
             )
         }
         start = replace(usual, **drawn)
-        found = most_likely_noise(hovering.base, hovering.records, hovering.freed, start, by)
+        found = most_likely_noise(hovering.base, hovering.records, hovering.freed, start, criteria)
         sizes = [*found.measurement.values(), *found.white.values(), *found.inputs.values()]
         assert np.isfinite(sizes).all() and min(sizes) > 0.0
         begun = has_density(hovering, start)

@@ -1,0 +1,44 @@
+"""Sizes of noise by maximum likelihood."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+Levels = Mapping[str, float]
+
+
+def most_likely_levels(
+    start: Levels,
+    bounds: Mapping[str, tuple[float, float]],
+    deviance: Callable[[Levels], float],
+    groups: Sequence[Sequence[str]],
+    factors: Sequence[float],
+    sweeps: int,
+    gained: float,
+) -> dict[str, float]:
+    """Sizes by name at which a deviance is lowest, by coordinate ascent of the likelihood.
+
+    groups   names whose sizes change together
+    factors  steps, one after the other
+    sweeps   largest number of rounds with each step
+    gained   decrease of the deviance below which a round is the last one
+    """
+    levels, lowest = dict(start), deviance(start)
+    for factor in factors:
+        for _ in range(sweeps):
+            before = lowest
+            for names in groups:
+                for times in (factor, 1.0 / factor):
+                    lower = True
+                    while lower:  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
+                        here = {name: levels[name] for name in names}
+                        moved = {name: min(max(here[name] * times, bounds[name][0]), bounds[name][1]) for name in names}
+                        if moved == here:
+                            break
+                        found = deviance(levels | moved)
+                        lower = found < lowest
+                        if lower:
+                            levels, lowest = levels | moved, found
+            if before - lowest < gained:
+                break
+    return levels
