@@ -1,4 +1,7 @@
-"""Fit of a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together."""
+"""Fit of a hypothesis to a flight: Gauss-Newton on the innovations, trajectory and parameters together.
+
+How many iterations each fit may take is in `casid/diagnosis/numerics.py`.
+"""
 
 from __future__ import annotations
 
