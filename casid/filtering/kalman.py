@@ -59,10 +59,13 @@ class Filter:
 
     def along(self, linear: Linear, noise: NoiseModel) -> Filter:
         """This filter for another model of the same records: what it predicts from what, and how it weighs it, stay; a
-        state that it does not know no sample moves. Models are then compared by their residuals alone, to first order
+        state that it does not know no sample moves. For readings at other times, as of a late instrument, weights and
+        gain are those that its model has for them. Models are then compared by their residuals alone, to first order
         in their change."""
         if self._knows(linear, noise):
-            return replace(self, linear=linear, noise=noise)
+            if np.array_equal(linear.seen, self.through.seen):
+                return replace(self, linear=linear, noise=noise)
+            return replace(kalman_filter(_held(linear, self.through), noise), linear=linear)
         through = _held(linear, self.through)
         A, C, *_ = augmented(through, noise)
         own, names = _names(self.through, self.noise), _names(linear, noise)
@@ -73,12 +76,12 @@ class Filter:
         return replace(self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P)
 
     def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
-        """Whether all that another model could change of it is already in it."""
+        """Whether all that another model could change of it but the times of its readings is already in it."""
         model, before = linear.model, self.through.model
         same_model = model.states == before.states and model.disturbances == before.disturbances
         same_noise = (noise.coloured, noise.slow) == (self.noise.coloured, self.noise.slow)
         same_noise = same_noise and list(noise.inputs) == list(self.noise.inputs)
-        return same_model and same_noise and np.array_equal(linear.seen, self.through.seen)
+        return same_model and same_noise
 
     def predicted(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Innovations (N, R, ny) of one column as by `whiten`, and (N, R, n) states and coloured disturbances as they
@@ -353,14 +356,16 @@ def _names(linear: Linear, noise: NoiseModel) -> list[str]:
 
 
 def _held(linear: Linear, before: Linear) -> Linear:
-    """The linearisation with the sensitivities to states and disturbances of the one before, where that has them."""
+    """The linearisation with the sensitivities to states and disturbances of the one before, where that has them: not
+    of readings that it does not have at that sample."""
     into, of = _shared(linear.model.states, before.model.states)
     A, C, Bw0, Bw1 = (part.copy() for part in (linear.A, linear.C, linear.Bw0, linear.Bw1))
     A[:, :, into[:, None], into] = before.A[:, :, of[:, None], of]
-    C[..., into] = before.C[..., of]
+    known, seen = before.seen[..., None], linear.seen[..., None]
+    C[..., into] = np.where(known, before.C[..., of], C[..., into])
     Bw0[:, :, into], Bw1[:, :, into] = before.Bw0[:, :, of], before.Bw1[:, :, of]
-    seen = linear.seen[..., None]
-    return replace(linear, A=A, Bw0=Bw0, Bw1=Bw1, C=np.where(seen, C, 0.0), Dw=np.where(seen, before.Dw, 0.0))
+    Dw = np.where(known, before.Dw, linear.Dw)
+    return replace(linear, A=A, Bw0=Bw0, Bw1=Bw1, C=np.where(seen, C, 0.0), Dw=np.where(seen, Dw, 0.0))
 
 
 def _shared(names: Sequence[str], before: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:

@@ -400,6 +400,24 @@ def test_what_is_predicted_does_not_know_later_samples(plain: bool) -> None:
     np.testing.assert_allclose(np.einsum("krij,krj->kri", kalman.inverse_root, off), white, rtol=0, atol=1e-9)
 
 
+def test_a_held_filter_weighs_readings_at_other_times_as_its_model_does() -> None:
+    """Truth: the filter of its own model with these readings, two samples earlier every fourth: gain, weights and
+    determinant. With the gain that it had for others, a late reading that comes seldom would never be used."""
+    model, record = gusty_short_period(), gusty_flight(2, samples=200)
+    batch, functions = make_batch(model, [record]), PointFunctions(model, model.parameters)
+    P, X, W = model.nominal_vector()[None], np.zeros((200, 1, 2)), np.zeros((200, 1, 2))
+
+    def at(first: int, factor: float) -> Linear:
+        seldom = np.where((np.arange(200) % 4 == first)[:, None, None], batch.Z, np.nan)
+        return linearise(functions, replace(batch, Z=np.r_["2", seldom[..., :1], batch.Z[..., 1:]]), factor * P, X, W)
+
+    held = kalman_filter(at(2, 1.0), GUSTY).along(at(0, 1.1), GUSTY)
+    same = kalman_filter(at(0, 1.0), GUSTY)
+    for name in ("gain", "inverse_root", "P", "log_determinant"):
+        np.testing.assert_allclose(getattr(held, name), getattr(same, name), rtol=1e-9, atol=1e-12, err_msg=name)
+    assert np.abs(held.gain[::4, :, :, 0]).max() > 0.0
+
+
 def test_a_held_filter_takes_up_further_states_and_leaves_out_others() -> None:
     """The model that it is of: nothing changes. Without the gust as a state, and with it again: a state that the filter
     does not know is not moved by any sample, so that whitening an output differs only by what the gust told."""
