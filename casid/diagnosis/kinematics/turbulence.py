@@ -127,7 +127,7 @@ def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> Fl
 
 
 def _under_its_noise(fitted: FlightFit) -> FlightFit:
-    """The fit with the most likely noise of what the air moves, and velocity of the air along each axis.
+    """The fit with the most likely noise of what the air moves, and velocity of the air, the same along all axes.
 
     What the air does above the band of the motion is in the noise that was measured there, which is too large. With a
     wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
@@ -137,6 +137,7 @@ def _under_its_noise(fitted: FlightFit) -> FlightFit:
     moved = np.any(linear.Dw[..., at] != 0.0, axis=(0, 1, 3))
     readings = [name for name, one in zip(fitted.model.outputs, moved, strict=True) if one]
     velocities = {name: sigma for name, (sigma, _) in noise.coloured.items()}
+    alone = [(name,) for name in readings]
     bounds = {name: (search.least * noise.measurement[name], noise.measurement[name]) for name in readings}
 
     def under(levels: Levels, noise: NoiseModel) -> NoiseModel:
@@ -157,7 +158,7 @@ def _under_its_noise(fitted: FlightFit) -> FlightFit:
         {name: noise.measurement[name] for name in readings} | velocities,
         bounds | dict.fromkeys(velocities, (0.0, np.inf)),
         deviance,
-        [(name,) for name in (*velocities, *readings)],
+        [[name for name in velocities if name in WIND], *((name,) for name in velocities if name not in WIND), *alone],
         search.factors[-1:],
         search.sweeps,
         search.gained,
