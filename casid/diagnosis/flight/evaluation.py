@@ -339,8 +339,9 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     moved = work.seen_earlier(late) if late.any() else batch
     X, coloured = motion.about
     moving = W + scattered(model, acting.coloured, coloured) + scattered(model, acting.inputs, errors)
-    news = coloured_news(batch.dt, acting, coloured)
-    news = scattered(model, acting.coloured, news) if work.filter_held else None
+    ahead, news = motion.predicted is not None, None
+    if ahead:
+        news = scattered(model, acting.coloured, coloured_news(batch.dt, acting, coloured))
     linear = linearise(work.functions, moved, P, X, moving, news)
     read = readings(attached, batch.names, batch.t, linear.output, model.outputs, made_of)
     residual = np.where(seen, batch.Z - read, 0.0)
@@ -352,7 +353,7 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     ends = None if news is None else _without_news(linear, moving, news)
     slopes = work.slopes(attached, moved, P, moving, ends, histories)
     about = residual_about(linear, acting, coloured, errors, kalman.through)
-    white = kalman.predicted(*about)[0] if work.filter_held else kalman.whiten(*about)[..., 0]
+    white = kalman.predicted(*about)[0] if ahead else kalman.whiten(*about)[..., 0]
     columns = slopes.whitened(kalman)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)

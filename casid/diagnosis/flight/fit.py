@@ -44,6 +44,7 @@ def fit(
     extent: Extent | tuple[float, ...] = "plain",
     give_up: float = np.inf,
     anew: bool = False,
+    far: bool = False,
 ) -> FlightFit:
     """Maximum-likelihood estimate of derivatives, effects and trajectory.
 
@@ -66,6 +67,8 @@ def fit(
     give_up     a fit that is unlikely to come below this deviance is abandoned after two iterations: twice the
                 predicted decrease would not suffice
     anew        whether filter and reference of `start` are ignored
+    far         whether prediction errors are compared about the most likely motion, as far from the end, where the
+                predicted motion may depart
     FlightFit   the best point found, converged or not
     raises      InputError if the model diverges along the records at the first point
     raises      TimeIsUpError if the time for the search is over, in a fit that the search can do without
@@ -81,10 +84,12 @@ def fit(
         if start.noise == noise:
             work.filter = start.filter_of_another
     values = _start_values(work, attached, start)
+    ahead = work.filter_held and free == "all" and not far
     motion = _start_motion(work, attached, start, values)
+    motion = motion if ahead else replace(motion, predicted=None)
     flight.limit.check()
     now = _flown(work, attached, values, motion)
-    if work.filter_held and motion.predicted is None:  # about the predicted motion from here on
+    if ahead and motion.predicted is None:  # about the predicted motion from here on
         work.filter = work.filter or now.fit.filter_of_another
         now = _flown(work, attached, values, replace(motion, predicted=predicted(now.fit, *about_motion(now.fit))))
     best = now

@@ -15,6 +15,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import acting_noise
+from casid.diagnosis.flight.noise import is_far
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
 from casid.filtering.innovations import NoiseModel
@@ -122,8 +123,12 @@ def gusts(
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence, of the form that explains most, under its most likely noise."""
-    form = _in_likeliest_form(flight, turbulent, start)  # the filters of the other forms are given up by then
-    return relaxed(_under_its_noise(form))
+    found = relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start)))
+    if not is_far(found, flight.criteria.significance.chance):
+        return found
+    # the predicted motion may depart from far away, and the forms be compared where no fit has ended
+    other = relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start, far=True)))
+    return min(found, other, key=lambda one: one.deviance)
 
 
 def _under_its_noise(fitted: FlightFit) -> FlightFit:
@@ -166,7 +171,7 @@ def _under_its_noise(fitted: FlightFit) -> FlightFit:
     return fit(fitted.flight, fitted.attached, under(found, fitted.noise), fitted, extent="rough")
 
 
-def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
+def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit, far: bool = False) -> FlightFit:
     """The fit in the form of turbulence that explains most, under the filter of that form's first point.
 
     The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
@@ -187,7 +192,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
         flown = of_aircraft(start.flight)
         air = flown if flown.turning == turning else flight.turned_by_air(turning)
         to_beat = start.deviance if start.noise.coloured else np.inf
-        found = fit(air, start.attached, noise, start, extent="rough", give_up=to_beat)
+        found = fit(air, start.attached, noise, start, extent="rough", give_up=to_beat, far=far)
         is_first = not start.noise.coloured  # the other rotations of the air are compared under its filter
         return found.lighter(filtered=is_first) if found.deviance < to_beat else start
 
