@@ -20,7 +20,7 @@ from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.kinematics import reconstruct, typical_speed, with_offsets
 from casid.filtering.innovations import NoiseModel
 from casid.filtering.kalman import kalman_filter, residual_about
-from casid.filtering.levels import Levels, most_likely_levels
+from casid.filtering.noise_levels import Levels, most_likely_levels
 from casid.model.path import TURNING
 from casid.model.usual_derivatives import USUAL_DERIVATIVES
 from casid.native.processors import side_by_side

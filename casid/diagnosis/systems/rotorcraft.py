@@ -34,7 +34,7 @@ from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
-from casid.filtering.levels import Levels, most_likely_levels
+from casid.filtering.noise_levels import Levels, most_likely_levels
 from casid.model.aircraft import Aircraft
 from casid.model.causes import mass, rotor_delay, rotor_effectiveness, rotor_lag, sensor_bias
 from casid.model.dynamics import aircraft_model, flight_inputs, outputs_of
