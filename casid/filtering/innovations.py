@@ -214,26 +214,13 @@ class ParameterFunctions:
         for first in range(0, N, together):
             here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only
             by_x, by_p = at_points(function, X[here], batch.U[here], P, W[here], *along)
-            dt = batch.dt[first : here.stop - 1]
-            live, read = batch.live[here], seen[here]
-            if ends is not None:  # as in `linearise`
-                until = slice(first, here.stop - 1)
-                last = at_points(function, ends[0][until], batch.U[first + 1 : here.stop], P, ends[1][until], *along)
-                by_x, by_p = (_interleaved(*both) for both in zip((by_x, by_p), last, strict=True))
-                dt, live = _interleaved(dt, np.zeros_like(dt[1:])), _interleaved(live, live[1:])
-                read = _interleaved(read, np.zeros_like(read[1:]))
-            Bp, Dp = driven(by_x.swapaxes(2, 3), by_p.swapaxes(2, 3), dt, live, read)
+            until, last = slice(first, here.stop - 1), (by_x[1:], by_p[1:])
             if ends is not None:
-                Bp, Dp = Bp[::2], Dp[::2]
+                last = at_points(function, ends[0][until], batch.U[first + 1 : here.stop], P, ends[1][until], *along)
+            by_x, by_p, end_x, end_p = (one.swapaxes(2, 3) for one in (by_x, by_p, *last))
+            Bp, Dp = driven(by_x, by_p, end_x, end_p, batch.dt[until], batch.live[here], seen[here])
             count = min(together, N - first)
             yield slice(first, first + count), Dp[:count], Bp
-
-
-def _interleaved(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """(N + n, ...) The first of N, the first of n, the second of N and so on; n is N - 1."""
-    found = np.empty((len(first) + len(second), *first.shape[1:]), dtype=first.dtype)
-    found[::2], found[1::2] = first, second
-    return found
 
 
 def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
@@ -309,21 +296,19 @@ def linearise(
     residual = np.where(seen, batch.Z - output, 0.0)
     defect = np.where(batch.live[1:, :, None], after - X[1:], 0.0)
     kernel = filter_kernel(len(model.states), len(model.outputs))
-    points, dt, live, read = (X, batch.U, W), batch.dt, batch.live, seen
-    if news is not None:  # every end is a sample of its own, at the time of the next one
-        ends = zip(points, (after, batch.U[1:], W[1:] - news), strict=True)
-        points = tuple(_interleaved(*both) for both in ends)
-        dt, live = _interleaved(dt, np.zeros_like(dt[1:])), _interleaved(live, live[1:])
-        read = _interleaved(seen, np.zeros_like(seen[1:]))
 
-    def jacobians(samples: slice) -> list[np.ndarray]:
-        x, u, w = (one[samples] for one in points)
-        return functions.jacobians(x, u, P, w)
+    def jacobians(first: int, stop: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """The Jacobians at samples, and at the ends of the intervals between them."""
+        at, steps = slice(first, stop), slice(first, stop - 1)
+        found = functions.jacobians(X[at], batch.U[at], P, W[at])
+        if news is None:
+            return found, [one[1:] for one in found]
+        following = W[first + 1 : stop] - news[steps]
+        return found, functions.jacobians(after[steps], batch.U[first + 1 : stop], P, following)
 
     sizes = len(model.states), len(functions.free), len(model.disturbances)
     interval = _interval if kernel is None else kernel.interval
-    made = interval(jacobians, sizes, dt, live, held, read)
-    A, Bp, Bw0, Bw1, C, Dp, Dw = made if news is None else (np.ascontiguousarray(one[::2]) for one in made)
+    A, Bp, Bw0, Bw1, C, Dp, Dw = interval(jacobians, sizes, batch.dt, batch.live, held, seen)
     if news is not None:
         defect = defect + np.where(batch.live[1:, :, None], (Bw1 @ news[..., None])[..., 0], 0.0)
     return Linear(
@@ -347,14 +332,14 @@ def linearise(
 
 def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
-    by_x, by_p, by_w = jacobians(slice(None))
+    (by_x, by_p, by_w), (end_x, end_p, end_w) = jacobians(0, len(live))
     nx = sizes[0]
     inside, h = live[1:, :, None, None], dt[..., None, None]
-    J, K = by_x[:-1, :, :nx], by_x[1:, :, :nx]
+    J, K = by_x[:-1, :, :nx], end_x[:, :, :nx]
     S = K @ J
     A = np.eye(nx) + h / 2 * (J + K) + h**2 * (S / 2 + S @ (h / 12 * (J + K) + h**2 / 24 * S))
-    Bp, Dp = _driven(by_x[:, :, :nx], by_p, dt, live, seen)
-    Fw0, Fw1 = by_w[:-1, :, :nx], by_w[1:, :, :nx]
+    Bp, Dp = _driven(by_x[:, :, :nx], by_p, K, end_p, dt, live, seen)
+    Fw0, Fw1 = by_w[:-1, :, :nx], end_w[:, :, :nx]
     once, again = h**2 * (K @ Fw0), h**3 * (S @ Fw0)
     Bw0, Bw1 = h / 2 * Fw0 + once / 3 + again / 8, h / 2 * Fw1 + once / 6 + again / 24
     late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
@@ -364,10 +349,10 @@ def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     return A, Bp, Bw0, Bw1, C, Dp, Dw
 
 
-def _driven(by_x, by_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
+def _driven(by_x, by_p, K, end_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
     """(Bp, Dp) of `Linear`, as the compiled recursions compute them."""
     nx, inside, h = by_x.shape[3], live[1:, :, None, None], dt[..., None, None]
-    K, Fp0, Fp1 = by_x[1:], by_p[:-1, :, :nx], by_p[1:, :, :nx]
+    Fp0, Fp1 = by_p[:-1, :, :nx], end_p[:, :, :nx]
     Kp = K @ Fp0
     Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + K @ by_x[:-1] @ (h / 6 * Fp0 + h**2 / 24 * Kp))
     return np.where(inside, Bp, 0.0), np.where(seen[..., None], by_p[:, :, nx:], 0.0)

@@ -96,9 +96,13 @@ class Filter:
             held, nx = self.through, self.linear.X.shape[2]
             moved, index = states[..., :nx, :], [held.model.disturbances.index(name) for name in self.noise.coloured]
             gusts, decay = states[..., nx : nx + len(index), :], _decay(held.dt, self.noise)[..., None, :]
-            C, A, Dw, Bw0, Bw1 = (getattr(self.linear, a) - getattr(held, a) for a in ("C", "A", "Dw", "Bw0", "Bw1"))
-            Y, F = Y + C @ moved + Dw[..., index] @ gusts, F.copy()
-            F[:, :, :nx] += A @ moved[:-1] + (Bw0[..., index] + decay * Bw1[..., index]) @ gusts[:-1]
+            C, A = self.linear.C - held.C, self.linear.A - held.A
+            before, now = (
+                [of[..., index] for of in (linear.Dw, linear.Bw0, linear.Bw1)] for linear in (held, self.linear)
+            )
+            Dw, Bw0, Bw1 = (new - old for new, old in zip(now, before, strict=True))
+            Y, F = Y + C @ moved + Dw @ gusts, F.copy()
+            F[:, :, :nx] += A @ moved[:-1] + (Bw0 + decay * Bw1) @ gusts[:-1]
             white, states = self._columns(Y, F, begun, keep=True)
         return self.colouring.taken_off(white).swapaxes(0, 1)[..., 0], -states[..., 0]
 

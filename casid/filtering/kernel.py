@@ -52,8 +52,9 @@ class FilterKernel:
         return _loaded, ()  # that of the process that reads it; None where there is no compiler
 
     def interval(self, jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
-        """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from `jacobians` (samples) -> (samples, R, nx + ny, columns) of both
-        equations, for a stretch of samples at a time; `sizes` (nx, n_p, nw)."""
+        """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from `jacobians` (first sample, stop) -> (samples, R, nx + ny,
+        columns) of both equations, and the same at the ends of the intervals between, for a stretch of samples at a
+        time; `sizes` (nx, n_p, nw)."""
         (N, R, ny), (nx, n_p, nw) = seen.shape, sizes
         shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
@@ -65,17 +66,19 @@ class FilterKernel:
             given = dt[here], flags[0][here], shares, flags[1][here]
             parts = count if here.stop == N else count - 1
             of = (count, R, nx, ny, n_p, nw)
-            _call(self._interval, parts, of, *jacobians(here), *given, *(one[first:] for one in made))
+            at, ends = jacobians(here.start, here.stop)
+            _call(self._interval, parts, of, *at, *ends, *given, *(one[first:] for one in made))
             if here.stop == N:
                 break
         return tuple(made)
 
-    def driven(self, by_x, by_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
-        """(Bp, Dp) of `Linear` from Jacobians (N, R, nx, nx) of the state equation and (N, R, nx + ny, n_p) of both."""
+    def driven(self, by_x, by_p, end_x, end_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
+        """(Bp, Dp) of `Linear` from Jacobians (N, R, nx, nx) of the state equation and (N, R, nx + ny, n_p) of both,
+        and the same at the ends of the intervals."""
         (N, R, ny), nx, n_p = seen.shape, by_x.shape[3], by_p.shape[3]
         Bp, Dp = np.empty((N - 1, R, nx, n_p)), np.empty((N, R, ny, n_p))
         flags = live.view(np.uint8), seen.view(np.uint8)
-        _call(self._driven, N, (N, R, nx, ny, n_p), by_x, by_p, dt, *flags, Bp, Dp)
+        _call(self._driven, N, (N, R, nx, ny, n_p), by_x, by_p, end_x, end_p, dt, *flags, Bp, Dp)
         return Bp, Dp
 
     def augmented(self, linear, sources) -> tuple[np.ndarray, ...]:

@@ -29,7 +29,7 @@ from casid.diagnosis.flight.motion import Motion
 from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.errors import InputError
-from casid.estimation.solvers.search import longest
+from casid.estimation.solvers.search import longest, rises_from_the_start
 from casid.filtering.innovations import NoiseModel
 from casid.filtering.kalman import residual_about
 
@@ -83,21 +83,13 @@ def fit(
         work.reference = start.reference
         if start.noise == noise:
             work.filter = start.filter_of_another
-    values = _start_values(work, attached, start)
-    ahead = work.filter_held and free == "all" and not far
-    motion = _start_motion(work, attached, start, values)
-    motion = motion if ahead else replace(motion, predicted=None)
-    flight.limit.check()
-    now = _flown(work, attached, values, motion)
-    if ahead and motion.predicted is None:  # about the predicted motion from here on
-        work.filter = work.filter or now.fit.filter_of_another
-        now = _flown(work, attached, values, replace(motion, predicted=predicted(now.fit, *about_motion(now.fit))))
-    best = now
+    best = now = _first_point(work, attached, start, ahead=work.filter_held and free == "all" and not far)
     count, gained = 1, np.inf
+    refused: list[tuple[float, np.ndarray]] = []  # longer parts of the present step, and what rises there
 
     def tried(length: float) -> _Point | None:
         nonlocal best, count
-        if count >= iterations:
+        if count >= iterations or rises_from_the_start(refused[-2:]):
             return None
         count += 1
         flight.limit.check()
@@ -106,7 +98,10 @@ def fit(
             values, motion = best.fit.values + length * step[0], best.fit.motion.moved(step[1], length)
             if not _turned_negative(attached, work.slots, best.fit.values, values):
                 after = _flown(work, attached, values, motion)
-        return after if after is not None and best.leads_to(after, tolerance, full=length == 1.0) else None
+        if after is None or best.leads_to(after, tolerance, full=length == 1.0):
+            return after
+        refused.append((length, best.rise(after)))
+        return None
 
     while now is not None:
         work.filter = work.filter or now.fit.filter_of_another
@@ -116,9 +111,23 @@ def fit(
         if count >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
         step, now = gauss_newton_step(now.fit), None  # of the present point only what `best` keeps stays in memory
+        refused.clear()
         now = longest(tried, numerics.shrink, numerics.shortest_step)
         gained = np.inf if now is None else abs(best.squares - now.squares)
     return best.fit
+
+
+def _first_point(work: Work, attached: tuple[Attached, ...], start: FlightFit | None, ahead: bool) -> _Point:
+    """The point at which a fit begins; about the predicted motion if it compares prediction errors `ahead`."""
+    values = _start_values(work, attached, start)
+    motion = _start_motion(work, attached, start, values)
+    motion = motion if ahead else replace(motion, predicted=None)
+    work.flight.limit.check()
+    now = _flown(work, attached, values, motion)
+    if not ahead or motion.predicted is not None:
+        return now
+    work.filter = work.filter or now.fit.filter_of_another
+    return _flown(work, attached, values, replace(motion, predicted=predicted(now.fit, *about_motion(now.fit))))
 
 
 def _is_of(found: FlightFit, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> bool:
@@ -236,6 +245,10 @@ class _Point:
     def misfit(self) -> float:
         """Mean square residual, at least 1."""
         return max(1.0, self.squares / self.fit.readings)
+
+    def rise(self, now: _Point) -> np.ndarray:
+        """(2,) Increase of the sum of squares and of the deviance from this point to `now`."""
+        return np.array([now.squares - self.squares, now.fit.deviance - self.fit.deviance])
 
     def left(self, gained: float) -> float:
         """What may still change after a step that `gained`, over the mean square residual."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeVar
+
+import numpy as np
 
 T = TypeVar("T")
 
@@ -17,3 +19,18 @@ def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, 
             return found
         length *= shrink
     return None
+
+
+def rises_from_the_start(refused: Sequence[tuple[float, np.ndarray]]) -> bool:
+    """Whether quantities that must fall along a step rise from its beginning, by their rises at two parts of it, the
+    longer first: at the longer one at least in proportion, and along the parabola through both as it begins.
+
+    No shorter part decreases them then: the sensitivities are those of another function, as of a late reading, whose
+    series is made of the motion before the step.
+    """
+    if len(refused) < 2:
+        return False
+    (long, far), (short, near) = refused
+    steep, steeper = near / short, far / long
+    begins = steep - (steeper - steep) * short / (long - short)
+    return bool(np.all(steeper >= steep) and np.all(begins > 0.0))

@@ -139,15 +139,34 @@ static double inverse_root(long ny, long wide_y, long wide, V *S, V *G)
     return total + log(product);
 }
 
+/* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
+   rows at a time, whose sums do not wait for each other */
+static inline void product_one(long rows, long inner, const double *a, const double *b, double *to, double sign,
+                               int triangle)
+{
+    long i = 0;
+    for (; i + 4 <= rows; i += 4) {
+        const double *r = a + i * inner;
+        double s = to[i], t = to[i + 1], u = to[i + 2], v = to[i + 3];
+        for (long j = 0, most = triangle ? i + 4 : inner; j < most; j++) {
+            double x = sign * b[j];
+            s += r[j] * x; t += r[inner + j] * x; u += r[2 * inner + j] * x; v += r[3 * inner + j] * x;
+        }
+        to[i] = s; to[i + 1] = t; to[i + 2] = u; to[i + 3] = v;
+    }
+    for (; i < rows; i++)
+        for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
+}
+
 /* to (rows) = sigma (by (rows, nx) b1 + b0), b1 and b0 columns of (nx or rows, nw); without b1 at the first sample */
 static void carried(long rows, long nx, long nw, double sigma, const double *by, const double *b1, const double *b0,
                     double *to)
 {
-    for (long i = 0; i < rows; i++) {
-        double sum = b0[i * nw];
-        if (b1) for (long j = 0; j < nx; j++) sum += by[i * nx + j] * b1[j * nw];
-        to[i] = sigma * sum;
-    }
+    double b[MOST];
+    for (long i = 0; i < rows; i++) to[i] = b0[i * nw];
+    for (long j = 0; b1 && j < nx; j++) b[j] = b1[j * nw];
+    if (b1) product_one(rows, nx, by, b, to, 1.0, 0);
+    for (long i = 0; i < rows; i++) to[i] *= sigma;
 }
 
 /* to (rows, columns) += a b' */
@@ -272,25 +291,6 @@ typedef union { V v[2]; double d[TILE]; } tile;
 static void load(long rows, long stride, long width, const double *from, tile *to)
 {
     for (long i = 0; i < rows; i++) copy(to[i].d, from + i * stride, width);
-}
-
-/* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
-   rows at a time, whose sums do not wait for each other */
-static inline void product_one(long rows, long inner, const double *a, const double *b, double *to, double sign,
-                               int triangle)
-{
-    long i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        const double *r = a + i * inner;
-        double s = to[i], t = to[i + 1], u = to[i + 2], v = to[i + 3];
-        for (long j = 0, most = triangle ? i + 4 : inner; j < most; j++) {
-            double x = sign * b[j];
-            s += r[j] * x; t += r[inner + j] * x; u += r[2 * inner + j] * x; v += r[3 * inner + j] * x;
-        }
-        to[i] = s; to[i + 1] = t; to[i + 2] = u; to[i + 3] = v;
-    }
-    for (; i < rows; i++)
-        for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
 }
 
 /* `whiten` of one column; a part is a record */

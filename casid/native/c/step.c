@@ -37,16 +37,33 @@ static void outputs(long ny, long columns, const double *by, const unsigned char
         else memset(to + i * columns, 0, columns * sizeof(double));
 }
 
-/* Step matrices of `innovations.linearise` from Jacobians (N,R,nx+ny,columns) of state and output equations. */
+/* a row (nw) of B0 and B1, from slopes W and W1 at both ends, K W and S W: in vectors, as nothing overlaps */
+static void stations(long nw, double h, const double *restrict moved, const double *restrict twice,
+                     const double *restrict W, const double *restrict W1, const double *restrict early,
+                     const double *restrict late, double *restrict b0, double *restrict b1)
+{
+    for (long j = 0; j < nw; j++) {
+        double once = h * h * moved[j], again = h * h * h * twice[j];
+        double first = h / 2 * W[j] + once / 3 + again / 8, second = h / 2 * W1[j] + once / 6 + again / 24;
+        b0[j] = (1.0 - early[j]) * first + late[j] * second;
+        b1[j] = (1.0 - late[j]) * second + early[j] * first;
+    }
+}
+
+/* Step matrices of `innovations.linearise` from Jacobians (N,R,nx+ny,columns) of state and output equations, and the
+   same (N-1,...) at the ends of the intervals. */
 void interval(long from, long to, long N, long R, long nx, long ny, long np, long nw, const double *by_x,
-              const double *by_p, const double *by_w, const double *dt, const unsigned char *live,
-              const double *held, const unsigned char *seen, double *A, double *Bp, double *B0, double *B1,
-              double *C, double *Dp, double *Dw)
+              const double *by_p, const double *by_w, const double *end_x, const double *end_p,
+              const double *end_w, const double *dt, const unsigned char *live, const double *held,
+              const unsigned char *seen, double *A, double *Bp, double *B0, double *B1, double *C, double *Dp,
+              double *Dw)
 {
     long rows = nx + ny, wide = (nx + WIDTH - 1) / WIDTH, wide_p = (np + WIDTH - 1) / WIDTH;
     long wide_w = (nw + WIDTH - 1) / WIDTH, widest = wide > wide_w ? wide : wide_w, all = nx * wide;
     long size = nx * (3 * wide + (5 * wide_p > 3 * widest ? 5 * wide_p : 3 * widest));
     V *J = aligned_alloc(sizeof(V), size * sizeof(V)), *K = J + all, *S = K + all, *room = S + all;
+    double *late = malloc(2 * R * nw * sizeof(double)), *early = late + R * nw; /* shares of an interval */
+    for (long i = 0; i < R * nw; i++) { late[i] = fmax(held[i], 0.0); early[i] = fmax(-held[i], 0.0); }
     zero(size, 1, J);
     for (long k = from; k < to; k++) for (long r = 0; r < R; r++) {
         long at = k * R + r, next = at + R;
@@ -65,8 +82,8 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
             continue;
         }
         double h = dt[at];
-        const double *P1 = by_p + next * rows * np, *W1 = by_w + next * rows * nw;
-        slopes(nx, wide, x, by_x + next * rows * nx, J, K, S);
+        const double *P1 = end_p + at * rows * np, *W1 = end_w + at * rows * nw;
+        slopes(nx, wide, x, end_x + at * rows * nx, J, K, S);
         V *moved = room, *twice = room + nx * widest;
         for (long v = 0; v < all; v++) moved[v] = h / 12 * (J[v] + K[v]) + h * h / 24 * S[v];
         moved_by(nx, wide, wide, S, moved, twice);
@@ -78,21 +95,19 @@ void interval(long from, long to, long N, long R, long nx, long ny, long np, lon
         pack(nx, nw, wide_w, W, now);
         moved_by(nx, wide, wide_w, K, now, moved);
         moved_by(nx, wide, wide_w, S, now, twice);
-        for (long i = 0; i < nx; i++) for (long j = 0; j < nw; j++) {
-            long ij = i * nw + j, in = i * wide_w * WIDTH + j;
-            double once = h * h * ((double *)moved)[in], again = h * h * h * ((double *)twice)[in];
-            double first = h / 2 * W[ij] + once / 3 + again / 8, second = h / 2 * W1[ij] + once / 6 + again / 24;
-            double share = held[r * nw + j], late = fmax(share, 0.0), early = fmax(-share, 0.0);
-            b0[ij] = (1.0 - early) * first + late * second;
-            b1[ij] = (1.0 - late) * second + early * first;
-        }
+        for (long i = 0; i < nx; i++)
+            stations(nw, h, (double *)(moved + i * wide_w), (double *)(twice + i * wide_w), W + i * nw, W1 + i * nw,
+                     early + r * nw, late + r * nw, b0 + i * nw, b1 + i * nw);
     }
     free(J);
+    free(late);
 }
 
-/* Bp and Dp alone, from Jacobians (N,R,nx,nx) of the state equations and (N,R,nx+ny,np) of both. */
+/* Bp and Dp alone, from Jacobians (N,R,nx,nx) of the state equations and (N,R,nx+ny,np) of both, and the same
+   (N-1,...) at the ends of the intervals. */
 void driven(long from, long to, long N, long R, long nx, long ny, long np, const double *by_x, const double *by_p,
-            const double *dt, const unsigned char *live, const unsigned char *seen, double *Bp, double *Dp)
+            const double *end_x, const double *end_p, const double *dt, const unsigned char *live,
+            const unsigned char *seen, double *Bp, double *Dp)
 {
     long rows = nx + ny, wide = (nx + WIDTH - 1) / WIDTH, wide_p = (np + WIDTH - 1) / WIDTH, all = nx * wide;
     long size = nx * (3 * wide + 5 * wide_p);
@@ -104,8 +119,8 @@ void driven(long from, long to, long N, long R, long nx, long ny, long np, const
         outputs(ny, np, P + nx * np, seen + at * ny, Dp + at * ny * np);
         if (k == N - 1) continue;
         if (!live[next]) { memset(Bp + at * nx * np, 0, nx * np * sizeof(double)); continue; }
-        slopes(nx, wide, by_x + at * nx * nx, by_x + next * nx * nx, J, K, S);
-        by_parameters(nx, wide, np, dt[at], K, S, P, by_p + next * rows * np, room, Bp + at * nx * np);
+        slopes(nx, wide, by_x + at * nx * nx, end_x + at * nx * nx, J, K, S);
+        by_parameters(nx, wide, np, dt[at], K, S, P, end_p + at * rows * np, room, Bp + at * nx * np);
     }
     free(J);
 }
