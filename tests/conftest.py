@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import importlib.util
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -27,6 +28,9 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
 REPO = Path(__file__).resolve().parent.parent
 os.environ["PYTHONPATH"] = str(REPO)  # scripts run as processes take this checkout, whatever is installed
 FLIGHT_DATA_FILE = "hfb320_1_10.asc"
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # in the background of a shell; scripts would inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 gc.set_threshold(100_000)  # as commands of casid do: models are many small objects that stay
 

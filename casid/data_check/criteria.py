@@ -58,11 +58,8 @@ class DataCriteria:
     trim_thrust: float = number(1.0, "1-sigma of the logarithm of thrust over that of the trim")
     trim_drag: float = number(
         0.3,
-        "1-sigma of the drag of a file's trim, as a part of it",
+        "1-sigma of the drag of a file's trim, as a part of it; needed thrust below it does not judge a level",
         "measured: thrust is within 0.16 of it in eight simulated and two real flights; files are worse",
-    )
-    drag_part: float = number(
-        0.3, "thrust that drag and energy ask for, of the drag, below which its level is not judged", "chosen"
     )
     steady_thrust: float = number(
         0.1, "range of a thrust, over its mean, below which its scale is not separated from drag", "chosen"
@@ -142,21 +139,15 @@ class DataCriteria:
         unit="s/s",
     )
     close: float = number(
-        0.03, "part of a variation that scale errors, lever arms and moving air may leave", "measured: in real flights"
-    )
-    airspeed: float = number(
-        0.03, "difference of airspeeds, as a part, up to which they are one", "chosen: above the usual position errors"
-    )
-    left: float = number(
-        2.0,
-        "r.m.s. of what a reconstruction leaves of a channel, over its noise, up to which measurements are compatible",
-        "derived: three quarters of the variance are not noise there",
+        0.03,
+        "part of a variation that scale errors, lever arms and moving air may leave, and airspeeds that are one "
+        "differ by",
+        "measured: in real flights",
     )
     own_scale: float = number(1.25, "factor up to which a scale error or a stretched time is no question of units")
     smallest_deflection: float = number(
         0.004, "range of a surface below which it excites nothing", "chosen: 0.2 deg", unit="rad"
     )
-    most_deflection: float = number(3.0, "range of a surface that none has", "chosen: 170 deg", unit="rad")
     quick: float = number(0.5, "window of rates of rotation", unit="s")
     slow: float = number(4.0, "window of what gravity and drag change", unit="s")
     fewest: int = number(6, "samples of a window at least, of which as many are kept, and windows in a record")

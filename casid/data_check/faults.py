@@ -366,11 +366,11 @@ class Weighing:
         return self._response.gains(reads, able)
 
     def _are_deflections(self, alternative: Alternative) -> bool:
-        """Whether surfaces move by what surfaces move by, as they are read then."""
+        """Whether surfaces that move excite something, as they are read then."""
         for name, factor in alternative.reading.factor.items():
             ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
             moved = abs(factor) * max(ranges, default=0.0)
-            if moved > 0.0 and not self._criteria.smallest_deflection < moved < self._criteria.most_deflection:
+            if 0.0 < moved <= self._criteria.smallest_deflection:
                 return False
         return True
 

@@ -145,7 +145,7 @@ def thrust_over_drag(
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
     unknown = criteria.path_by_altitude if measured else criteria.path_known
     needed = drag + aircraft.mass * _slope(c, "V") + weight * path - _mean(c, "fx")
-    if needed < criteria.drag_part * drag:
+    if needed < criteria.trim_drag * drag:
         return None
     by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
     sigma = math.hypot(by_drag, unknown * weight) / needed

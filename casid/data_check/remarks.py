@@ -92,11 +92,7 @@ def _indicated(read: Read, by: DataCriteria) -> Iterator[str]:
     every = len(left) / max(read.independent * float(at.mean()), 1.0)
     factor = float(scale[0] / found[0])
     std = factor**2 * float(np.sqrt(np.var(left) * every * inverse[0, 0])) / float(scale[0])
-    if (
-        ratio > 1.0 + 2.0 * by.airspeed
-        and abs(factor - ratio) < by.airspeed
-        and factor - 1.0 > max(3.0 * std, by.airspeed)
-    ):
+    if ratio > 1.0 + 2.0 * by.close and abs(factor - ratio) < by.close and factor - 1.0 > max(3.0 * std, by.close):
         yield (
             f"the flight path turns as at {factor:.3g} times the recorded airspeed; true over indicated airspeed is "
             f"{ratio:.3g} at that altitude: is V indicated?"

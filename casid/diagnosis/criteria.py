@@ -190,17 +190,6 @@ class ScreeningCriteria:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EventCriteria:
-    """Causes that begin at a time."""
-
-    sudden: float = number(
-        0.93,
-        "part of a jump's statistic that a slow change must stay below",
-        "derived: a cubic of time reaches 0.86 of a step",
-    )
-
-
-@dataclass(frozen=True, kw_only=True)
 class SizeCriteria:
     """How large an effect must be to matter to an engineer."""
 
@@ -234,6 +223,12 @@ class SizeCriteria:
     wind_across: float = number(3.0, "velocity of the air along y or z, of which the part `share` matters", unit="m/s")
 
     @property
+    def clear(self) -> float:
+        """Statistic, times the square of the size in units of what matters, of a cause that is clear: one that just
+        matters is known to the part `share` of itself."""
+        return (1.0 / self.share) ** 2
+
+    @property
     def ambiguous(self) -> float:
         """Twice `share`, for a configuration change and for what held-out records leave unexplained: a bend in a curve
         resembles a small change, and the structure was not fitted there."""
@@ -257,12 +252,6 @@ class NamingCriteria:
     )
     gain_of_an_instrument: float = number(
         25.0, "the same for an instrument fault", "measured: 17 at most on 150 clean sets", unit=_GAIN
-    )
-    clear: float = number(
-        400.0,
-        "statistic times the square of the size, in units of what matters",
-        "derived: 20 sigmas where it just matters",
-        unit=_GAIN,
     )
     tried: float = number(
         0.3,
@@ -357,8 +346,9 @@ class GivenCriteria:
     doubtful: float = number(0.9, "largest probability of a cause beside an error that nothing accounts for")
     left: float = number(
         2.0,
-        "error left, over that of the right model, above which nothing is explained and no probability exceeds 0.9",
-        "chosen: as much error by what is missing as 1.7 times the noise",
+        "error left, over noise or that of the right model, above which measurements are not compatible, nothing is "
+        "explained and no probability exceeds 0.9",
+        "derived: three quarters of its square are no noise",
     )
 
 
@@ -408,7 +398,6 @@ class Criteria:
     turbulence: TurbulenceCriteria = TurbulenceCriteria()
     structure: StructureCriteria = StructureCriteria()
     screening: ScreeningCriteria = ScreeningCriteria()
-    events: EventCriteria = EventCriteria()
     size: SizeCriteria = SizeCriteria()
     naming: NamingCriteria = NamingCriteria()
     doubt: DoubtCriteria = DoubtCriteria()

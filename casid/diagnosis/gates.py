@@ -103,7 +103,7 @@ def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:
     """
     if effect.size.stated:
         return required_gain(effect, criteria)
-    return criteria.significance.search if noise_by_fit else criteria.naming.clear
+    return criteria.significance.search if noise_by_fit else criteria.size.clear
 
 
 def gain(effect: Effect, decisive: float, left_by_others: float, required: float, criteria: Criteria) -> Gate:
@@ -154,7 +154,7 @@ def clear_size(
     """
     if unlike_aerodynamics:
         return (matters(share),)
-    names = {criteria.naming.clear: "naming.clear", criteria.significance.search: "significance.search"}
+    names = {criteria.size.clear: "size.share", criteria.significance.search: "significance.search"}
     name = names.get(clear, "significance.chance")
     return matters(share), at_least("clearness", share**2 * statistic, clear, name)
 
@@ -167,7 +167,8 @@ def begins_inside(latest: float, criteria: Criteria) -> Gate:
 
 def sudden(over_slow: float, criteria: Criteria) -> Gate:
     """Ask that the statistic of a jump clearly exceeds that of a slow change of the same effect."""
-    return at_least("gain of the jump over a slow change", over_slow, 1.0 / criteria.events.sudden, "events.sudden")
+    least = 1.0 / criteria.numerics.events.sudden
+    return at_least("gain of the jump over a slow change", over_slow, least, "numerics.events.slow_polynomials")
 
 
 def alone(over_others: float, criteria: Criteria) -> Gate:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from numpy.polynomial.legendre import legvander
+
 from casid.criterion import number
 
 Extent = Literal["plain", "first", "settled", "trial", "motion", "rough", "again", "nearly"]  # of a fit
@@ -109,6 +111,14 @@ class EventNumerics:
     slow_polynomials: int = number(4, "Legendre polynomials of time that represent a slow change")
 
     @property
+    def sudden(self) -> float:
+        """Part of a jump's statistic that a slow change must stay below: half way from the part of a step amid a record
+        that these polynomials reach, which is 0.86 for a cubic, to the whole."""
+        at_zero = legvander([0.0], self.slow_polynomials)[0]
+        odd = range(1, self.slow_polynomials, 2)
+        return 0.5 + 0.5 * sum(float(at_zero[k - 1] - at_zero[k + 1]) ** 2 / (2 * k + 1) for k in odd)
+
+    @property
     def coarse(self) -> float:
         """Time [s] between points of a profile away from its peak."""
         return 0.5 * self.step
@@ -138,7 +148,6 @@ class NamingNumerics:
     )
     side_by_side: int = number(2, "trials that are fitted at a time; later ones are abandoned if they fall behind")
     rivals: int = number(2, "alternatives of a named cause that are fitted again")
-    skew_step: float = number(0.1, "delay at which a skew is linearised, in sampling intervals")
     ranking: int = number(40, "candidates that the result keeps")
     listed: int = number(3, "findings of a kind, or small terms, that a verdict lists one by one")
 

@@ -40,7 +40,7 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     """
     fit, outputs = reconstructed, reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
-    step = fit.criteria.numerics.naming.skew_step * float(np.median(fit.batch.dt))
+    step = float(np.median(fit.batch.dt))  # readings are linear between samples
     found = [(list[Attached](), 0.0)]
     for group in (_UNIT, attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]

@@ -295,7 +295,7 @@ def compatibility(
     reconstructed = {r.name: found.fit.read[: len(r), j] for j, r in enumerate(flight.records)}
     rest = np.concatenate([measured[name] - reconstructed[name] for name in measured])
     left = dict(zip(names, map(float, np.sqrt(np.nanmean(rest**2, axis=0)) / list(flight.sigma.values())), strict=True))
-    followed = found.fit.converged or max(left.values()) <= by.data.left
+    followed = found.fit.converged or max(left.values()) <= by.given.left
     return Compatibility(
         records=given,
         axes=flight.axes,
@@ -303,13 +303,13 @@ def compatibility(
         left=left,
         noise=dict(flight.sigma),
         moving_air=air.sigma if air.named else 0.0,
-        wind=steady_wind(given, found.fit) if followed and left["V"] <= by.data.left else None,
+        wind=steady_wind(given, found.fit) if followed and left["V"] <= by.given.left else None,
         measured=measured,
         reconstructed=reconstructed,
         not_judged=(*_not_judged(given, flight, errors), *_by_steps(stepped), *_by_air(hidden)),
         data=checked.findings,
         remarks=checked.remarks,
-        most_left=by.data.left,
+        most_left=by.given.left,
         followed=followed,
     )
 
