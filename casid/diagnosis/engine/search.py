@@ -456,8 +456,8 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     """Whether a cause is so many standard deviations from zero that no fit without it can be comparable."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
-    index, by = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.naming
-    return evidence.fit[name] ** 2 > by.clear * evidence.covariance[index, index]
+    index, clear = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.size.clear
+    return evidence.fit[name] ** 2 > clear * evidence.covariance[index, index]
 
 
 def dropped(state: State) -> State:
