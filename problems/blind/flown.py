@@ -10,8 +10,8 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
+import scipy
 from scipy import signal
-from scipy.optimize import root
 
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
@@ -151,7 +151,7 @@ class Flown:
             x, controls = at(z)
             return f(x, [controls[name] for name in model.inputs], p, calm).full()[:6, 0]
 
-        solution = root(imbalance, np.array([level.alpha, 0.0, level.delta_e, 0.0, 0.0, 1.0]), tol=1e-12)
+        solution = scipy.optimize.root(imbalance, np.array([level.alpha, 0.0, level.delta_e, 0.0, 0.0, 1.0]), tol=1e-12)
         if np.abs(imbalance(solution.x)).max() > 1e-6:
             raise InputError(f"{self.aircraft.name} with a hidden effect has no steady flight ({solution.message})")
         return at(solution.x)
