@@ -222,7 +222,7 @@ def judged(
     belief, minor, refused, unexplained = _last_tests(kept, state, left)
     causes, faint = belief.causes, belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare = begun.without_causes({c.key for c in causes})
-    air = in_other_air(kept.fit) if kept.fit.noise.coloured else None
+    air = in_other_air(kept.fit).lighter(filtered=False) if kept.fit.noise.coloured else None  # its values are asked
     flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))
     kept.evidence.forget()
     first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))

@@ -322,19 +322,27 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
     of_noise = [(N - 1, R, n, ny), (N, R, ny, ny), (N, R, n, n), (N, R)]
     made = [linear.A, linear.C] if n == nx else [np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n))]
     made += [np.empty(shape) for shape in of_noise]
-    together = max(_STRETCH // R, 1) if kernel is not None else N
     begin: np.ndarray | None = None
-    for first in range(0, max(N - 1, 1), together):
-        before = min(first, 1)  # noise of inputs at a sample acts in the interval before it too
-        A, C, Q, M, S, P0 = augmented(_between(linear, first - before, first + together + 1), noise, kernel is None)
-        A, C, Q, M = (part[before:] for part in (A, C, Q, M))
-        given = (A, C, Q, M, None if S is None else S[before:], P0 if begin is None else begin)
+    for first, (A, C, Q, M, S, P) in augmented_in_stretches(linear, noise, kernel is None):
+        given = A, C, Q, M, S, P if begin is None else begin
         passed = _covariance_pass(*given) if kernel is None else kernel.covariance(*given)
         for to, part in zip(made, (A, C, *passed), strict=True):
             if to is not linear.A and to is not linear.C:  # without further states the filter has those of the model
                 to[first : first + len(part)] = part
         begin = passed[2][-1]
     return tuple(made)
+
+
+def augmented_in_stretches(
+    linear: Linear, noise: NoiseModel, plain: bool = False
+) -> Iterator[tuple[int, tuple[Any, ...]]]:
+    """(number of the first sample, `augmented`) of some samples and the next one, then from that one on."""
+    N, R = linear.seen.shape[:2]
+    together = N if plain else max(_STRETCH // R, 1)
+    for first in range(0, max(N - 1, 1), together):
+        before = min(first, 1)  # noise of inputs at a sample acts in the interval before it too
+        *made, S, P = augmented(_between(linear, first - before, first + together + 1), noise, plain)
+        yield first, (*(part[before:] for part in made), None if S is None else S[before:], P)
 
 
 def _between(linear: Linear, first: int, stop: int) -> Linear:

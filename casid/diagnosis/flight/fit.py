@@ -57,7 +57,8 @@ def fit(
     The fit has converged when the last step changed the sum of squares (`_squares`) by less than `tolerance` and the
     predicted change of the next step is smaller too. The unit of the tolerance is the mean square residual, if that
     exceeds the noise. A step of a small part of a standard deviation is the last one if this holds with the
-    sensitivities of the point before it. A fit that starts where it has converged already ends there.
+    sensitivities of the point before it. A fit that starts where it has converged already ends there, and one whose
+    next step has a smaller predicted decrease than `tolerance` and does not decrease the sum.
 
     start       fit from which values (by name) and trajectory are taken; by default the aircraft file and the measured
                 motion
@@ -89,7 +90,7 @@ def fit(
 
     def tried(length: float) -> _Point | None:
         nonlocal best, count
-        if count >= iterations or rises_from_the_start(refused[-2:]):
+        if count >= iterations or (refused and best.left(0.0) < tolerance) or rises_from_the_start(refused[-2:]):
             return None
         count += 1
         flight.limit.check()
@@ -114,7 +115,7 @@ def fit(
         refused.clear()
         now = longest(tried, numerics.shrink, numerics.shortest_step)
         gained = np.inf if now is None else abs(best.squares - now.squares)
-    return best.fit
+    return best.converged(0.0) if refused and best.left(0.0) < tolerance else best.fit
 
 
 def _first_point(work: Work, attached: tuple[Attached, ...], start: FlightFit | None, ahead: bool) -> _Point:
@@ -189,9 +190,9 @@ def relaxed(fitted: FlightFit) -> FlightFit:
     """The fit of everything that is free, converged under its own noise of inputs and its own filter."""
     numerics = fitted.criteria.numerics.fit
     for _ in range(numerics.repeats if fitted.filter_held else 1):
-        before = fitted
+        fitted.forget()
+        before = fitted = fitted.lighter(filtered=False)  # it is fitted anew, under a filter of its own
         attached = [replace(one, passes=True) for one in before.attached]
-        before.forget()
         fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)
         if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
             break
@@ -264,14 +265,15 @@ class _Point:
         The sum of squares is that of the model linearised about the motion. It is too low while the motion is not the
         most likely one, and a correct full step near the maximum may increase it. After such a step the predicted
         decrease is smaller (natural monotonicity, Deuflhard). Far from the maximum this criterion may mislead, so it
-        must be much smaller there. It is not used in turbulence, where air and motion hardly converge.
+        must be much smaller there; where noise drives the motion, the sum of squares must be nearly as low besides.
         """
         if now.squares - self.squares < tolerance * now.misfit or now.fit.deviance < self.fit.deviance:
             return True
         left = now.promise / self.promise if self.promise else np.inf
         numerics = now.fit.criteria.numerics.fit
-        nearer = left < numerics.promise or (left < 1.0 and now.squares < numerics.squares * self.squares)
-        return full and nearer and not now.fit.noise.coloured
+        much, as_low = left < numerics.promise, now.squares < numerics.squares * self.squares
+        nearer = (much and as_low) if now.fit.noise.coloured else (much or (left < 1.0 and as_low))
+        return full and nearer
 
 
 def _squares(now: FlightFit) -> float:

@@ -286,5 +286,6 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
         return True
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
     moving = fit(flight, refitted.attached, flight.noise(air), refitted, extent="rough")
-    gain = as_slow_as_left(refitted).deviance - as_slow_as_left(moving).deviance
-    return gain > turbulent.criteria.verdict.missing
+    calm, least = as_slow_as_left(refitted).deviance, turbulent.criteria.verdict.missing
+    # none is a case of slow noise: where turbulence explains as much without it, it does so beside it
+    return calm - moving.deviance > least or calm - as_slow_as_left(moving).deviance > least

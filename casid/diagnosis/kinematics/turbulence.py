@@ -123,16 +123,23 @@ def gusts(
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence, of the form that explains most, under its most likely noise."""
-    found = relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start)))
-    if not is_far(found, flight.criteria.significance.chance):
-        return found
-    # the predicted motion may depart from far away, and the forms be compared where no fit has ended
-    other = relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start, far=True)))
-    return min(found, other, key=lambda one: one.deviance)
+    found = _in_likeliest_form(flight, turbulent, start)
+    if is_far(found, flight.criteria.significance.chance):
+        # the predicted motion may depart from far away, and the forms be compared where no fit has ended
+        other = _in_likeliest_form(flight, turbulent, start, far=True)
+        found = min(found, other, key=lambda one: one.deviance)
+    return relaxed(_under_its_noise(found))
 
 
 def _under_its_noise(fitted: FlightFit) -> FlightFit:
-    """The fit with the most likely noise of what the air moves, and velocity of the air, the same along all axes.
+    """The fit under its most likely noise."""
+    noise = _likeliest_noise(fitted)
+    fitted = fitted.lighter(filtered=noise == fitted.noise)  # the arrays of one model are enough to hold
+    return fit(fitted.flight, fitted.attached, noise, fitted, extent="rough")
+
+
+def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
+    """The most likely noise of what the air moves, and velocity of the air, the same along all axes.
 
     What the air does above the band of the motion is in the noise that was measured there, which is too large. With a
     wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
@@ -168,7 +175,7 @@ def _under_its_noise(fitted: FlightFit) -> FlightFit:
         search.sweeps,
         search.gained,
     )
-    return fit(fitted.flight, fitted.attached, under(found, fitted.noise), fitted, extent="rough")
+    return under(found, fitted.noise)
 
 
 def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit, far: bool = False) -> FlightFit:
@@ -232,6 +239,7 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
     turned = gusts(flight, sigma, moments, length, axes=())
     moving = {name: one for name, one in turned.items() if name in fitted.model.disturbances}
     noise = replace(fitted.noise, coloured=wind | moving)
+    fitted.forget()  # the arrays of one model are enough to hold
     return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, extent="rough")
 
 

@@ -12,7 +12,8 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
 from casid.model.airframe import Inertia
-from casid.model.causes import accelerometer_position, sensor_bias, sensor_scale
+from casid.model.causes import accelerometer_position, sensor_bias, sensor_delay, sensor_lag, sensor_scale
+from casid.model.effect import Effect
 from problems.do328 import STABLE, do328
 
 _LEVER = 2.0  # m
@@ -38,6 +39,16 @@ def test_a_lever_arm_is_not_underestimated_by_the_noise_of_the_rates(
     assert std < 0.2 * _LEVER
     monkeypatch.setattr(kinematics, "_angular_acceleration", lambda *_: 20.0)
     assert found()[0] < 0.8 * _LEVER
+
+
+@pytest.mark.parametrize("late", [sensor_delay("p"), sensor_delay("q"), sensor_lag("p"), sensor_lag("q")])
+def test_the_fit_of_a_late_rate_ends_converged(late: Effect) -> None:
+    """Truth: 0.06 s. Its series is made of the motion before a step, so that a step which promises nothing more may
+    raise the sum of squares; shorter ones do so too, and were all tried."""
+    hidden = Attached(effect=late, values={"value": 0.06})
+    flight = prepare(do328(), flights([hidden], seed=3, count=2, duration_s=12.0))
+    found = kinematics.again(kinematics.reconstruct(flight), [hidden.with_values({"value": 0.1})])
+    assert found.converged and found[late.name] == pytest.approx(0.06, rel=0.04)
 
 
 def test_a_free_angular_acceleration_is_as_large_as_the_true_one() -> None:
