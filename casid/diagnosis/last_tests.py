@@ -32,6 +32,7 @@ from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
+from casid.native.memory import return_freed_memory
 from casid.records.record import Record
 
 
@@ -217,7 +218,7 @@ def judged(
         state.evidence.forget()
     stages.begin("missing inputs")
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
-    exact = missing_inputs(weigh(kept.fit, discrepancy=False))
+    exact = _missing_in(kept.fit)
     stages.begin("verdict")
     belief, minor, refused, unexplained = _last_tests(kept, state, left)
     causes, faint = belief.causes, belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
@@ -225,7 +226,7 @@ def judged(
     air = in_other_air(kept.fit).lighter(filtered=False) if kept.fit.noise.coloured else None  # its values are asked
     flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))
     kept.evidence.forget()
-    first = exact if kept.fit is bare else missing_inputs(weigh(bare, discrepancy=False))
+    first = exact if kept.fit is bare else _missing_in(bare, last=True)
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
     added = diagnosed(kept, causes, (*minor, *refused), flight)
@@ -264,6 +265,15 @@ def judged(
     )
 
 
+def _missing_in(fitted: FlightFit, last: bool = False) -> list[MissingInput]:
+    """The latent inputs beside a model whose structure is taken as exact; its arrays are given up if these are `last`
+    asked for."""
+    found = missing_inputs(weigh(fitted, discrepancy=False))
+    if last:
+        fitted.forget()
+    return found
+
+
 class Stages:
     """Wall time of each stage; `report` is called when a stage begins."""
 
@@ -286,3 +296,4 @@ class Stages:
         if self._name:
             self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
         self._name = ""
+        return_freed_memory()

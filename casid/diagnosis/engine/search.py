@@ -515,12 +515,12 @@ def _replaced(rounds: tuple[Round, ...], at: int, one: Round) -> tuple[Round, ..
 
 
 def _with_offsets(fitted: FlightFit) -> FlightFit:
-    """The fit with small instrument offsets that the causes named earlier had hidden.
-
-    None are added in turbulent air, which offsets imitate.
-    """
+    """The fit with small offsets of instruments that the causes had hidden; none in turbulence, which these imitate."""
     offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
-    return fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted) if offsets else fitted
+    if not offsets:
+        return fitted
+    fitted.forget()  # it may be kept as one that was tried
+    return fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)
 
 
 def carried(baseline: Baseline, state: State) -> State:

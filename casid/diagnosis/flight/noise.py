@@ -365,7 +365,7 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
             notes = [f"{o}: {alone.sum()} single readings far from all others left out" for o, alone in off.items()]
             records.append(replace(record.with_channels(**kept), notes=(*record.notes, *notes)))
         flight = replace(of_aircraft(fitted.flight), records=tuple(records), _regressors={})
-        fitted = fit(flight, fitted.attached, fitted.noise, extent="first")
+        fitted = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return fitted
 
 

@@ -91,6 +91,8 @@ def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Bu
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     sigma = {view: expected_error(view.fit) for view in (structure, fitted)}
+    for view in sigma:
+        view.fit.forget()  # of what follows, nothing needs the arrays
     channels = {
         name: BudgetSteps(
             **{step: _in_noise(view, name, structure) for step, view in views.items()},
