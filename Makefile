@@ -18,11 +18,15 @@ demo: $(STAMP)
 test: $(STAMP)
 	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
 
+# Types are checked on one processor while the tests run; what they say stands behind the tests.
 check: $(STAMP)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
-	$(BIN)/pyright
-	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS)
+	@said=$$(mktemp); $(BIN)/pyright >$$said 2>&1 & types=$$!; \
+	trap 'kill $$types 2>/dev/null' INT TERM; \
+	$(BIN)/python -m pytest -n 2 --dist worksteal -m "not slow" $(ARGS); tests=$$?; \
+	wait $$types; wrong=$$?; echo pyright; cat $$said; rm -f $$said; \
+	[ $$wrong -eq 0 ] && exit $$tests
 
 # A virtual environment made by uv has no pip and one made by venv without ensurepip is half a one: hence the look for pip.
 $(STAMP): pyproject.toml $(LOCK)

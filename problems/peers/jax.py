@@ -23,7 +23,7 @@ def _compiled(task: Task) -> Callable[[np.ndarray], Any]:
     import diffrax  # pyright: ignore[reportMissingImports]
     import jax.numpy as jnp  # pyright: ignore[reportMissingImports]
     import optimistix  # pyright: ignore[reportMissingImports]
-    from jax import config, jit  # pyright: ignore[reportMissingImports]
+    from jax import config, jit  # pyright: ignore[reportAttributeAccessIssue] # found is this file, without jax
 
     config.update("jax_enable_x64", True)
     t, n = jnp.asarray(task.t), len(task.x0)
