@@ -30,6 +30,7 @@ import numpy as np
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.noise import whiteness
+from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
@@ -52,12 +53,12 @@ OUTPUT_ERROR, FILTER_ERROR = "output error", "with process noise"
 
 def residual_tests(channels: tuple[str, ...], residuals: np.ndarray) -> dict[str, dict[str, float]]:
     """Channel -> r.m.s., lag-1 autocorrelation and Ljung-Box p-value of residuals (N, channels)."""
-    seen = np.isfinite(residuals)
+    seen, lags = np.isfinite(residuals), Numerics().fit.whiteness_lags
     return {
         name: {
             "rms": float(np.sqrt(np.nanmean(residuals[:, i] ** 2))),
             "lag1": float(autocorrelation(residuals[seen[:, i], i], 1)[1]),
-            "whiteness_p": whiteness(residuals[:, i : i + 1], seen[:, i : i + 1]),
+            "whiteness_p": whiteness(residuals[:, i : i + 1], seen[:, i : i + 1], lags),
         }
         for i, name in enumerate(channels)
     }

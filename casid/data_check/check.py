@@ -35,7 +35,7 @@ from casid.records.channel_faults import (
     not_moving,
     without_faults,
 )
-from casid.records.channel_table import ChannelRow, as_text, channel_table, gaps
+from casid.records.channel_ranges import ChannelRow, as_text, channel_table, gaps
 from casid.records.checks import INPUTS, LONG_GAP
 from casid.records.given import given_records, unflown
 from casid.records.record import Record

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import ndimage
 
 from casid.keeping import by_fields
-from casid.records.channel_table import gaps
+from casid.records.channel_ranges import gaps
 from casid.records.checks import MIN_DURATION, MIN_SAMPLES
 from casid.records.given import given_record
 from casid.records.noise import pooled_sigma

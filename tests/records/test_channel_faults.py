@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from casid.records.channel_faults import channel_faults, not_moving, without_faults
-from casid.records.channel_table import as_text, channel_table
+from casid.records.channel_ranges import as_text, channel_table
 from casid.records.record import Record
 
 T = np.arange(1001) / 50.0

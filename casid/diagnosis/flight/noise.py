@@ -116,7 +116,7 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
     return table
 
 
-def whiteness(white: np.ndarray, seen: np.ndarray, lags: int = 20) -> float:
+def whiteness(white: np.ndarray, seen: np.ndarray, lags: int) -> float:
     """Ljung-Box p-value with a number of `lags`, pooled over the records of a channel (N, R)."""
     statistic, dof = 0.0, 0
     for r in range(white.shape[1]):
