@@ -159,6 +159,15 @@ def clear_size(
     return matters(share), at_least("clearness", share**2 * statistic, clear, name)
 
 
+def remembered(one: Attached, interval: float) -> tuple[Gate, ...]:
+    """Ask that the lag of a further state lasts from one sample to the next, `interval` [s] later.
+
+    A shorter one follows only what differs from sample to sample, which in moving air is mostly noise.
+    """
+    lags = [one.values[name] for name, unit in one.effect.units.items() if unit == "s"] if one.effect.states else []
+    return tuple(at_least("lag of a state, in sampling intervals", lag / interval, 1.0) for lag in lags)
+
+
 def begins_inside(latest: float, criteria: Criteria) -> Gate:
     """Ask that an event begins after the beginning of a record, by `latest` [s] at most."""
     least = criteria.numerics.events.fine

@@ -64,13 +64,15 @@ def is_small(trial: Trial) -> bool:
 
 
 def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float, confirmed: bool) -> tuple[Gate, ...]:
-    """The gates on the fitted size of a cause: it matters, is clear and possible, and an event begins inside a record.
+    """The gates on the fitted size of a cause: it matters, is clear, possible and slow enough for the samples, and an
+    event begins inside a record.
 
     `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
     """
     criteria, alone = fitted.criteria, confirmed or one.effect.of_an_instrument
     clear = gates.clear_gain(one.effect, criteria, fitted.flight.noise_by_fit)
-    found = (*gates.clear_size(share, statistic, clear, criteria, alone), *gates.possible(one))
+    bounds = (*gates.possible(one), *gates.remembered(one, float(np.median(fitted.batch.dt))))
+    found = (*gates.clear_size(share, statistic, clear, criteria, alone), *bounds)
     if not one.onsets:
         return found
     first = {record.name: record.t[0] + criteria.numerics.events.step for record in fitted.flight.records}

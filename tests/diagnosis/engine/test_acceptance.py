@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import trial_of
 
+from casid.diagnosis import gates
 from casid.diagnosis.cause import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine import acceptance
@@ -21,6 +22,8 @@ from casid.model.causes import (
     sensor_scale,
     unsteady_aero,
 )
+from casid.model.causes.aerodynamics import lagged_aero
+from casid.model.causes.controls import washed_out
 from casid.model.station import Station
 from problems.do328 import do328
 
@@ -108,3 +111,14 @@ def test_a_drift_beside_a_confirmed_scale_is_judged_by_the_kinematics(
     monkeypatch.setattr(acceptance, "missing_at", lambda one, _: [SimpleNamespace(gain=one.drift)])
     assert not all_passed(gates_of(before, after, trial, evidence))  # pyright: ignore
     assert all_passed(gates_of(before, after, trial, evidence, known)) == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize("effect", [lagged_aero("CL"), washed_out("delta_e", "q")])
+def test_a_state_that_forgets_within_a_sample_is_no_cause(effect) -> None:
+    """In turbulence a lag of 0.013 s stood for noise in records of 50 Hz. Truth: the limit of a first-order lag, which
+    has 1/e of a sample left at the next one when it is as long as the interval."""
+    for interval in (0.01, 0.02, 0.1):
+        for lags, passes in ((0.6, False), (1.5, True)):
+            one = Attached(effect=effect, values={"value": 20.0, "time_constant": lags * interval})
+            assert all_passed(gates.remembered(one, interval)) == passes
+    assert gates.remembered(Attached(effect=unsteady_aero("CL"), values={"value": 20.0}), 0.02) == ()
