@@ -67,28 +67,40 @@ def flight(
     leaning = np.zeros(3)
     rows: dict[str, list] = {name: [] for name in ("t", "u", "x", "v", "R", "omega", "force")}
     settle = 3.0
-    for k in range(int((SECONDS + settle) / STEP)):
+    for k in range(int((SECONDS + settle) / STEP)):  # in place: types around a loop take minutes to infer
         t = k * STEP - settle
         angle = frequency * t + phase
         want = np.sum(amplitude * np.sin(angle), axis=0) + [speed * (t + settle), 0.0, 0.0]
         want_v = np.sum(amplitude * frequency * np.cos(angle), axis=0) + [speed, 0.0, 0.0]
         want_a = -np.sum(amplitude * frequency**2 * np.sin(angle), axis=0)
-        leaning = leaning + STEP * 1.2 * (want - x)
+        leaning[:] = leaning + STEP * 1.2 * (want - x)
         pull = want_a + 3.0 * (want_v - v) + 3.5 * (want - x) + leaning - [0.0, 0.0, G]
-        moment = craft.inertia @ _turning(R, omega, pull, gains)
+        down = -pull / np.linalg.norm(pull)
+        across = np.cross(down, [1.0, 0.0, 0.0])
+        across /= np.linalg.norm(across)
+        wanted = np.column_stack([np.cross(across, down), across, down])
+        off = 0.5 * (wanted.T @ R - R.T @ wanted)
+        turn = np.array([off[2, 1], off[0, 2], off[1, 0]])
+        moment = craft.inertia @ (-gains[0] * turn * [1.0, 1.0, 0.3] - gains[1] * omega * [1.0, 1.0, 0.5])
         share = mix @ np.array([-mass * pull @ R[:, 2], *moment])
         u = craft.input_for(np.maximum(share, 0.02 * mass * G))
-        acts = acts + STEP / craft.lag * (u - acts)
-        gusts = gusts + STEP * (-gusts / 0.8) + BREEZE * np.sqrt(2.0 * STEP / 0.8) * rng.normal(size=3)
+        acts[:] = acts + STEP / craft.lag * (u - acts)
+        gusts[:] = gusts + STEP * (-gusts / 0.8) + BREEZE * np.sqrt(2.0 * STEP / 0.8) * rng.normal(size=3)
         thrust, now, J = craft.thrust(t, acts), craft.mass(t), craft.inertia
-        force, torque = _loads(craft, thrust, R.T @ v, now * gusts)
+        air = R.T @ v
+        force = np.array([0.0, 0.0, -thrust.sum()]) - craft.drag * air + now * gusts
+        torque = np.sum(np.cross(craft.places, np.outer(-thrust, [0.0, 0.0, 1.0])), axis=0)
+        torque = torque + [0.0, 0.0, np.sum(craft.spins * craft.torque * thrust)]
+        if craft.wing is not None:
+            more, about = craft.wing(air)
+            force, torque = force + more, torque + about
         if k % EVERY == 0 and t >= 0.0:
             for column, value in zip(rows.values(), (t, u, x, v, R, omega, force / now), strict=True):
                 column.append(np.array(value))
-        x = x + STEP * v
-        v = v + STEP * (R @ force / now + [0.0, 0.0, G])
-        omega = omega + STEP * np.linalg.solve(J, torque - np.cross(omega, J @ omega))
-        R = _turned(R, STEP * omega)
+        x[:] = x + STEP * v
+        v[:] = v + STEP * (R @ force / now + [0.0, 0.0, G])
+        omega[:] = omega + STEP * np.linalg.solve(J, torque - np.cross(omega, J @ omega))
+        R[:] = R @ Rotation.from_rotvec(STEP * omega).as_matrix()
     psi, theta, phi = Rotation.from_matrix(np.stack(rows["R"])).as_euler("ZYX").T
     table = {"p": np.stack(rows["omega"]), "phi": np.column_stack([phi, theta, np.unwrap(psi)])}
     table |= {"ax": np.stack(rows["force"]), "v_north": np.stack(rows["v"])}
@@ -98,30 +110,3 @@ def flight(
         noisy = values + rng.normal(0.0, NOISE[first], values.shape)
         channels |= dict(zip(OF_A_KIND[first], noisy.T, strict=True))
     return channels | {f"m{i}": series for i, series in enumerate(np.stack(rows["u"]).T, start=1)}
-
-
-def _turning(R: np.ndarray, omega: np.ndarray, pull: np.ndarray, gains: tuple[float, float]) -> np.ndarray:
-    """Angular acceleration (3,) that turns the thrust towards `pull`, the nose to the north."""
-    down = -pull / np.linalg.norm(pull)
-    across = np.cross(down, [1.0, 0.0, 0.0])
-    across /= np.linalg.norm(across)
-    wanted = np.column_stack([np.cross(across, down), across, down])
-    off = 0.5 * (wanted.T @ R - R.T @ wanted)
-    turn = np.array([off[2, 1], off[0, 2], off[1, 0]])
-    return -gains[0] * turn * [1.0, 1.0, 0.3] - gains[1] * omega * [1.0, 1.0, 0.5]
-
-
-def _loads(craft: Craft, thrust: np.ndarray, air: np.ndarray, gust: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Force [N] and moment [N m] of the rotors, of drag and wing by the velocity against the `air`, and of a gust."""
-    force = np.array([0.0, 0.0, -thrust.sum()]) - craft.drag * air + gust
-    torque = np.sum(np.cross(craft.places, np.outer(-thrust, [0.0, 0.0, 1.0])), axis=0)
-    torque = torque + [0.0, 0.0, np.sum(craft.spins * craft.torque * thrust)]
-    if craft.wing is not None:
-        more, about = craft.wing(air)
-        force, torque = force + more, torque + about
-    return force, torque
-
-
-def _turned(R: np.ndarray, by: np.ndarray) -> np.ndarray:
-    """Attitude (3, 3) after a turn `by` (3,) [rad] about its own axes."""
-    return R @ Rotation.from_rotvec(by).as_matrix()
