@@ -26,10 +26,10 @@ from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.as_given import attached_effects, fly_as_given, fly_recorded
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.scope import out_of_sight, scope_of, split
-from casid.diagnosis.last_tests import Stages, judged
+from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
-from casid.diagnosis.time_limit import TimeLimit
+from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft

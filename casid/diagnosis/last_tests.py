@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -32,7 +31,7 @@ from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import SLOW_NOISE, noted
-from casid.native.memory import return_freed_memory
+from casid.diagnosis.time_limit import Stages
 from casid.records.record import Record
 
 
@@ -272,28 +271,3 @@ def _missing_in(fitted: FlightFit, last: bool = False) -> list[MissingInput]:
     if last:
         fitted.forget()
     return found
-
-
-class Stages:
-    """Wall time of each stage; `report` is called when a stage begins."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
-        self._name, self._since, self._processor = "", time.perf_counter(), time.process_time()
-        self.seconds: dict[str, float] = {}
-
-    def begin(self, name: str) -> None:
-        self.end()
-        self._name, self._since = name, time.perf_counter()
-        self._report(name)
-
-    @property
-    def of_processor(self) -> float:
-        """Time of the processor [s] since the first stage."""
-        return time.process_time() - self._processor
-
-    def end(self) -> None:
-        if self._name:
-            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
-        self._name = ""
-        return_freed_memory()

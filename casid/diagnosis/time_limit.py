@@ -1,11 +1,13 @@
-"""The time that a diagnosis may take, and what its search leaves out when that is over."""
+"""The time that a diagnosis may take and what its search leaves out when that is over; the time of each stage."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+from casid.native.memory import return_freed_memory
 
 
 class TimeIsUpError(Exception):
@@ -69,3 +71,28 @@ class TimeLimit:
         """Raise TimeIsUpError where a fit may end and the time is up."""
         if self._cutting and self.is_up:
             raise TimeIsUpError
+
+
+class Stages:
+    """Wall time of each stage; `report` is called when a stage begins."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._name, self._since, self._processor = "", time.perf_counter(), time.process_time()
+        self.seconds: dict[str, float] = {}
+
+    def begin(self, name: str) -> None:
+        self.end()
+        self._name, self._since = name, time.perf_counter()
+        self._report(name)
+
+    @property
+    def of_processor(self) -> float:
+        """Time of the processor [s] since the first stage."""
+        return time.process_time() - self._processor
+
+    def end(self) -> None:
+        if self._name:
+            self.seconds[self._name] = self.seconds.get(self._name, 0.0) + time.perf_counter() - self._since
+        self._name = ""
+        return_freed_memory()

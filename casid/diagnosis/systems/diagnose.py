@@ -20,7 +20,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.given.scope import split
-from casid.diagnosis.last_tests import Stages, judged
+from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.extended import Extended, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
@@ -32,7 +32,7 @@ from casid.diagnosis.systems.rotorcraft import (
     with_thrust_curve,
 )
 from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
-from casid.diagnosis.time_limit import TimeLimit
+from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
