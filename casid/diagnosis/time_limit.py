@@ -74,7 +74,7 @@ class TimeLimit:
 
 
 class Stages:
-    """Wall time of each stage; `report` is called when a stage begins."""
+    """Wall time of each stage; `report` is called when a stage begins. Memory that is free is returned at its end."""
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
