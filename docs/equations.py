@@ -30,8 +30,8 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     "input_delay": (r"\delta(t) = \delta_\mathrm{rec}(t - v)", r"Negative: what acts is ahead of its record."),
     "rate_limit": (r"|\dot\delta| \le v", r"$\delta$ follows $\delta_\mathrm{rec}$ as fast as that allows."),
     "dead_zone": (
-        r"\delta = \delta_m + \mathrm{sign}(e)\,\max(|e| - v,\, 0),\quad e = \delta_\mathrm{rec} - \delta_m",
-        r"$\delta_m$ is the median of the record.",
+        r"\delta = c\,\delta_m + \mathrm{sign}(e)\,\max(|e| - v,\, 0),\quad e = \delta_\mathrm{rec} - c\,\delta_m",
+        r"$\delta_m$ is the median of the record, $c$ the parameter `about`.",
     ),
     "backlash": (
         r"\delta_k = \min\bigl(\max(\delta_{k-1},\ \delta_{\mathrm{rec},k} - v),\ \delta_{\mathrm{rec},k} + v\bigr)",

@@ -88,6 +88,8 @@ class Further:
     unsigned: tuple[str, ...] = ()  # values of which only the size counts
     # values between -1 and 1 that a fit may leave: they run back there (`operators.folded`)
     folded: tuple[str, ...] = ()
+    # mean and 1-sigma of further parameters that records may not determine
+    usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
 
 

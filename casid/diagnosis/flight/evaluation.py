@@ -247,6 +247,8 @@ class Work:
         for i, slot in enumerate(self.slots):
             if slot.name in nuisance:
                 self.weight[i] = nuisance[slot.name] ** -2.0
+            elif slot.attached is not None and slot.key in (usual := attached[slot.attached].effect.further.usual):
+                self.mean[i], self.weight[i] = usual[slot.key][0], usual[slot.key][1] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
         self.filter_held = _is_held(flight, noise, self.slots)  # as `FlightFit.filter_held`

@@ -18,6 +18,7 @@ from casid.signals import SURFACES
 _TO_THE_END = 1e3  # s
 _LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
+_ZERO, _TRIM = 0.0, 1.0  # what a dead zone lies about: the zero of the record, or its median
 
 
 def _surface_operator(
@@ -94,14 +95,30 @@ def rate_limit(surface: str) -> Effect:
     "dead_zone",
     targets=SURFACES,
     unit="rad",
-    quantity="half width around zero without any answer",
+    quantity=(
+        "half width without any answer; what it lies about stands in the parameters, 0 the zero of the record, 1 its "
+        "median"
+    ),
     sentence="The {label} does not answer to a command below {size}.",
 )
 def dead_zone(surface: str) -> Effect:
-    def operate(t: np.ndarray, y: np.ndarray, width: float) -> np.ndarray:
-        return operators.dead_zone(y, width, float(np.median(y)))
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded, about = known[surface], values.get("about", _TRIM)
+        centre = about * float(np.median(recorded))
+        return {station.control(surface): operators.dead_zone(recorded, values["value"], centre) - recorded}
 
-    return _surface_operator(surface, _PLAY, operate, math.radians(0.1), math.radians(8.0))
+    return Effect(
+        target=surface,
+        linear=False,
+        further=Further(
+            grid=tuple({"value": v, "about": a} for v in _PLAY for a in (_TRIM, _ZERO)),
+            defaults={"about": _TRIM},
+            unsigned=("value",),
+            usual={"about": (0.5 * (_ZERO + _TRIM), 0.5 * abs(_ZERO - _TRIM))},  # a movement may reach one end alone
+        ),
+        series=series,
+        size=Size(meaningful=math.radians(0.1), limit=math.radians(8.0)),
+    )
 
 
 @cause(

@@ -71,6 +71,41 @@ def test_a_play_is_found_wherever_in_it_the_surface_begins(rest: float) -> None:
     assert middle.deviance > free.deviance + 500.0
 
 
+@pytest.mark.parametrize("about", [0.0, 1.0])
+def test_a_dead_zone_is_found_wherever_it_lies(about: float) -> None:
+    """Truth: the place that was flown, the zero of the record or its median, where the elevator trims the aircraft.
+    Taken for the other place, the model leaves most of what it does."""
+    hidden = Attached(effect=dead_zone("delta_e"), values={"value": 0.02, "about": about})
+    flight = prepare(do328(), flights([hidden], seed=2, rate_hz=50.0, size=2.5))
+    base = fit(flight, (), flight.noise())
+    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="first")
+    elsewhere = replace(hidden, values={"value": 0.02, "about": 1.0 - about})
+    other = fit(flight, [elsewhere], flight.noise(), fitted, free="states")
+    assert fitted[hidden.name] == pytest.approx(0.02, rel=0.03)
+    assert fitted.attached[0].values["about"] == pytest.approx(about, abs=0.1)
+    assert other.deviance > fitted.deviance + 1000.0
+
+
+def test_a_dead_zone_of_which_one_end_is_reached_is_as_unsure_as_its_place() -> None:
+    """Truth: an elevator that stays above zero meets the upper end alone, 0.05 rad: any place and size with that end
+    fly alike."""
+    hidden = Attached(effect=dead_zone("delta_e"), values={"value": 0.05, "about": 0.0})
+    flight = prepare(do328(), flights([hidden], seed=2, rate_hz=50.0))
+    base = fit(flight, (), flight.noise())
+    fitted = fit(flight, [_screened(base, hidden.effect)], flight.noise(), base, extent="first")
+    trim = float(np.median(np.concatenate([record.channels["delta_e"] for record in flight.records])))
+    end = fitted[hidden.name] + fitted.attached[0].values["about"] * trim
+    assert end == pytest.approx(0.05, abs=0.002)
+    assert abs(fitted[hidden.name] - 0.05) < 2.0 * fitted.std(hidden.name)
+
+
+def _screened(base: FlightFit, effect: Effect) -> Attached:
+    """The effect as the screening predicts it."""
+    evidence = weigh(base)
+    (found,) = rank(Screen(evidence, exact=True), fingerprints(evidence, [effect]))
+    return found.attached
+
+
 def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> None:
     """Truth: a limited elevator is all that is wrong. Without it the elevator seems to do a quarter of what it does;
     held at that, its noise left 470 in 2 ln L to an unknown pitching moment."""
