@@ -116,9 +116,11 @@ def trace_of_search(
                 cause = final.get(key) or small.get(key) or out.get(key)
                 told.add(key)
                 outcome = NAMED if key in final else MINOR if key in small else REFUSED
-                one = replace(one, outcome=outcome, gates=(*one.gates, *(cause.gates if cause else ())))
+                later = cause.gates if cause else (gates.gone_beside_later_causes(),)
+                one = replace(one, outcome=outcome, gates=(*one.gates, *later))
             elif one.outcome == IN_A_SET and key not in alike:
-                one = replace(one, outcome=REFUSED)
+                unnamed = gates.first_is_named(round_.leader.candidate.name)
+                one = replace(one, outcome=REFUSED, gates=(*one.gates, unnamed))
             found.append(one)
     exits = ((causes, NAMED), (minor, MINOR), (refused, REFUSED))
     put_in = [

@@ -2,7 +2,8 @@
 
 1. "Adequate" is said of a simulation that as given stays within the noise on held-out records, and of no other.
 2. Every value of the extended model that left its stated uncertainty is reported, identifiable or not.
-3. While structure is missing, or the held-out error has grown, no value is what the records say.
+3. While structure is missing, or the held-out error has grown, no value is what the records say; a cause that values
+   reproduce is structure.
 4. Shares of an error are from 0 to 100 % and add up to 100 %; a step that makes it worse is reported as that.
 5. A probability is conditional on the catalogue. With more than twice the error of the right model left, none is
    above 90 %.
@@ -25,6 +26,7 @@ import numpy as np
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.given.budget import AccountStep, account_of
+from casid.diagnosis.given.factors import Factor
 from casid.model.numbers import digits
 
 
@@ -95,6 +97,14 @@ def no_values(facts: Facts) -> str:
     if facts.unexplained:
         return "structure is missing"
     return grown(facts)
+
+
+def told_factors(facts: Facts) -> tuple[Factor, ...]:
+    """Return the groups of values whose common number may be stated; while structure is missing, of those that a cause
+    makes, for its size is structure as well."""
+    if facts.at_fault or grown(facts):
+        return ()
+    return tuple(one for one in facts.factors if one.cause or not facts.unexplained)
 
 
 def probability(value: float, facts: Facts) -> float:

@@ -7,7 +7,7 @@ cause alone, and which of a set of causes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 from casid.diagnosis.cause import Gate, all_passed, at_least, at_most
@@ -251,9 +251,9 @@ def as_much_as_any_input(raw: float, most: float) -> Gate:
     return at_least("gain, of what any input gains there", raw / max(most, 1e-300), 1.0)
 
 
-def confirmed_by_kinematics() -> Gate:
-    """State that the kinematics confirm a cause."""
-    return at_least("confirmed by kinematics", 1.0, 1.0)
+def confirmed_by_kinematics(confirmed: bool = True) -> Gate:
+    """State whether the kinematics confirm a cause."""
+    return at_least("confirmed by kinematics", float(confirmed), 1.0)
 
 
 def nothing_worse(place: str, size: float) -> Gate:
@@ -270,6 +270,26 @@ def no_single_drift(drift: float, raw: float, criteria: Criteria) -> Gate:
 def stands_beside(distance: float) -> Gate:
     """Ask that an alternative is near enough to the best cause to be in one ambiguity set with it."""
     return at_most("gain behind the first, of what is equivalent", distance, 1.0, "screening.equivalent")
+
+
+def none_refused(refused: Collection[str]) -> Gate:
+    """Ask that no cause of a set was refused: the others were judged beside it."""
+    return at_most(f"refused causes of its set ({', '.join(refused)})", len(refused), 0.0)
+
+
+def best_of_its_forms() -> Gate:
+    """State that another form of a cause, or the same in other records, explains more."""
+    return at_least("best of the forms of this cause", 0.0, 1.0)
+
+
+def tried_again_beside(small: str) -> Gate:
+    """State that a fault that is too small to matter explains more, so that a later round decides beside it."""
+    return at_least(f"decided before {small}, which is too small to matter", 0.0, 1.0)
+
+
+def first_is_named(first: str) -> Gate:
+    """State that the first cause of an ambiguity set was not named, and so neither was the set."""
+    return at_least(f"first of its set is named ({first})", 0.0, 1.0)
 
 
 # --- the final model and the held-out records -------------------------------------------------------------------------
@@ -308,6 +328,11 @@ def gain_of_structure(statistic: float, required: float) -> Gate:
 def gain_held_out(held: float | None) -> Gate:
     """Ask that such structure does not lose on the held-out records."""
     return at_least("gain on held-out records", held or 0.0, 0.0)
+
+
+def common(statistic: float, criteria: Criteria) -> Gate:
+    """Ask that one number for many values is clearly likelier than errors that have nothing to do with each other."""
+    return at_least("odds against single errors, 2 ln", statistic, criteria.significance.chance, "significance.chance")
 
 
 def unexplained(gain: float, size: float, told: bool, unknown: bool, criteria: Criteria) -> tuple[Gate, ...]:

@@ -198,7 +198,7 @@ def headline(facts: Facts, found: Diagnosis) -> str:
         said = " ".join([*(one.statement for one in facts.causes), *facts.unexplained[:1]])
         return f"{said} Besides, {wrong}" if wrong else said
     if facts.unexplained:
-        return facts.unexplained[0]
+        return f"{facts.unexplained[0]} Besides, {wrong}" if wrong else facts.unexplained[0]
     if claims.adequate(facts) and not wrong:
         return f"{_ADEQUATE}{found.remark}{_would_have_shown(found.detectable_by_channel)}"
     left = claims.left_over(facts)
@@ -228,20 +228,22 @@ def contradicted(facts: Facts) -> str:
     """The clause of common factors and single numbers that are inconsistent with the records; empty if none may be
     said.
     """
-    if claims.no_values(facts) or not (facts.factors or facts.contradicted):
+    factors, numbers = claims.told_factors(facts), () if claims.no_values(facts) else facts.contradicted
+    if not (factors or numbers):
         return ""
-    counted = ((len(facts.factors), "group{} of derivatives"), (len(facts.contradicted), "number{}"))
+    counted = ((len(factors), "group{} of derivatives"), (len(numbers), "number{}"))
     said = " and ".join(f"{'a' if n == 1 else n} {what.format('' if n == 1 else 's')}" for n, what in counted if n)
-    verb = "is" if len(facts.factors) + len(facts.contradicted) == 1 else "are"
+    verb = "is" if len(factors) + len(numbers) == 1 else "are"
     opening = f"{said} of the {facts.source} {verb} inconsistent with {facts.witness}."
-    return f"{opening} {several([*facts.factors, *facts.contradicted], facts.listed)}"
+    return f"{opening} {several([*factors, *numbers], facts.listed)}"
 
 
 def moved(facts: Facts) -> str:
     """The sentences of values that left their stated uncertainty and are not told as inconsistent with the records."""
     because = claims.no_values(facts)
-    told = {one.parameter for one in facts.contradicted} | {d for one in facts.factors for d in one.derivatives}
-    others = [one for one in facts.moved if because or one.parameter not in told]
+    told = {d for one in claims.told_factors(facts) for d in one.derivatives}
+    told |= set() if because else {one.parameter for one in facts.contradicted}
+    others = [one for one in facts.moved if one.parameter not in told]
     pairs = " ".join(one.sentence for one in facts.combinations[: facts.listed])
     if not others:
         return pairs

@@ -11,10 +11,11 @@ from dataclasses import replace
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims, sentences
-from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Trace
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Decision, Trace
+from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
-from casid.diagnosis.gates import refused_by_the_data
+from casid.diagnosis.gates import common, refused_by_the_data
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -65,8 +66,8 @@ def concluded(
         doubted = False
     if claims.grown(facts):
         found = replace(found, diagnosed=found.diagnosed.kept)
-    withheld = claims.no_values(facts)
-    told_values = () if withheld else facts.contradicted
+    factors = claims.told_factors(facts)
+    alike = [of_values(one.cause, one.statistic, one.derivatives, found.criteria) for one in factors if one.cause]
     return replace(
         found,
         verdict=verdict,
@@ -81,8 +82,9 @@ def concluded(
         believed={name: claims.probability(p, facts) for name, p in found.believed.items()},
         not_judged=facts.not_judged,
         data=tuple(data),
-        contradicted=(*facts.impossible, *told_values),
-        factors=() if withheld else facts.factors,
+        contradicted=(*facts.impossible, *(() if claims.no_values(facts) else facts.contradicted)),
+        factors=factors,
+        trace=Trace(decisions=(*alike, *found.trace.decisions)),
         moved=facts.moved,
         combinations=facts.combinations,
         claims=claims.claims_of(facts),
@@ -152,6 +154,11 @@ def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
         if _is_told_by(one, {(cause.kind, cause.target)})
     ]
     return replace(cause, indistinguishable_from=(*cause.indistinguishable_from, *others)) if others else cause
+
+
+def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: Criteria) -> Decision:
+    """The decision on a cause that values reproduce: it is listed with them, for no record tells them apart."""
+    return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(common(statistic, criteria),), against=values)
 
 
 def _unexplained(found: Diagnosis) -> Iterator[str]:

@@ -2,8 +2,9 @@
 
 A name is right when kind, target and term are those of the answer. A change of configuration is right when the named
 coefficients are part of those that changed, or contain them: a step of 0.003 in Cm need not be seen. What cannot be
-told from a cause (`indistinguishable_from`) belongs to its set. Causes that are true beside what
-was hidden are left out.
+told from a cause (`indistinguishable_from`) belongs to its set; so does a cause that a group of values reproduces, and
+that is told as the number which they have in common (`factors`). Causes that are true beside what was hidden are left
+out.
 """
 
 from __future__ import annotations
@@ -73,9 +74,10 @@ def score(answer: Answer, found: Found) -> Score:
             seconds=0.0,
         )
     hidden = answer.hidden
+    told = sorted([*found["causes"], *_of_values(found)], key=lambda cause: -cause["statistic"])
     causes = [
         cause
-        for cause in found["causes"]
+        for cause in told
         if _among(answer.hidden, cause) or not _among(answer.besides, cause)  # what was hidden may look like a beside
     ]
     found = {**found, "causes": causes}
@@ -97,6 +99,17 @@ def score(answer: Answer, found: Found) -> Score:
         seconds=sum(found["seconds"].values()),
         values=_values(answer, found["contradicted"]),
     )
+
+
+def _of_values(found: Found) -> Iterator[Found]:
+    """Causes that a group of values reproduces, and that are told as the number which these have in common."""
+    records = list(dict.fromkeys(name for cause in found["causes"] for name in cause["records"]))
+    for one in found.get("factors", ()):
+        kind, _, place = one["cause"].removesuffix(")").partition("(")
+        target, _, term = place.partition(":")
+        if kind:
+            said = {"kind": kind, "target": target, "term": term or None, "value": one["factor"]}
+            yield {**one, **said, "records": records, "onset_s": None, "indistinguishable_from": []}
 
 
 def _set(cause: Found) -> Iterator[Found]:

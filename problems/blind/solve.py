@@ -49,7 +49,7 @@ def shortened(found: Diagnosis) -> dict[str, Any]:
         **{
             name: document[name]
             for name in (
-                *("verdict", "sentence", "causes", "minor", "contradicted", "parameters"),
+                *("verdict", "sentence", "causes", "minor", "contradicted", "factors", "parameters"),
                 *("smallest_detectable", "decisions"),
             )
         },

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import casid as cs
+from casid.diagnosis.cause import NOT_TRIED, REFUSED
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.record import Record
@@ -35,7 +36,8 @@ def broken(world: World, found: Diagnosis) -> list[str]:
 
 def general(found: Diagnosis) -> list[str]:
     """The points that a result breaks and that need no truth."""
-    return [*_moved(found), *_values(found), *_shares(found), *_probabilities(found), *_words(found), *_small(found)]
+    points = (_moved, _values, _shares, _probabilities, _words, _small, _decisions)
+    return [said for point in points for said in point(found)]
 
 
 def refuses_copies(world: World) -> list[str]:
@@ -56,6 +58,13 @@ def refuses_copies(world: World) -> list[str]:
         else:
             found.append(f"a copy of a fitted record was held out: {copy.name}")
     return found
+
+
+def _decisions(found: Diagnosis) -> Iterator[str]:
+    """Every cause that was refused, or not tried, has a gate that failed."""
+    for one in found.trace.decisions:
+        if one.outcome in (REFUSED, NOT_TRIED) and not one.failed:
+            yield f"{one.cause} is {one.outcome} in round {one.round}, and passes every gate"
 
 
 def _adequate(world: World, found: Diagnosis) -> Iterator[str]:
@@ -86,7 +95,8 @@ def _values(found: Diagnosis) -> Iterator[str]:
     """No value is what the records say while structure is missing or the held-out error has grown."""
     steps = found.budget.together
     missing = bool(found.unexplained) or steps.structure > 1.1 * max(steps.data_mended, steps.noise, steps.expected)
-    if missing and (found.contradicted or found.factors or "records say" in found.sentence):
+    factors = [one for one in found.factors if not one.cause]  # the size of a cause is structure
+    if missing and (found.contradicted or factors or "records say" in found.sentence):
         yield "values are told as what the records say while structure is missing"
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from diagnosis_flights import flights, trial_of
 
-from casid.diagnosis.cause import MINOR, REFUSED, Cause, all_passed, at_least
+from casid.diagnosis.cause import IN_A_SET, MINOR, REFUSED, Cause, all_passed, at_least
 from casid.diagnosis.causes import minor_trials, onset_intervals, trace_of_search
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.engine.acceptance import can_be_named, ranked, ranked_behind
+from casid.diagnosis.engine.trial import Round, refused_rounds
 from casid.diagnosis.evidence.evidence import deviation, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
@@ -21,7 +25,9 @@ from casid.model.causes import (
     effectiveness_change,
     gust,
     input_delay,
+    mass,
     sensor_bias,
+    unsteady_aero,
 )
 from casid.model.effect import Effect
 from problems.do328 import do328
@@ -91,3 +97,60 @@ def test_what_looks_alike_at_one_place_is_minor_once() -> None:
     state = SimpleNamespace(rounds=[SimpleNamespace(named=False, trials=trials)], criteria=Criteria())
     found = [trial.candidate.name for trial in minor_trials(state, ())]  # pyright: ignore
     assert found == ["input_delay(delta_e)", "sensor_bias(q)"]
+
+
+def drawn_round(rng: np.random.Generator) -> Round:
+    """A round that named the best of causes with any gains and likenesses, some of them in several forms."""
+    effects = [actuator_lag("delta_e"), input_delay("delta_e"), unsteady_aero("CL"), mass(), sensor_bias("q")]
+    forms = [Attached(effect=effect, values={"value": 0.1}, records=("m1",)) for effect in effects]
+    forms += [Attached(effect=one.effect, values={"value": -0.1}, records=("m2",)) for one in forms[2:4]]
+    trials = []
+    for one in forms:
+        gain, share = float(rng.uniform(10.0, 900.0)), float(rng.uniform(0.5, 9.0))
+        enough = at_least("gain", gain, 40.0, "naming.gain")
+        trials.append(
+            replace(trial_of(one, gain, fingerprint=rng.uniform(0.5, 1.0, 2).tolist(), share=share), enough=enough)
+        )
+    able = [t for t in trials if can_be_named(t)]
+    trials, equivalents = ranked(trials, able, Criteria())
+    named = any(t.meaningful for t in able)
+    behind = ranked_behind(trials[0], trials, Criteria())
+    equivalents = tuple(replace(one) for one in equivalents)  # as those that were fitted again beside later causes
+    passed = at_least("size, in corrected standard deviations", rng.uniform(2.0, 9.0), 3.0)
+    return Round(
+        candidates=(),
+        trials=tuple(trials),
+        equivalents=equivalents,
+        named=named,
+        ranked=behind,
+        accepted_by=(passed,) if named else (),
+    )
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_is_refused_has_a_gate_that_failed(seed: int) -> None:
+    """Any rounds, of which the last ones are refused as a set; some of the others are gone beside later causes."""
+    rng = np.random.default_rng(seed)
+    rounds = [drawn_round(rng) for _ in range(4)]
+    kept = int(rng.integers(0, 4))
+    of_set = [one for one in rounds[kept:] if one.named]
+    if all(all_passed(one.accepted_by) for one in of_set):
+        kept, of_set = 4, []
+    state = SimpleNamespace(rounds=(*rounds[:kept], *refused_rounds(rounds[kept:])))
+    causes = {
+        one.leader.effect.key: cause_of(one.leader.effect) for one in rounds[:kept] if one.named and rng.integers(2)
+    }
+    found = trace_of_search(state, tuple(causes.values()), ())  # pyright: ignore
+    assert all(one.failed for one in found.decisions if one.outcome == REFUSED)
+    assert not any(one.failed for one in found.decisions if one.outcome == IN_A_SET)
+    failed = {one.leader.candidate.name for one in of_set if one.doubt}
+    for number, one in enumerate(rounds[kept:], kept + 1):
+        if one.named and not one.doubt:  # what it was refused with is named
+            (first,) = [d for d in found.decisions if d.round == number and d.cause == one.leader.candidate.name][:1]
+            assert all(name in str(first.failed[-1]) for name in failed)
+
+
+def cause_of(effect: Effect) -> Cause:
+    return Cause(
+        effect=effect, value=1.0, std=0.1, records=("m1",), statistic=9.0, sentence="", meaningful=True, share=2.0
+    )

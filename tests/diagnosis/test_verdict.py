@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 import casid as cs
 from casid.data_check.reading import Finding
-from casid.diagnosis.cause import Cause
+from casid.diagnosis.cause import IN_A_SET, Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import named_in_errors
 from casid.diagnosis.flight.fit import fit
@@ -40,7 +40,8 @@ IMPOSSIBLE = Doubt(parameter="mass", given=1.0, unit="kg", sentence="No aircraft
 AGAINST = Contradiction(
     parameter="b", unit="1", given=1.0, flight=2.0, std=0.1, reversed=False, impossible=False, sentence="b is 2."
 )
-GROUP = Factor(row="all", factor=2.0, std=0.1, means=("area",), derivatives=("b", "c"))
+GROUP = Factor(row="all", factor=2.0, std=0.1, means=("area",), derivatives=("b", "c"), statistic=20.0)
+DAMPER = replace(GROUP, cause="feedback(delta_r:r)", unit="s", as_if="as a gain of {number} would make them")
 
 
 @pytest.mark.parametrize(("most", "more"), [(1, "And 3 more."), (3, "And 1 more."), (4, None)])
@@ -85,6 +86,18 @@ def test_data_at_fault_contradict_no_number_nor_group(explained: Diagnosis) -> N
     assert concluded(explained, [AGAINST], [GROUP]).factors == (GROUP,)
     found = concluded(explained, [AGAINST], [GROUP], data=[AT_FAULT])
     assert (found.contradicted, found.factors) == ((), ())
+
+
+def test_a_cause_that_values_reproduce_is_told_while_something_else_is_missing(explained: Diagnosis) -> None:
+    """A number is nothing that the records say then. The gain of a damper that the model lacks is structure, and the
+    decisions have it beside the values that it cannot be told from; but not where the data are at fault."""
+    more = replace(explained, unexplained=explained.missing_before[:1])
+    found = concluded(more, [AGAINST], [GROUP, replace(DAMPER, derivatives=("b", "d"))])
+    assert [one.cause for one in found.factors] == ["feedback(delta_r:r)"] and not found.contradicted
+    assert "as a gain of 2" in found.sentence and "No value is" in found.values_told
+    (decision,) = found.why("feedback(delta_r:r)").decisions
+    assert decision.outcome == IN_A_SET and decision.against == ("b", "d") and not decision.failed
+    assert concluded(more, [AGAINST], [DAMPER], data=[AT_FAULT]).factors == ()
 
 
 def test_a_fault_of_the_data_that_a_named_cause_explains_stands_in_its_set(explained: Diagnosis) -> None:

@@ -331,6 +331,7 @@ def cause(kind: str, target: str, value: float = 1.0, std: float = 0.1, **more: 
         "term": None,
         "value": value,
         "std": std,
+        "statistic": 100.0,
         "records": list(RECORDS),
         "onset_s": None,
         "indistinguishable_from": [],
@@ -370,6 +371,19 @@ def test_scores_by_definition() -> None:
     said = score(gyroscope, found(cause("aero_term", "Cm", term="r")))
     assert (said.described, said.wrong) == (True, 1)
     assert score(answer(GUST), {"failed": "no"}).verdict == "failed"
+
+
+def test_a_cause_that_values_reproduce_counts_as_it_is_told() -> None:
+    """A damper that is told as one gain of three derivatives: right where one is hidden, wrong where none is, and first
+    where it explains most. A factor that no cause makes is no cause."""
+    damper = Hidden(kind="feedback", target="delta_r", term="r", value=0.3)
+    told = {"cause": "feedback(delta_r:r)", "factor": 0.29, "std": 0.01, "statistic": 300.0}
+    for statistic, first in ((200.0, True), (400.0, False)):
+        scored = score(answer(damper), found({**cause("gust", "z"), "statistic": statistic}) | {"factors": [told]})
+        assert (scored.hits, scored.first, scored.wrong) == (1, first, 1)
+    area = {**told, "cause": ""}
+    assert score(answer(case="clean-1"), found(verdict="adequate") | {"factors": [told]}).wrong == 1
+    assert score(answer(case="clean-1"), found(verdict="adequate") | {"factors": [area]}).wrong == 0
 
 
 def test_intervals_of_contradicted_values_are_counted() -> None:

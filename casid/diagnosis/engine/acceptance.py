@@ -330,8 +330,16 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
 
 
 def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> dict[str, Gate]:
-    """Name of an alternative -> its gate for being in one ambiguity set with the best trial."""
-    return {t.candidate.name: stands_beside(best, t, criteria) for t in possible_rivals(best, trials)}
+    """Name of an alternative -> its gate for being in one ambiguity set with the best trial.
+
+    A trial that cannot replace the best one, although it may pass its own gates, has the gate that says why.
+    """
+    found = {t.candidate.name: gates.confirmed_by_kinematics(t.confirmed) for t in trials if t.effect.traits.grounded}
+    found |= {t.candidate.name: gates.best_of_its_forms() for t in trials if t.effect.key == best.effect.key}
+    rivals = possible_rivals(best, trials)
+    if not best.meaningful:
+        return found | {t.candidate.name: gates.tried_again_beside(best.candidate.name) for t in rivals}
+    return found | {t.candidate.name: stands_beside(best, t, criteria) for t in rivals}
 
 
 def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:

@@ -7,7 +7,7 @@ to the log likelihood of the fitted records.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -27,9 +27,10 @@ from casid.diagnosis.flight.fit import all_free, fit, without
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour
-from casid.diagnosis.gates import borne_out, required_gain
+from casid.diagnosis.gates import borne_out, cannot_be_flown, required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.diagnosis.kinematics.turbulence import gusts
+from casid.errors import InputError
 from casid.model.effect import with_grid
 from casid.native.processors import side_by_side
 from casid.records.record import Record
@@ -138,7 +139,8 @@ class Kept:
     structure: list[Attached]  # terms added before the search that are significant
     structure_gain: float | None  # log likelihood per held-out sample that all structure terms add; None without any
     air_gain: float | None  # the same for turbulence; None in calm air
-    # the same for each cause by name; None for an event that the held-out records do not repeat
+    # the same for each cause by name; None for an event that the held-out records do not repeat, and where the model
+    # diverges there with the cause or without it
     gains: Mapping[str, float | None]
     gates: Mapping[str, Gate]  # gate of each cause on the held-out records, by name
 
@@ -159,24 +161,34 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     """Remove the causes that the held-out records do not support.
 
     The cause with the largest loss is removed first and the others are tested again, because it may be the reason for
-    their loss. Structure terms that are not significant are removed at the end.
+    their loss. A model that diverges on a held-out record has lost against all others. Structure terms that are not
+    significant are removed at the end.
+
+    raises  InputError if the re-estimated file diverges there
     """
     begun, final = state.baseline, state.fit
     steps, judged = [begun.calm, begun.structured, begun.start], partial(_judged, held, state)
     models = {_key(one): one for one in (*steps, final)}
     known = dict(zip(models, side_by_side(judged, list(models.values())), strict=True))
     calm, structured, start, there = (known[_key(one)][1] for one in (*steps, final))
+    if not calm.flown:
+        raise InputError(calm.why)
+    causes = {one.leader.candidate.name: one.leader for one in state.standing}
     gates: dict[str, Gate] = {}
     gains: dict[str, float | None] = {}
-    causes = {one.leader.candidate.name: one.leader for one in state.standing}
+    if not there.flown:
+        final, evidence, there = _flown(final, list(causes), steps, judged)
+        known[_key(final)] = evidence, there
+        gates = {name: cannot_be_flown() for name in causes if name not in _names_of(final)}
+        gains, causes = dict.fromkeys(gates), {name: one for name, one in causes.items() if name not in gates}
     while causes:
-        others = {name: _key(final, but=name) for name in causes}
-        new = {name: key for name, key in others.items() if key not in known}
-        left_out = side_by_side(partial(judged, final), list(new))
-        known |= dict(zip(new.values(), left_out, strict=True))
+        others = {name: _key(final, but={name}) for name in causes}
+        new = {key: frozenset({name}) for name, key in others.items() if key not in known}
+        left_out = side_by_side(partial(judged, final), list(new.values()))
+        known |= dict(zip(new, left_out, strict=True))
         both = {name: (known[others[name]], known[_key(final)]) for name in causes}
         tested = {name: _gain_of(one, *both[name], held, begun) for name, one in causes.items()}
-        gains |= tested
+        gains |= {name: gain if gain is None or np.isfinite(gain) else None for name, gain in tested.items()}
         gates |= {name: _borne_out(causes[name], gain, there, state) for name, gain in tested.items()}
         worst = min(causes, key=lambda name: gates[name].value)
         if gates[worst].passed:
@@ -184,7 +196,7 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         final, there = known[others[worst]][0].fit, known[others[worst]][1]
         del causes[worst]
     evidence = known[_key(final)][0]
-    structure = [*begun.structure, *_put_in_later(begun, final)]
+    structure = [one for one in (*begun.structure, *_put_in_later(begun, final)) if one.name in _names_of(final)]
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     held_fit = there.fit
     if unsure:  # a term that these records do not determine can take any size
@@ -205,21 +217,46 @@ def keep(held: Sequence[Record], state: State) -> Kept:
 
 
 _Key = tuple[frozenset[str], bool]  # names of the effects of a model, and whether its air moves
+_Judged = tuple[Evidence, "Predicted"]
 
 
-def _key(fitted: FlightFit, but: str = "") -> _Key:
-    return frozenset(one.name for one in fitted.attached) - {but}, bool(fitted.noise.coloured)
+def _names_of(fitted: FlightFit) -> frozenset[str]:
+    return frozenset(one.name for one in fitted.attached)
 
 
-def _judged(
-    held: Sequence[Record], state: State, fitted: FlightFit, but: str | None = None
-) -> tuple[Evidence, Predicted]:
-    """The evidence of a model, or of a model without one effect, and its predictive density of the held-out records."""
-    if fitted is state.fit and but is None:
-        return state.evidence, predicted_on(held, state.evidence)
-    evidence = weigh(fitted if but is None else without(fitted, {but}))
-    on_held = predicted_on(held, evidence)
-    evidence.forget()
+def _key(fitted: FlightFit, but: Collection[str] = ()) -> _Key:
+    return _names_of(fitted) - set(but), bool(fitted.noise.coloured)
+
+
+def _flown(
+    final: FlightFit, causes: Sequence[str], steps: Sequence[FlightFit], judged: Callable[..., _Judged]
+) -> tuple[FlightFit, Evidence, Predicted]:
+    """The model with those causes of `final`, in the order in which they were named, with which it can be flown on the
+    held-out records; without one, the last of the `steps` before the causes that can be flown there.
+    """
+    out, found = frozenset(causes), None
+    for name in causes:
+        evidence, there = judged(final, out - {name})
+        if there.flown:
+            out -= {name}
+            found = evidence.fit, evidence, there
+    if found is not None:
+        return found
+    tried = ((step, *judged(step)) for step in reversed(steps))
+    return next(one for one in tried if one[-1].flown)
+
+
+def _judged(held: Sequence[Record], state: State, fitted: FlightFit, but: frozenset[str] = frozenset()) -> _Judged:
+    """The evidence of a model, or of a model without some effects, and its predictive density of the held-out
+    records."""
+    is_final = fitted is state.fit and not but
+    evidence = state.evidence if is_final else weigh(without(fitted, but) if but else fitted)
+    try:
+        on_held = predicted_on(held, evidence)
+    except (InputError, np.linalg.LinAlgError) as error:
+        on_held = Predicted(fit=evidence.fit, deviance=np.inf, why=str(error))
+    if not is_final:
+        evidence.forget()
     return evidence, on_held
 
 
@@ -272,8 +309,15 @@ def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:
 class Predicted:
     """A fitted model on held-out records."""
 
-    fit: FlightFit  # fit of the held-out records, in which only the motion is estimated
+    # fit of the held-out records, in which only the motion is estimated; of the fitted records if it diverges there
+    fit: FlightFit
     deviance: float  # -2 ln p(held-out readings | fitted readings), up to a constant of the data
+    why: str = ""  # why it cannot be flown there
+
+    @property
+    def flown(self) -> bool:
+        """Whether the model can be flown there at all."""
+        return bool(np.isfinite(self.deviance))
 
 
 def predicted(held: FlightFit, known: Evidence) -> Predicted:

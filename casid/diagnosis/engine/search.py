@@ -43,7 +43,7 @@ from casid.diagnosis.engine.candidates import (
     with_look_alikes,
     worth_trying,
 )
-from casid.diagnosis.engine.trial import Round, Trial
+from casid.diagnosis.engine.trial import Round, Trial, refused_rounds
 from casid.diagnosis.evidence.detectable import smallest_sizes
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import fingerprints
@@ -194,7 +194,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
             nonlinear = state.evidence.nonlinear
             kept = state.fit.flight.imitated_names
             catalogue = [e for e in catalogue if e.of_an_instrument or e.name in kept or (nonlinear and not e.timed)]
-    return accepted, tuple(replace(round_, named=False) for round_ in state.rounds[len(accepted.rounds) :])
+    return accepted, refused_rounds(state.rounds[len(accepted.rounds) :])
 
 
 def _after_round(accepted: State, state: State) -> State:
@@ -210,12 +210,12 @@ def _after_round(accepted: State, state: State) -> State:
 
 def _without_refused(accepted: State, state: State) -> State:
     """The state without the causes before the last one that were refused: the last is not refused for them."""
-    rounds = state.rounds[len(accepted.rounds) : -1]
-    refused = [one for one in rounds if not all_passed(one.accepted_by)]
+    refused = [one for one in state.rounds[len(accepted.rounds) : -1] if not all_passed(one.accepted_by)]
     if not refused or not all_passed(state.rounds[-1].accepted_by):
         return state
     fitted = without(state.fit, {one.leader.candidate.name for one in refused})
-    kept = tuple(replace(one, named=False) if any(one is r for r in refused) else one for one in state.rounds)
+    out = {id(one): replace(one, named=False, refused_by=one.accepted_by) for one in refused}
+    kept = tuple(out.get(id(one), one) for one in state.rounds)
     return _settled_in(replace(state, rounds=kept), fitted, refused[0].leader.effect)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -96,6 +96,11 @@ class Trial:
         """All gates on the cause alone."""
         return (*self.not_refuted, *self.size, *(() if self.enough is None else (self.enough,)))
 
+    def is_of(self, other: Trial) -> bool:
+        """Whether it is of the same cause in the same records; it may have been fitted beside others."""
+        one, same = self.candidate, other.candidate
+        return one.name == same.name and one.attached.records == same.attached.records
+
     @property
     def confirmed(self) -> bool:
         """Whether the kinematic check finds it with this size."""
@@ -114,6 +119,7 @@ class Round:
     screened: Mapping[str, tuple[Gate, ...]] = field(default_factory=dict)
     # the gates on accepting the first trial, by what was missing before and after it
     accepted_by: tuple[Gate, ...] = ()
+    refused_by: tuple[Gate, ...] = ()  # the gates by which the first trial was refused for good, after it was named
     # name of an alternative -> its gate for being in one ambiguity set with the first trial
     ranked: Mapping[str, Gate] = field(default_factory=dict)
     # name -> smallest detectable size; only in the first round
@@ -138,8 +144,8 @@ class Round:
     def _decision(self, trial: Trial, number: int) -> Decision:
         name, leads = trial.candidate.name, trial is self.trials[0]
         first = () if leads or name not in self.ranked else (self.ranked[name],)
-        asked = (*trial.gates, *first, *(self.accepted_by if leads else ()))
-        outcome = IN_A_SET if any(one is trial for one in self.equivalents) else REFUSED
+        asked = (*trial.gates, *first, *((*self.accepted_by, *self.refused_by) if leads else ()))
+        outcome = IN_A_SET if any(one.is_of(trial) for one in self.equivalents) else REFUSED
         against = [one.candidate.name for one in self.equivalents] if leads else [self.trials[0].candidate.name]
         return Decision(
             cause=name,
@@ -160,3 +166,12 @@ class Round:
     def rivals(self) -> tuple[Trial, ...]:
         """The other trials, best first."""
         return self.trials[1:]
+
+
+def refused_rounds(rounds: Sequence[Round]) -> tuple[Round, ...]:
+    """The rounds of a set that was refused; one that passes its own gates is refused for those that do not."""
+    failed = [one.leader.candidate.name for one in rounds if one.doubt]
+    of_set = (gates.none_refused(failed),)
+    return tuple(
+        replace(one, named=False, refused_by=one.refused_by if one.doubt or not one.named else of_set) for one in rounds
+    )

@@ -34,28 +34,29 @@ _FORCES, _MOMENTS = ("CL", "CD", "CY", "CX", "CZ"), ("Cl", "Cm", "Cn")
 class Factor:
     """A factor common to a group of derivatives."""
 
-    in_json: ClassVar[str] = "row factor std means derivatives sentence"
+    in_json: ClassVar[str] = "row factor std means derivatives cause statistic sentence"
 
     row: str  # the group in words, as "Cm" or "all derivatives with delta_e"
     factor: float  # factor, std: flight over file, and its 1-sigma
     std: float
     means: tuple[str, ...]  # what in the file may be wrong by that factor or its inverse
     derivatives: tuple[str, ...]  # names of the derivatives that it stands for
-    # kind, unit, as_if: of a number that is no factor, the kind of the cause that it is the value of, its unit, and how
-    # the derivatives differ from the file, with a place for the number
-    kind: str = ""
+    statistic: float  # 2 ln of the odds against errors of the stated size that have nothing to do with each other
+    # cause, unit, as_if: of a number that is no factor, the cause that these derivatives reproduce and of which it is
+    # the value, its unit, and how the derivatives differ from the file, with a place for the number
+    cause: str = ""
     unit: str = ""
     as_if: str = ""
 
     @property
     def brief(self) -> str:
         """The number in a few words."""
-        return f"{self.row} {self.factor:+.2f} {self.unit}" if self.kind else f"{self.row} times {self.factor:.2f}"
+        return f"{self.row} {self.factor:+.2f} {self.unit}" if self.cause else f"{self.row} times {self.factor:.2f}"
 
     @property
     def sentence(self) -> str:
         """What flight says of the group, and what it may mean."""
-        if self.kind:
+        if self.cause:
             number = f"{with_deviation(self.factor, self.std)} {self.unit}"
             differ = f"differ from the file {self.as_if.format(number=number)}"
             return f"{self.row}: {', '.join(self.derivatives)} {differ}. Look first at {self.means[0]}."
@@ -157,9 +158,11 @@ def common_factors(
         scope = {(one.coefficient, one.variable) for one in members}
         if len(scope) < 2 or (factor := _common(members, by, 1.0, by.prior.unstated)) is None or factor[0] <= 0.0:
             continue
-        value, std = factor
+        value, std, statistic = factor
         names = tuple(one.name for one in members)
-        found.append(Factor(row=group.row, factor=value, std=std, means=group.means, derivatives=names))
+        found.append(
+            Factor(row=group.row, factor=value, std=std, means=group.means, derivatives=names, statistic=statistic)
+        )
         left = [one for one in left if one.name not in names]
     for cause, members in _of_causes(aircraft, flight, by):
         scaled = {name for one in found for name in one.derivatives}
@@ -179,14 +182,15 @@ class _OneNumber:
     as_if: str
     means: str
 
-    def factor(self, value: float, std: float, derivatives: tuple[str, ...]) -> Factor:
+    def factor(self, value: float, std: float, statistic: float, derivatives: tuple[str, ...]) -> Factor:
         return Factor(
             row=self.row,
             factor=value,
             std=std,
             means=(self.means,),
             derivatives=derivatives,
-            kind=self.effect.kind,
+            statistic=statistic,
+            cause=self.effect.name,
             unit=self.effect.unit,
             as_if=self.as_if,
         )
@@ -285,9 +289,11 @@ def _ratios(
     return found
 
 
-def _common(members: Sequence[_Ratio], criteria: Criteria, null: float, least: float) -> tuple[float, float] | None:
-    """The number that all members have in common and its 1-sigma; None where there is none, or where it differs from
-    that of a right file (`null`) by less than `least`."""
+def _common(
+    members: Sequence[_Ratio], criteria: Criteria, null: float, least: float
+) -> tuple[float, float, float] | None:
+    """The number that all members have in common, its 1-sigma, and 2 ln of its odds; None where there is none, or where
+    it differs from that of a right file (`null`) by less than `least`."""
     if len(members) < 2:
         return None
     weights = [one.std**-2 for one in members]
@@ -298,8 +304,9 @@ def _common(members: Sequence[_Ratio], criteria: Criteria, null: float, least: f
     each = sum(abs(one.ratio - null) > sigmas * one.std for one in members)
     # One of many groups is alike by chance more often than one would be.
     together = _deviance(members, value, 0.0) + math.log(len(members)) + 2.0 * math.log(_TRIED)
-    likelier = _deviance(members, null, 1.0) - together > criteria.significance.chance
-    return (value, std) if alike and other and likelier and each >= 2 else None
+    statistic = _deviance(members, null, 1.0) - together
+    likelier = statistic > criteria.significance.chance
+    return (value, std, statistic) if alike and other and likelier and each >= 2 else None
 
 
 def _deviance(members: Sequence[_Ratio], about: float, errors: float) -> float:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import chain, combinations
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine import held_out
 from casid.diagnosis.engine.held_out import keep
+from casid.errors import InputError
 
 READINGS = 1000
 
@@ -22,7 +25,7 @@ def model(*names: str) -> SimpleNamespace:
 
 def kept(
     monkeypatch: pytest.MonkeyPatch,
-    deviances: Mapping[Sequence[str], float],
+    deviances: Mapping[tuple[str, ...], float],
     spare: Mapping[str, float],
     not_repeated: Sequence[str] = (),
 ) -> tuple[list[str], Mapping[str, float | None]]:
@@ -35,8 +38,12 @@ def kept(
 
     def predicted_on(held: object, known: SimpleNamespace) -> SimpleNamespace:
         names = names_of(known.fit)
+        if not np.isfinite(table[frozenset(names)]):
+            raise InputError("'Do 328' diverges along the records")
         return SimpleNamespace(
-            fit=model(*(name for name in names if name not in not_repeated)), deviance=table[frozenset(names)]
+            fit=model(*(name for name in names if name not in not_repeated)),
+            deviance=table[frozenset(names)],
+            flown=True,
         )
 
     def without(fit: SimpleNamespace, names: set[str]) -> SimpleNamespace:
@@ -70,6 +77,7 @@ def kept(
         criteria=Criteria(),
     )
     found = keep([], state)  # pyright: ignore
+    assert all(gate.passed == (name in names_of(found.fit)) for name, gate in found.gates.items())  # pyright: ignore
     return names_of(found.fit), found.gains  # pyright: ignore
 
 
@@ -100,3 +108,27 @@ def test_an_event_that_is_not_in_the_held_out_records_is_not_judged_there(monkey
     names, gains = kept(monkeypatch, deviances, {"event": 5.0, "scale": 5.0}, not_repeated=["event"])
     assert names == ["event", "scale"]
     assert gains == {"event": None, "scale": pytest.approx(0.05)}
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_model_that_cannot_be_flown_on_held_out_records_loses_against_all_others(monkeypatch, seed: int) -> None:
+    """Truth: each of four causes adds its own gain, and models with some of them diverge on the held-out record: those
+    that hold one of two bad causes, or both of them. What is kept flies, and lacks no more than it must."""
+    rng = np.random.default_rng(seed)
+    gains = dict(zip("abcd", rng.uniform(20.0, 500.0, 4), strict=True))
+    bad = set(rng.choice(list(gains), rng.integers(1, 3), replace=False))
+    together = bool(rng.integers(2))  # whether they diverge only together
+    sets = list(chain.from_iterable(combinations(gains, k) for k in range(5)))
+
+    def flies(names: Sequence[str]) -> bool:
+        return not (bad <= set(names) if together else bad & set(names))
+
+    deviances = {names: -sum(gains[n] for n in names) if flies(names) else np.inf for names in sets}
+    names, told = kept(monkeypatch, deviances, dict.fromkeys(gains, 5.0))
+    assert set(names) == set(gains) - ({max(bad)} if together else bad)  # of two, the one that was named later
+    assert all(gain is None or np.isfinite(gain) for gain in told.values())
+
+
+def test_a_file_that_cannot_be_flown_on_held_out_records_is_one_line(monkeypatch) -> None:
+    with pytest.raises(InputError, match="diverges"):
+        kept(monkeypatch, {(): np.inf, ("cause",): np.inf}, {"cause": 5.0})

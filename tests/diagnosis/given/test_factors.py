@@ -133,7 +133,7 @@ def about(x: float) -> dict[str, FlightValue]:
 def test_moments_about_another_point_are_one_distance(x: float) -> None:
     """Every moment differs by the force of the same variable times the distance."""
     (found,) = common_factors(FILE, about(x))
-    assert found.kind == "moment_reference" and found.unit == "m"
+    assert found.cause == "moment_reference(x)" and found.unit == "m"
     assert found.factor == pytest.approx(x, abs=3.0 * found.std)
     assert {"Cm_alpha", "Cn_beta"} <= set(found.derivatives)
 
