@@ -185,7 +185,7 @@ class ScreeningCriteria:
         unit=_GAIN,
     )
     nonlinear: float = number(
-        3.0, "ratio of predicted and tried size of a nonlinear effect above which the prediction is not valid"
+        3.0, "ratio of tried and predicted size of a nonlinear effect above which the prediction is not valid"
     )
 
 

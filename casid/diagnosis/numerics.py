@@ -91,7 +91,6 @@ class ScreeningNumerics:
     """Screening of all causes."""
 
     starts: int = number(4, "number of records from which sets of records are grown")
-    longest_start: float = number(1.5, "largest initial size of the fit of a nonlinear effect, over the tried size")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -104,9 +104,9 @@ class Traits:
     relative: bool = False
     # kinds of simpler effects that are special cases of it: where one of these does as well, it comes first
     includes: tuple[str, ...] = ()
-    # kind of the effect, at the same target and of the other sign, as which it shows in all records, because free
-    # derivatives take up the rest
-    shows_as: str | None = None
+    # kinds, targets and terms of effects as which it shows in all records, because free derivatives take up the rest or
+    # nearly all of it is the same; one at its own target has the other sign
+    shows_as: tuple[tuple[str, str, str | None], ...] = ()
     # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
     equal: Callable[[Airframe], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured

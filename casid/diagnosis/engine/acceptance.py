@@ -426,9 +426,8 @@ def sine(one: Trial, other: Trial) -> float:
 
 
 def look_alike(one: Effect, other: Effect) -> bool:
-    """Whether two causes have the same target and one shows as the other, because derivatives reproduce the rest."""
-    shown = {(one.traits.shows_as, other.kind), (other.traits.shows_as, one.kind)}
-    return one.target == other.target and any(as_ == kind for as_, kind in shown)
+    """Whether one of two causes shows as the other, because derivatives reproduce the rest."""
+    return other.key in one.traits.shows_as or one.key in other.traits.shows_as
 
 
 def tempered(rounds: Sequence[Round], evidence: Evidence) -> tuple[Round, ...]:

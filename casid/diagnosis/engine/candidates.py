@@ -143,7 +143,8 @@ def with_look_alikes(
     """The candidates, each followed by causes that screening cannot find but that may be the true one.
 
     These are causes of which derivatives reproduce everything except an effect like that of the candidate: a shift of
-    the centre of gravity shows as an error of the accelerometers with the opposite sign. And for a cause that shows
+    the centre of gravity shows as an error of the accelerometers with the opposite sign, and less thrust as drag that
+    grows with it. And for a cause that shows
     only as a difference between records, they are the same cause with the opposite sign in all other records: beside
     the difference, the common level may be identifiable.
     """

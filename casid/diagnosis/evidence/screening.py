@@ -153,9 +153,13 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
 
     A set of records and its complement explain an effect equally well if it shows only as a difference between records.
     The smaller set is then returned.
+
+    Of an effect that is not linear every tried size has a response of its own. A multiple of it stands for a surface
+    that does more than the model without the effect makes of it: a play, a lag or a delay that is missing there makes
+    its derivatives too small.
     """
     effect, names = prints[0].effect, np.array(judge.base.batch.names)
-    R, criteria, longest = len(names), judge.criteria.screening, judge.criteria.numerics.screening.longest_start
+    R, least = len(names), 1.0 / judge.criteria.screening.nonlinear
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.traits.by_record else []
@@ -165,7 +169,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
         )  # only the prior of the file would tell it from derivatives
         for keep in (*whole, *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
-            if size == 0.0 or (not effect.linear and not 1.0 / criteria.nonlinear < size < criteria.nonlinear):
+            if size == 0.0 or (not effect.linear and size < least):
                 continue
             tried = len(prints) * (1.0 if keep.all() else 2.0**R - 1.0)
             dof = 1 + (effect.linear and len(one.values) > 0)
@@ -174,7 +178,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             before = best.attached.records if best is not None and effect.traits.relative else ()
             in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
             if best is None or net > best.net + (equivalence(net, judge.criteria) if in_more else 0.0):
-                value = size if effect.linear else one.values["value"] * min(size, longest)
+                value = size if effect.linear else one.values["value"] * min(size, 1.0)
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached,

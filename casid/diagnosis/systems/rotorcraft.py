@@ -231,7 +231,7 @@ def _judged_as_stated(effect: Effect) -> Effect:
 
 def _in_all_records(effect: Effect) -> Effect:
     """An effect of the loading shows in all records: the thrust of the rotors is known as well as weight is."""
-    return replace(effect, traits=replace(effect.traits, relative=False, shows_as=None))
+    return replace(effect, traits=replace(effect.traits, relative=False, shows_as=()))
 
 
 def _can_show(effect: Effect, aircraft: Aircraft) -> bool:

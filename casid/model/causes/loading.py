@@ -42,7 +42,7 @@ def cg_offset(axis: str) -> Effect:
     return Effect(
         forms=Forms(into_rotors=into_rotors),
         size=Size(within="chord", meaningful=matters, limit=3.0),
-        traits=Traits(balance=True, by_record=True, relative=True, shows_as="accelerometer_position"),
+        traits=Traits(balance=True, by_record=True, relative=True, shows_as=(("accelerometer_position", axis, None),)),
         target=axis,
         station="wind",
         change=change,

@@ -107,7 +107,8 @@ def thrust_scale(target: str = "") -> Effect:
         path.surface["thrust"] *= 1.0 + values["value"]
 
     return Effect(
-        traits=Traits(by_record=True),
+        # drag that grows with thrust, as in a slipstream, acts along the flight path, which is nearly the thrust line
+        traits=Traits(by_record=True, shows_as=tuple(("aero_term", along, "Tc") for along in ("CD", "CX"))),
         station="surface",
         change=change,
         size=Size(meaningful=0.05, limit=0.6),

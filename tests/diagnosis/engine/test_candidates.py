@@ -14,11 +14,14 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.causes import (
+    accelerometer_position,
     actuator_lag,
     aero_term,
+    cg_offset,
     input_delay,
     mass,
     sensor_bias,
+    thrust_scale,
 )
 from casid.model.effect import Effect
 from problems.do328 import do328
@@ -61,6 +64,18 @@ def test_a_lag_and_a_delay_that_promise_the_same_are_both_tried(behind: float, t
     term = replace(trial_of(Attached(effect=aero_term("Cn", "beta^3"), values={"value": 9.0}), 2e4).candidate)
     chosen, _ = worth_trying(base, None, [[], [replace(term, statistic=2e4), lag, delay]], [], 0.0)
     assert (delay in chosen) == tried and lag in chosen
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(thrust_scale(""), aero_term("CD", "Tc")), (cg_offset("x"), accelerometer_position("x"))],
+)
+def test_of_two_that_show_alike_both_are_tried_whichever_is_predicted(first: Effect, second: Effect) -> None:
+    """Truth: drag in a slipstream takes 13 % of the thrust along the flight path; alone, either explains it."""
+    for one, other in ((first, second), (second, first)):
+        predicted = trial_of(Attached(effect=one, values={"value": 0.1})).candidate
+        offered = with_look_alikes([predicted], [first, second, mass("")], ("m1", "m2"))
+        assert [c.attached.effect for c in offered] == [one, other]
 
 
 def test_what_shows_as_a_difference_between_records_is_tried_in_the_others_too() -> None:
