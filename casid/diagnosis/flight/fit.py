@@ -187,15 +187,18 @@ def all_free(fitted: FlightFit) -> FlightFit:
 
 
 def relaxed(fitted: FlightFit) -> FlightFit:
-    """The fit of everything that is free, converged under its own noise of inputs and its own filter."""
-    numerics = fitted.criteria.numerics.fit
+    """The fit of everything that is free, converged under its own noise of inputs and its own filter; or the first that
+    predicts worse than the fit before."""
+    numerics, lowest = fitted.criteria.numerics.fit, np.inf
     for _ in range(numerics.repeats if fitted.filter_held else 1):
         fitted.forget()
         before = fitted = fitted.lighter(filtered=False)  # it is fitted anew, under a filter of its own
         attached = [replace(one, passes=True) for one in before.attached]
         fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)
-        if np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance))):
+        stays = np.all(np.abs(fitted.values - before.values) < numerics.moved * np.sqrt(np.diag(before.covariance)))
+        if stays or fitted.deviance > lowest:
             break
+        lowest = fitted.deviance
     return fitted
 
 

@@ -123,12 +123,7 @@ def gusts(
 
 def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence, of the form that explains most, under its most likely noise."""
-    found = _in_likeliest_form(flight, turbulent, start)
-    if is_far(found, flight.criteria.significance.chance):
-        # the predicted motion may depart from far away, and the forms be compared where no fit has ended
-        other = _in_likeliest_form(flight, turbulent, start, far=True)
-        found = min(found, other, key=lambda one: one.deviance)
-    return relaxed(_under_its_noise(found))
+    return relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start)))
 
 
 def _under_its_noise(fitted: FlightFit) -> FlightFit:
@@ -178,7 +173,7 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     return under(found, fitted.noise)
 
 
-def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit, far: bool = False) -> FlightFit:
+def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit in the form of turbulence that explains most, under the filter of that form's first point.
 
     The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
@@ -187,7 +182,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit, 
     approximate model of turbulence leaves.
     """
 
-    scales, signs = flight.criteria.numerics.turbulence.rolling, dict(TURNING)
+    scales, signs, far = flight.criteria.numerics.turbulence.rolling, dict(TURNING), False
 
     def turned_about(*axes: str) -> Mapping[str, float]:
         """The rotation of the air with the opposite sign about some axes."""
@@ -212,6 +207,12 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit, 
         return best
 
     first = other(_ROLLING, scales[0], start, signs)
+    if is_far(first, flight.criteria.significance.chance):
+        # the predicted motion may depart from far away, and the forms be compared where no fit has ended
+        ahead, far = first.lighter(filtered=False), True
+        first = other(_ROLLING, scales[0], start, signs)
+        if ahead.deviance < first.deviance:
+            first, far = ahead, False
     forms = (({}, ()), *((turned_about(axis), _ROLLING) for axis in _TURNED))
     uniform, *others = side_by_side(lambda form: other(form[1], scales[0], first, form[0]), forms)
     turned = [axis for axis, one in zip(_TURNED, others, strict=True) if one is not first]
