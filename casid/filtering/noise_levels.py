@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 Levels = Mapping[str, float]
@@ -18,6 +19,9 @@ def most_likely_levels(
 ) -> dict[str, float]:
     """Sizes by name at which a deviance is lowest, by coordinate ascent of the likelihood.
 
+    Sizes whose change raised the deviance by more than the others have lowered it since are not tried again: those
+    would have to lower it there by twice as much as here.
+
     groups   names whose sizes change together
     factors  steps, one after the other
     sweeps   largest number of rounds with each step
@@ -25,9 +29,14 @@ def most_likely_levels(
     """
     levels, lowest = dict(start), deviance(start)
     for factor in factors:
+        # of each group, the lower of the deviances to either side of its place, and the one there when they were found
+        beside, left = [-math.inf] * len(groups), [0.0] * len(groups)
         for _ in range(sweeps):
             before = lowest
-            for names in groups:
+            for i, names in enumerate(groups):
+                if beside[i] - left[i] > left[i] - lowest:
+                    continue
+                beside[i] = math.inf
                 for times in (factor, 1.0 / factor):
                     lower = True
                     while lower:  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
@@ -37,8 +46,10 @@ def most_likely_levels(
                             break
                         found = deviance(levels | moved)
                         lower = found < lowest
+                        beside[i] = lowest if lower else min(beside[i], found)
                         if lower:
                             levels, lowest = levels | moved, found
+                left[i] = lowest
             if before - lowest < gained:
                 break
     return levels
