@@ -36,6 +36,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
+from casid.model.terms import COEFFICIENTS
 
 
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
@@ -371,8 +372,9 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
     ways = [np.inf]
     if angle < by.unrelated:
         ways.append(behind / (trial.inflation * equivalence(best.gain.raw, criteria)))
-        if best.effect.regressor and trial.effect.regressor and best.effect.target == trial.effect.target:
-            # Model discrepancy explains most of the effect of a term. Little of the statistic is left for a comparison.
+        if {best.effect.target, trial.effect.target} & set(COEFFICIENTS):
+            # Model discrepancy explains much of an effect of the aerodynamics, and less of others that imitate it: the
+            # two statistics may disagree which is the better.
             behind_exactly = best.gain.exact - trial.gain.exact
             ways.append(behind_exactly / (trial.inflation * equivalence(best.gain.exact, criteria)))
     if angle < by.alike:

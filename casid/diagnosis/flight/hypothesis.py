@@ -120,9 +120,10 @@ class Regressors:
         X = self._measured
         return self.along(X, np.zeros((*X.shape[:2], self._disturbances)), self._batch.U)
 
-    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
+    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray, ahead: bool = False) -> dict[str, np.ndarray]:
         """Name -> (N, R) regressors and inputs along a trajectory X (N, R, nx), with disturbances W (N, R, nw), moving
-        air among them, and inputs (N, R, nu). Rates of the flow angles are from finite differences."""
+        air among them, and inputs (N, R, nu). Rates of the flow angles are from finite differences, of
+        samples before alone where the motion is predicted `ahead`."""
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
@@ -133,9 +134,15 @@ class Regressors:
             columns = zip(self._batch.t.T, *(motion[name].T for name in operators.TURNING), strict=True)
             table["turned"] = np.stack([operators.turned(*column) for column in columns], axis=1)
         for angle, length in self._lengths.items():
-            rate = [np.gradient(series, t) for series, t in zip(table[angle].T, self._batch.t.T, strict=True)]
+            slope = _since_the_last if ahead else np.gradient
+            rate = [slope(series, t) for series, t in zip(table[angle].T, self._batch.t.T, strict=True)]
             table[f"{angle}dot"] = np.stack(rate, axis=1) * length / values[..., -1]
         return table
+
+
+def _since_the_last(series: np.ndarray, t: np.ndarray) -> np.ndarray:
+    """Rates of change (N,) from the sample before; that of the first sample is zero."""
+    return np.concatenate([np.zeros(1), np.diff(series) / np.diff(t)])
 
 
 OFFSET = "bias_"  # prefix of the parameter of a channel's offset

@@ -65,17 +65,24 @@ class AlongMotion:
     moving: np.ndarray  # (N, R, nw) coloured disturbances
     inputs: np.ndarray  # (N, R, nu) denoised inputs
     regressors: Any
+    ahead: bool  # whether it is predicted from the samples before
 
     @cached_property
     def known(self) -> dict[str, np.ndarray]:
         """Name -> (N, R) denoised motion and inputs."""
-        return self.regressors.along(self.X, self.moving, self.inputs)
+        return self.regressors.along(self.X, self.moving, self.inputs, self.ahead)
 
 
 def along_motion(
     regressors: Any, model: Model, acting: NoiseModel, motion: Motion, further: np.ndarray | float = 0.0
 ) -> AlongMotion:
-    """The time histories along a motion, with `further` disturbances (N, R, nw)."""
-    moving = scattered(model, acting.coloured, motion.coloured) + further
+    """The time histories along a motion, with `further` disturbances (N, R, nw).
+
+    Where prediction errors are compared it is the predicted motion. The most likely one follows from later samples too:
+    what is made of it explains part of the very innovations that moved it, whether the effect exists or not.
+    """
+    X, coloured = motion.about
+    moving = scattered(model, acting.coloured, coloured) + further
     inputs = regressors.inputs(dict(zip(acting.inputs, np.moveaxis(motion.inputs, 2, 0), strict=True)))
-    return AlongMotion(X=motion.X, moving=moving, inputs=inputs, regressors=regressors)
+    ahead = motion.predicted is not None
+    return AlongMotion(X=X, moving=moving, inputs=inputs, regressors=regressors, ahead=ahead)

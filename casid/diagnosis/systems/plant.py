@@ -92,9 +92,9 @@ class Terms:
                 U[..., i] += noise[station] / np.maximum(power, 1.0)
         return U
 
-    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray) -> dict[str, np.ndarray]:
+    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray, ahead: bool = False) -> dict[str, np.ndarray]:
         """name -> (N, R): states of the trajectory X (N, R, nx), `inputs` (N, R, nu), readings as measured, and the
-        terms with the inputs as they act under the disturbances W (N, R, nw)."""
+        terms with the inputs as they act under the disturbances W (N, R, nw), whether predicted `ahead` or not."""
         table = {name: X[..., i] for i, name in enumerate(self._states)}
         table |= {name: inputs[..., i] for i, name in enumerate(self._inputs)} | self._read
         if not self._terms:

@@ -11,6 +11,8 @@ from scipy.signal import lfilter
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import Remainder, distance
 from casid.diagnosis.engine.trial import Gain, Trial
+from casid.model.causes import sensor_bias, sensor_scale
+from casid.model.effect import Effect
 
 N, R, RATE = 4000, 3, 25.0
 
@@ -44,8 +46,7 @@ def test_a_quick_direction_counts_as_it_is_beside_slow_noise() -> None:
     assert inflation(0.8, quick) == pytest.approx(1.0, abs=0.1)
 
 
-def trial(kind: str, gain: float, fingerprint: np.ndarray) -> Trial:
-    effect = SimpleNamespace(key=(kind, "q", None), regressor=None, of_an_instrument=True, stated=False)
+def trial(effect: Effect, gain: float, fingerprint: np.ndarray) -> Trial:
     return Trial(
         candidate=SimpleNamespace(attached=SimpleNamespace(effect=effect)),  # pyright: ignore
         std=1.0,
@@ -60,7 +61,7 @@ def test_two_causes_that_differ_by_something_slow_are_one_set_beside_slow_noise(
     t = np.arange(N)[:, None, None] / RATE
     one = np.broadcast_to(np.sin(t) + 1.0, (N, R, 2)).ravel()
     other = np.broadcast_to(np.sin(t) + 0.7, (N, R, 2)).ravel()
-    first, second = trial("sensor_bias", 4000.0, one), trial("sensor_scale", 3800.0, other)
+    first, second = trial(sensor_bias("q"), 4000.0, one), trial(sensor_scale("q"), 3800.0, other)
     round_ = SimpleNamespace(named=True, leader=first, rivals=(second,), equivalents=())
     for correlation, alike in ((0.0, False), (0.97, True)):
         left = Remainder(evidence(correlation))  # pyright: ignore

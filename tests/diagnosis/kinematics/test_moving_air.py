@@ -13,8 +13,10 @@ from scipy import signal
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import fingerprints
 from casid.diagnosis.evidence.onsets import at_peak
-from casid.diagnosis.flight.evaluation import Work, evaluate, gauss_newton_step
+from casid.diagnosis.evidence.screening import Screen
+from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate, gauss_newton_step
 from casid.diagnosis.flight.fit import fit, relaxed
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -129,14 +131,35 @@ def test_fits_in_turbulence_converge_and_an_absent_cause_gains_little() -> None:
     assert -0.5 < base.deviance - beside.deviance < 0.002 * (still.deviance - base.deviance)
 
 
+@cache
+def _fitted_in_turbulence() -> FlightFit:
+    flight = _in_turbulence()
+    air = replace(still_air(flight), sigma=1.0, length=533.0)
+    return in_turbulence(flight, air, fit(flight, [], flight.noise()))
+
+
+def test_in_turbulence_what_is_absent_has_the_statistic_of_chance() -> None:
+    """Truth: chi-square of one degree of freedom, mean 1 and 90 % below 2.7, for all terms of a linear aircraft. Along
+    the most likely motion, which later samples determine too, the mean was 2.3, and a late lift had 134."""
+    found = _fitted_in_turbulence()
+    evidence = weigh(found)
+    judge = Screen(evidence)
+    absent = [e for e in found.flight.effects if e.quasi_steady or e.target == "CL" and "dot" in (e.regressor or "")]
+    everywhere = np.ones((1, len(found.batch.names)))
+    statistics = [judge.score([one], everywhere)[0] for one in fingerprints(evidence, absent)]
+    shown = [one for one in statistics if one > 0.0]
+    assert len(shown) > 300
+    assert np.mean(shown) < 1.5
+    assert np.quantile(shown, 0.9) < 3.5
+    assert max(shown) < 30.0
+
+
 def test_derivatives_in_turbulence_come_out_as_flown() -> None:
     """Dryden turbulence of 1 m/s, whose pitching and yawing are the gradient of its velocity. Without that in a model
     derivatives take it up; calm air leaves them where gusts pull them."""
     flight = _in_turbulence()
-    air = replace(still_air(flight), sigma=1.0, length=533.0)
     names = ("Cm_alpha", "Cm_q", "Cm_delta_e", "Cl_p", "Cl_delta_a", "Cn_beta", "Cn_r", "Cn_delta_r")
-    calm = fit(flight, [], flight.noise())
-    found = in_turbulence(flight, air, calm)
+    calm, found = fit(flight, [], flight.noise()), _fitted_in_turbulence()
 
     def furthest(fitted) -> float:
         return max(abs(fitted.derivatives[name] / STABLE[name] - 1.0) for name in names)
