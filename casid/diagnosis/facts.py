@@ -15,7 +15,7 @@ import numpy as np
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import GivenCriteria
-from casid.diagnosis.flight.evaluation import FlightFit, by_rows, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.given.budget import Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
@@ -179,8 +179,8 @@ def determined_pairs(
 def _of_stated(fit: FlightFit, stated: Mapping[str, float]) -> np.ndarray:
     """(slots, slots) Covariance of the values by the records and their stated uncertainties, in units of the latter."""
     unit = np.array([stated.get(slot.name, 1.0) for slot in fit.slots])
-    columns = by_rows(fit.columns) * unit
-    return scaled_inverse(columns.T @ columns + np.diag([float(slot.name in stated) for slot in fit.slots]))
+    gram = fit.grams.sum(axis=0) * unit[:, None] * unit
+    return scaled_inverse(gram + np.diag([float(slot.name in stated) for slot in fit.slots]))
 
 
 def _combined(

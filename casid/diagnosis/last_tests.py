@@ -167,6 +167,7 @@ def _missing_on_held(
         found = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
         return _not_by_noise(evidence.fit, found, causes, begun, share)
 
+    kept.evidence.forget()  # the arrays of one model are enough to hold
     found = missing(kept.fit, kept.held_fit)
     if found and nuisance:
         joint = kept.with_effects(nuisance)

@@ -103,8 +103,11 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
 def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
     """The baseline of a re-estimated file and the result of its kinematic check."""
     structure = [*demanded_structure(calm), *found.nuisance]
-    structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm)) if structure else calm
-    start, moving = structured, found.turbulence
+    structured, moving = calm, found.turbulence
+    if structure:
+        calm.forget()  # the arrays of one model are enough to hold
+        structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm))
+    start = structured
     if moving.named:
         for one in (calm, structured):
             one.forget()

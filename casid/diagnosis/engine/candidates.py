@@ -220,7 +220,7 @@ def try_cause(
     joint.forget()
     if fitted.converged:
         tried[trial.candidate] = trial, joint.lighter(), interval
-    return trial, joint, interval
+    return trial, joint.lighter(), interval  # of many trials the time histories would be more than those of a model
 
 
 def _gain(candidate: Candidate, evidence: Evidence, joint: Evidence) -> Gain:

@@ -167,6 +167,7 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     raises  InputError if the re-estimated file diverges there
     """
     begun, final = state.baseline, state.fit
+    state.forget()  # the arrays of one model are enough to hold
     steps, judged = [begun.calm, begun.structured, begun.start], partial(_judged, held, state)
     models = {_key(one): one for one in (*steps, final)}
     known = dict(zip(models, side_by_side(judged, list(models.values())), strict=True))

@@ -230,8 +230,8 @@ class Evidence:
         self.fit.forget()
 
     def lighter(self) -> Evidence:
-        """The evidence of a copy of the fit that has no arrays."""
-        fit = replace(self.fit)
+        """The evidence of a copy of the fit that has no time histories."""
+        fit = self.fit.without_histories()
         _WEIGHED[fit] = dict(_WEIGHED.get(self.fit, {}))
         return replace(self, fit=fit)
 

@@ -15,6 +15,7 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import Projection
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, readings
+from casid.filtering.kernel import WHOLE
 from casid.model.causes import sensor_delay
 from casid.model.effect import Effect
 
@@ -86,9 +87,12 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
 
 def _projected(base: FlightFit, enter: np.ndarray) -> Projection:
     """Normal equations of responses `enter` (N, R, ny, n) to the readings, fitted parameters eliminated."""
-    evidence, n = weigh(base, discrepancy=False), enter.shape[-1]
-    white = base.filter.whiten(enter * base.seen[..., None], np.zeros((*base.linear.defect.shape, n)))
-    return Projection.shared(evidence, white)
+    (N, R, _, n), seen = enter.shape, base.seen[..., None]
+    together = max(WHOLE // R, 1)
+    nothing = np.zeros((together, *base.linear.defect.shape[1:], n))
+    parts = (slice(first, min(first + together, N)) for first in range(0, N, together))
+    entering = ((at, enter[at] * seen[at], nothing[: N - 1 - at.start]) for at in parts)
+    return Projection.shared(weigh(base, discrepancy=False), base.filter.whiten_in_stretches(entering, n))
 
 
 def _sizes(information: np.ndarray, match: np.ndarray, chosen: Sequence[int]) -> np.ndarray:

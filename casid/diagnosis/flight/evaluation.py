@@ -136,6 +136,11 @@ class FlightFit:
         found = replace(self, filter_of_another=self.filter_of_another if filtered else None)
         return _with_arrays(found, {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
 
+    def without_histories(self) -> FlightFit:
+        """The fit with its values and its motion alone."""
+        kept = _KEPT.get(self, {})
+        return _with_arrays(replace(self), {n: kept[n] for n in ("model", "batch", "functions") if n in kept})
+
     def of_records(self, some: slice) -> FlightFit:
         """The time histories, filter and sensitivities of some records; estimates are those of all."""
         names = ("output", "read", "seen", "disturbances", "errors", "white", "columns")

@@ -8,13 +8,13 @@ again after every named cause.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import signal, stats
 
-from casid.diagnosis.flight.evaluation import FlightFit, Free, about_motion, scaled_inverse
+from casid.diagnosis.flight.evaluation import FlightFit, Free, Gram, about_motion, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
@@ -452,20 +452,23 @@ def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     last = batch.U[:-1, :, columns] - batch.U[1:, :, columns]
     F = 0.5 * (linear.Bw0 + linear.Bw1)[..., stations] * last[:, :, None, :]
     white = fitted.filter.whiten(np.zeros((*fitted.read.shape, len(inputs))), F)
-    left, (slots, shifted) = _whiter(fitted.white, (fitted.columns, white))
-    k, both = len(fitted.slots), np.concatenate([slots, shifted], axis=3).reshape(left.size, -1)
-    information = both.T @ both
-    information[range(k), range(k)] += fitted.prior_weight
-    covariance = scaled_inverse(information)[k:]
-    change, variance = covariance @ (both.T @ left.reshape(-1)), np.diag(covariance[:, k:])
+    left, whiter = _whiter(fitted.white)
+    k, information, match = len(fitted.slots), Gram(len(fitted.slots) + len(inputs)), 0.0
+    for r in range(left.shape[1]):  # of one record at a time, as all of them take much memory
+        columns = np.concatenate([whiter(fitted.columns[:, r]), whiter(white[:, r])], axis=2)
+        information.add(columns.reshape(-1, columns.shape[2]))
+        match = match + left[:, r].reshape(-1) @ columns.reshape(-1, columns.shape[2])
+    weight = np.r_[fitted.prior_weight, np.zeros(len(inputs))]
+    covariance = scaled_inverse(information.whole + np.diag(weight))[k:]
+    change, variance = covariance @ match, np.diag(covariance[:, k:])
     acts = variance > 0.0  # a surface of an axis out of scope has no information, or a negative rounding error
     change, variance, every = change[acts], variance[acts], fitted.flight.every
     return fitted.flight.held + every * change, every * np.sqrt(variance), change**2 / variance
 
 
-def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Innovations (N, R, ny) and columns (N, R, ny, n) less their prediction from the previous sample, over the
-    remaining r.m.s.
+def _whiter(white: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Innovations (N, R, ny) less their prediction from the previous sample, over the remaining r.m.s., and what does
+    the same to columns (N, ny, n) of one record.
 
     Channels with large errors of the model therefore have less weight.
     """
@@ -473,4 +476,4 @@ def _whiter(white: np.ndarray, parts: Sequence[np.ndarray]) -> tuple[np.ndarray,
     carried = np.sum(before * after, axis=(0, 1)) / np.maximum(np.sum(before**2, axis=(0, 1)), 1e-300)
     left = after - carried * before
     unit = np.sqrt(np.maximum(np.mean(left**2, axis=(0, 1)), 1.0))
-    return left / unit, [(one[1:] - carried[:, None] * one[:-1]) / unit[:, None] for one in parts]
+    return left / unit, lambda columns: (columns[1:] - carried[:, None] * columns[:-1]) / unit[:, None]

@@ -140,6 +140,7 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
     """
     search, noise, linear = fitted.criteria.numerics.levels, fitted.held, fitted.linear
+    fitted.forget()  # the linearisation alone is needed
     dt, at = float(np.median(fitted.batch.dt)), [fitted.model.disturbances.index(name) for name in noise.coloured]
     moved = np.any(linear.Dw[..., at] != 0.0, axis=(0, 1, 3))
     readings = [name for name, one in zip(fitted.model.outputs, moved, strict=True) if one]
