@@ -330,6 +330,11 @@ def gain_held_out(held: float | None) -> Gate:
     return at_least("gain on held-out records", held or 0.0, 0.0)
 
 
+def follows_inputs(statistic: float, criteria: Criteria) -> Gate:
+    """Ask how far innovations in moving air follow earlier changes of the inputs, which no air does."""
+    return at_least("gain of earlier inputs on the innovations", statistic, criteria.verdict.missing, "verdict.missing")
+
+
 def common(statistic: float, criteria: Criteria) -> Gate:
     """Ask that one number for many values is clearly likelier than errors that have nothing to do with each other."""
     return at_least("odds against single errors, 2 ln", statistic, criteria.significance.chance, "significance.chance")

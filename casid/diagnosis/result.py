@@ -24,7 +24,7 @@ from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import ChangedValue, Combination, Parameter
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
-from casid.diagnosis.flight.noise import View
+from casid.diagnosis.flight.noise import Following, View, following
 from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
 from casid.diagnosis.given.factors import Factor
@@ -305,7 +305,7 @@ class Diagnosis:
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
-        causes, gusts, shapes, following, responses = [], None, tuple[Shape, ...](), NextFlights(), None
+        causes, gusts, shapes, next_ones, responses = [], None, tuple[Shape, ...](), NextFlights(), None
         for number, cause in enumerate(self.causes):
             drawn = reported(cause)
             with noting(failed, cause.name):
@@ -321,7 +321,7 @@ class Diagnosis:
                 if aircraft is not None and aircraft.rotors is not None:
                     responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
             with noting(failed, "next flight"):
-                following = self.next_flights()
+                next_ones = self.next_flights()
         least = self.criteria.given.from_records
         return Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),
@@ -351,7 +351,7 @@ class Diagnosis:
             unseen=tuple(detectable_of(known.values(), self.detectable)),
             smallest_detectable=self.detectable,
             detectable=self.detectable_by_channel,
-            next_flights=following,
+            next_flights=next_ones,
             limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
             failed=tuple(failed),
         )
@@ -394,6 +394,11 @@ class Diagnosis:
     def best(self) -> str:
         """The name of the extended model; without any added cause it is the re-estimated file or model."""
         return "extended model" if self.is_extended else f"re-estimated {self.diagnosed.source}"
+
+    @cached_property
+    def following(self) -> Following | None:
+        """In moving air, the output whose innovations follow earlier changes of the inputs most; None in calm air."""
+        return following(self.extended.fit) if self.extended.fit.noise.coloured else None
 
     @property
     def bic(self) -> float:

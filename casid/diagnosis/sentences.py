@@ -20,6 +20,7 @@ from casid.diagnosis.claims import times
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import Following
 from casid.diagnosis.given.as_given import AsGiven
 from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction
@@ -31,6 +32,7 @@ from casid.model.numbers import digits
 from casid.model.plausible import Doubt
 from casid.model.rotors import Rotors, hover_thrusts
 from casid.model.vocabulary import sentence_of, title_of
+from casid.signals import label_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
@@ -105,6 +107,14 @@ def unexplained(missing: MissingInput, share: float, fitted: Sequence[str], cut_
     where = _where(missing, fitted, size)
     tried = "none of the causes that were tried" if cut_short else "no cause in the catalogue"
     return f"The simulation misses something that {tried} explains; it enters at {where}."
+
+
+def no_air(one: Following) -> str:
+    """The sentence of an output whose innovations in moving air follow an input."""
+    return (
+        f"Something is missing that was taken for moving air: {label_of(one.output)} follows earlier changes of the "
+        f"{label_of(one.input)}, which no air does (likelihood-ratio statistic {digits(one.statistic)})."
+    )
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:

@@ -11,11 +11,12 @@ from dataclasses import replace
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims, sentences
-from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, Cause, Decision, Trace
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
-from casid.diagnosis.gates import common, refused_by_the_data
+from casid.diagnosis.flight.noise import Following
+from casid.diagnosis.gates import common, follows_inputs, refused_by_the_data
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -68,6 +69,7 @@ def concluded(
         found = replace(found, diagnosed=found.diagnosed.kept)
     factors = claims.told_factors(facts)
     alike = [of_values(one.cause, one.statistic, one.derivatives, found.criteria) for one in factors if one.cause]
+    alike += [] if found.following is None else [of_air(found.following, found.criteria)]
     return replace(
         found,
         verdict=verdict,
@@ -161,6 +163,13 @@ def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: C
     return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(common(statistic, criteria),), against=values)
 
 
+def of_air(one: Following, criteria: Criteria) -> Decision:
+    """The decision on what was taken for moving air and follows an input: it is named if that is no chance."""
+    gate = follows_inputs(one.statistic, criteria)
+    name, outcome = f"follows({one.input}:{one.output})", NAMED if gate.passed else REFUSED
+    return Decision(cause=name, round=0, outcome=outcome, gates=(gate,))
+
+
 def _unexplained(found: Diagnosis) -> Iterator[str]:
     """Sentences of what no cause explains, strongest first."""
     fitted = found.bare.batch.names
@@ -170,6 +179,8 @@ def _unexplained(found: Diagnosis) -> Iterator[str]:
         else:
             fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
             yield sentences.unexplained(missing, missing_share(fit, missing), fitted, bool(found.not_tried))
+    if found.following is not None and of_air(found.following, found.criteria).outcome == NAMED:
+        yield sentences.no_air(found.following)
 
 
 def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:

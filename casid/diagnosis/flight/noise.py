@@ -131,6 +131,49 @@ def whiteness(white: np.ndarray, seen: np.ndarray, lags: int) -> float:
     return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
 
 
+@dataclass(frozen=True, kw_only=True)
+class Following:
+    """How far the innovations of an output follow earlier changes of the recorded inputs."""
+
+    output: str
+    input: str  # the input that they follow most
+    statistic: float  # likelihood-ratio statistic of all inputs, less its mean where they follow none
+
+
+def following(fit: FlightFit) -> Following | None:
+    """The output whose innovations follow earlier changes of the inputs most; None without an input that moves.
+
+    An input may follow the air, where a pilot or an autopilot answers it, so that air and input are coherent. The
+    innovations of the right model are independent of everything before them, in closed loop too (Ljung, System
+    Identification, 16.6). Air that is estimated in place of something else follows the inputs.
+    """
+    lags, live, U = fit.criteria.numerics.fit.whiteness_lags, fit.batch.live, fit.batch.U
+    moved = [i for i, name in enumerate(fit.model.inputs) if name in (*SURFACES, "thrust") and np.ptp(U[live][:, i])]
+    if not moved:
+        return None
+    before = np.zeros((*live.shape, len(moved), lags))
+    changes = np.diff(U[..., moved], axis=0, prepend=U[:1][..., moved])
+    for k in range(1, lags + 1):
+        before[k:, ..., k - 1] = changes[:-k]
+    before, innovations, seen = before[live], fit.white[live], fit.seen[live]
+    found = []
+    for i, output in enumerate(fit.model.outputs):
+        if seen[:, i].sum() > 2 * len(moved) * lags:
+            rows, e = before[seen[:, i]], innovations[seen[:, i], i]
+            by_input = [_explained(rows[:, j], e) for j in range(len(moved))]
+            statistic = _explained(rows.reshape(len(e), -1), e) - len(moved) * lags
+            most = fit.model.inputs[moved[int(np.argmax(by_input))]]
+            found.append(Following(output=output, input=most, statistic=statistic))
+    return max(found, key=lambda one: one.statistic, default=None)
+
+
+def _explained(regressors: np.ndarray, series: np.ndarray) -> float:
+    """The part of the sum of squares of a series (N,) that regressors (N, k) and a constant explain beyond its mean."""
+    left = series - series.mean()
+    part, *_ = np.linalg.lstsq(regressors - regressors.mean(axis=0), left, rcond=None)
+    return float(np.sum(((regressors - regressors.mean(axis=0)) @ part) ** 2))
+
+
 def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarray) -> np.ndarray:
     """(ny, bands) Energy of the free-simulation residual over that of the instrument noise, per frequency band."""
     ratio = np.full((len(fit.model.outputs), len(edges_hz) - 1), np.nan)
