@@ -31,7 +31,7 @@ from casid.diagnosis.evidence.evidence import Evidence, sure
 from casid.diagnosis.evidence.fingerprints import print_of
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_at
 from casid.diagnosis.evidence.screening import Screen, equivalence
-from casid.diagnosis.evidence.size import meaningful_share, missing_size
+from casid.diagnosis.evidence.size import missing_size
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
@@ -199,11 +199,9 @@ def _is_sure(seen: _Seen) -> list[Gate]:
 
 
 def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
-    """The gate on a reading with a constant error: no drift of the same reading may remain."""
-    fit = seen.evidence.fit
-    biases = [a for a in fit.attached if a.effect.traits.constant and meaningful_share(fit, a) >= 1.0]
-    biased = [reading(a.effect.target) for a in biases]
-    return seen.gone([s for s in biased if s in seen.was], "doubt.left_by_terms")
+    """The gate on a constant error of a reading: no drift of the same reading may remain."""
+    own = reading(seen.effect.target)
+    return seen.gone([own] if seen.effect.traits.constant and own in seen.was else [], "doubt.left_by_terms")
 
 
 def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:

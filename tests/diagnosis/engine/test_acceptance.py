@@ -18,7 +18,9 @@ from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.causes import (
     aero_term,
+    backlash,
     effectiveness_change,
+    sensor_bias,
     sensor_scale,
     unsteady_aero,
 )
@@ -70,6 +72,21 @@ def test_what_hardly_changes_elsewhere_says_nothing_of_a_cause(was: float, left:
 
     evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=()), criteria=Criteria())
     assert all_passed(gates_of(missing(140.0, was), missing(1.0, left), trial, evidence)) == explains  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    ("effect", "station"), [(backlash("delta_e"), "reading_q"), (sensor_bias("beta"), "reading_beta")]
+)
+def test_a_drift_is_held_against_the_constant_error_of_its_own_reading(effect, station: str) -> None:
+    """A play of the elevator was refused for an offset of beta that had been put in, which the side force bent: 48 of
+    its deviations from zero, and a gain of 465 000, of 3.8 million exactly."""
+    offset = Attached(effect=sensor_bias("beta"), values={"value": 0.05})
+    evidence = SimpleNamespace(fit=SimpleNamespace(slots=(), attached=(offset,)), criteria=Criteria())
+    gains = {"dCm": 0.0, "reading_q": 0.0, "reading_beta": 0.0, station: 4e5}
+    before = [SimpleNamespace(station=one, gain=gain) for one, gain in {**gains, "reading_beta": 5000.0}.items()]
+    after = [SimpleNamespace(station=one, gain=7000.0 if one == "reading_beta" else 0.0) for one in gains]
+    found = gates_of(before, after, trial_of(Attached(effect=effect, values={"value": 0.015}), 4.6e5), evidence)  # pyright: ignore
+    assert all_passed(found) == (effect.target == "delta_e")
 
 
 @pytest.mark.parametrize(("largest", "believed"), [(0.8, True), (1.3, False)])

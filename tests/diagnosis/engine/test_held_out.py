@@ -75,6 +75,7 @@ def kept(
         evidence=SimpleNamespace(fit=final),
         standing=rounds,
         criteria=Criteria(),
+        forget=lambda: None,
     )
     found = keep([], state)  # pyright: ignore
     assert all(gate.passed == (name in names_of(found.fit)) for name, gate in found.gates.items())  # pyright: ignore
