@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import casid as cs
-from casid.diagnosis.cause import NOT_TRIED, REFUSED
+from casid.diagnosis.cause import NOT_TRIED, REFUSED, all_passed
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.record import Record
@@ -61,7 +61,10 @@ def refuses_copies(world: World) -> list[str]:
 
 
 def _decisions(found: Diagnosis) -> Iterator[str]:
-    """Every cause that was refused, or not tried, has a gate that failed."""
+    """Every cause that was refused, or not tried, has a gate that failed; one that is named has none."""
+    for cause in found.causes:
+        if not all_passed(cause.gates):
+            yield f"{cause.name} is named, and a gate failed"
     for one in found.trace.decisions:
         if one.outcome in (REFUSED, NOT_TRIED) and not one.failed:
             yield f"{one.cause} is {one.outcome} in round {one.round}, and passes every gate"

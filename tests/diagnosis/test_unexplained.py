@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights, rough_file
 from scipy.signal import lfilter
 
+from casid.diagnosis.causes import still_missing
 from casid.diagnosis.diagnose import diagnose
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.missing_input import missing_inputs
+from casid.diagnosis.flight.fit import fit
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.last_tests import _not_by_noise
 from casid.records.record import Record
+from problems.do328 import do328
 
 _MEMORY_S = 0.15
 
@@ -53,3 +62,29 @@ def test_coarse_steps_of_an_attitude_are_nothing_that_is_missing_there() -> None
     records = [one.with_channels(theta=step * np.round(one["theta"] / step)) for one in flights(seed=6, count=3)]
     found = diagnose(rough_file(), records)
     assert (found.verdict, found.causes, found.unexplained) == ("values wrong", (), ()), str(found)
+
+
+SLOW = {
+    "CL": 0.06,
+    "CD": 0.012,
+    "CY": 0.02,
+    "Cl": 0.003,
+    "Cm": 0.03,
+    "Cn": 0.004,
+}  # the most that a coefficient changes
+
+
+@pytest.mark.parametrize("name", SLOW)
+@pytest.mark.parametrize("seed", range(2))
+def test_a_coefficient_that_changes_slowly_is_no_noise_of_an_instrument(name: str, seed: int) -> None:
+    """From the beginning of each record to its end, by a third to all of that: it stays what is missing where the noise
+    of each reading may be as slow as the residuals. A hundredth of it is nothing."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, 20.0, 0.04)
+    begun = SimpleNamespace(fixed=False, required=0.0)
+    for part in (rng.uniform(0.3, 1.0), 0.01):
+        change = part * SLOW[name] * (t / 10.0 - 1.0)
+        flight = prepare(do328(), flights(seed=seed, count=2, disturbance={f"d{name}": change}))
+        fitted = fit(flight, (), flight.noise(), extent="first")
+        left = still_missing(weigh(fitted), missing_inputs(weigh(fitted)), (), 0.0)
+        found = _not_by_noise(fitted, left, (), begun)  # pyright: ignore
+        assert (name in [one.place.name for one in found]) == (part > 0.1)

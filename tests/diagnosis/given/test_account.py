@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from casid.diagnosis import claims, sentences
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.facts import Facts
 from casid.diagnosis.given.budget import Budget, BudgetSteps, account_of
 from casid.diagnosis.verdict import verdict_of
+from casid.model.causes import actuator_lag
 
 
 def facts(as_given: float, data: float, values: float, structure: float, expected: float = 1.0) -> Facts:
@@ -83,6 +86,35 @@ def test_causes_that_make_held_out_records_worse_are_told(values: float, structu
 )
 def test_the_verdict_without_a_cause_follows_the_held_out_error(levels: tuple[float, ...], verdict: str) -> None:
     assert verdict_of(facts(*levels)) == verdict
+
+
+@given(
+    st.lists(st.floats(1.0, 200.0), min_size=4, max_size=4),
+    st.floats(1.0, 10.0),
+    st.sampled_from(["", "Cm is missing."]),
+)
+def test_with_causes_nothing_is_explained_that_leaves_twice_the_error_of_the_right_model(
+    levels: list[float], expected: float, missing: str
+) -> None:
+    """An absolute standard, however much was gained: 34 times the noise was left of 400, and it was explained."""
+    lag = Cause(
+        effect=actuator_lag("delta_e"),
+        value=0.1,
+        std=0.01,
+        records=("m1",),
+        statistic=900.0,
+        sentence="",
+        meaningful=True,
+        share=3.0,
+    )
+    as_given, data, values, structure = levels
+    known = replace(
+        facts(as_given, data, values, structure, expected), causes=(lag,), unexplained=(missing,) * bool(missing)
+    )
+    too_much = structure > 2.0 * (1.0 + 1e-9) * expected
+    if too_much or missing:
+        assert verdict_of(known) != "explained" and claims.nothing_missing(0.99, known) is None
+        assert claims.probability(0.99, known) <= 0.9
 
 
 def test_a_simulation_that_diverges_is_told() -> None:
