@@ -144,9 +144,8 @@ def with_look_alikes(
 
     These are causes of which derivatives reproduce everything except an effect like that of the candidate: a shift of
     the centre of gravity shows as an error of the accelerometers with the opposite sign, and less thrust as drag that
-    grows with it. And for a cause that shows
-    only as a difference between records, they are the same cause with the opposite sign in all other records: beside
-    the difference, the common level may be identifiable.
+    grows with it. And for a cause that shows only as a difference between records, they are the same cause with the
+    opposite sign in all other records: beside the difference, the common level may be identifiable.
     """
     found, names = [], {c.name for c in candidates}
     for candidate in candidates:

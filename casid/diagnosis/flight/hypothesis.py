@@ -122,8 +122,8 @@ class Regressors:
 
     def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray, ahead: bool = False) -> dict[str, np.ndarray]:
         """Name -> (N, R) regressors and inputs along a trajectory X (N, R, nx), with disturbances W (N, R, nw), moving
-        air among them, and inputs (N, R, nu). Rates of the flow angles are from finite differences, of
-        samples before alone where the motion is predicted `ahead`."""
+        air among them, and inputs (N, R, nu). Rates of the flow angles are from finite differences, of samples
+        before alone where the motion is predicted `ahead`."""
         values = at_points(self._function, X, inputs, W)[0][..., 0]
         table = {name: inputs[..., i] for i, name in enumerate(self._inputs)}
         table |= {name: values[..., i] for i, name in enumerate(self.names)}
