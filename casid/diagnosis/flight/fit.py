@@ -215,9 +215,14 @@ def _turned_negative(
 
 
 def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> _Point:
-    """The hypothesis evaluated at a point; raises InputError if the model diverges."""
+    """The hypothesis evaluated at a point; raises InputError if the model diverges, or if all readings are so late that
+    none is left to compare.
+    """
     try:
-        return _Point.of(evaluate(work, _with_values(attached, work.slots, values), values, motion))
+        found = evaluate(work, _with_values(attached, work.slots, values), values, motion)
+        if found.readings == 0:
+            raise InputError(f"'{work.flight.title}': every reading is late by more than its record lasts")
+        return _Point.of(found)
     except np.linalg.LinAlgError as error:
         raise InputError(
             f"'{work.flight.title}' diverges along the records, so that nothing can be compared; check the "

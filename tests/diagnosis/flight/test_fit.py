@@ -119,6 +119,15 @@ def _screened(base: FlightFit, effect: Effect) -> Attached:
     return found.attached
 
 
+def test_readings_later_than_their_record_are_one_line() -> None:
+    """Truth: of readings that are late by more than a record lasts none is left to compare. A step to there is too
+    long; a fit that begins there cannot be made."""
+    late = [Attached(effect=sensor_delay(name), values={"value": 25.0}) for name in NOISE]
+    flight = prepare(do328(), flights(count=1))
+    with pytest.raises(InputError, match="late"):
+        fit(flight, late, flight.noise())
+
+
 def test_noise_acts_through_the_effectiveness_that_a_named_cause_leaves() -> None:
     """Truth: a limited elevator is all that is wrong. Without it the elevator seems to do a quarter of what it does;
     held at that, its noise left 470 in 2 ln L to an unknown pitching moment."""
