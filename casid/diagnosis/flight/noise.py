@@ -169,9 +169,9 @@ def following(fit: FlightFit) -> Following | None:
 
 def _explained(regressors: np.ndarray, series: np.ndarray) -> float:
     """The part of the sum of squares of a series (N,) that regressors (N, k) and a constant explain beyond its mean."""
-    left = series - series.mean()
-    part, *_ = np.linalg.lstsq(regressors - regressors.mean(axis=0), left, rcond=None)
-    return float(np.sum(((regressors - regressors.mean(axis=0)) @ part) ** 2))
+    varying = regressors - regressors.mean(axis=0)
+    part, *_ = np.linalg.lstsq(varying, series - series.mean(), rcond=None)
+    return float(np.sum((varying @ part) ** 2))
 
 
 def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarray) -> np.ndarray:
