@@ -33,7 +33,10 @@ from casid.native.cache import check_loads, find, keep, workshop
 from casid.native.emitter import UnknownOperationError
 from casid.native.tape import Tape
 
-FLAGS = ("-O2", "-march=native", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
+# The bits are those of the virtual machine, so that it does not matter when a function is compiled: no fused products,
+# and no pairs of a sum and a difference in one vector, which gcc fuses in spite of that
+_SAME_BITS = ("-ffp-contract=off", "-fno-tree-slp-vectorize")
+FLAGS = ("-O2", "-march=native", "-fno-math-errno", *_SAME_BITS, "-shared", "-fPIC")
 _LOG = logging.getLogger(__name__)
 _COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.06, 1.6e-4  # s, measured with gcc on one core
 _SOURCE_PER_INSTRUCTION = 2e-6  # s, to write and hash the C source

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -114,18 +116,18 @@ def test_functions_of_one_model_are_built_and_called_from_many_threads() -> None
         np.testing.assert_array_equal(one, found[11][..., : 2 + i % 12])
 
 
-def test_a_diagnosis_does_not_depend_on_the_number_of_processors(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diagnosis_does_not_depend_on_the_number_of_processors(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """To the bit: all of it but its times."""
     slow = Attached(effect=actuator_lag("delta_e"), values={"value": 0.12})
-    records, found = flights([slow], seed=3, count=2, duration_s=12.0), []
+    records, told = flights([slow], seed=3, count=2, duration_s=12.0), []
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: range(8), raising=False)
-    for threads in ("1", "5"):
+    for threads in ("1", "3"):
         monkeypatch.setenv("OMP_NUM_THREADS", threads)
-        found.append(diagnose(do328(), records, criteria=one_round()))
-    assert [(c.kind, c.target) for c in found[0].causes] == [("actuator_lag", "delta_e")]
-    for other in found[1:]:
-        assert other.verdict == found[0].verdict
-        for a, b in zip(other.causes, found[0].causes, strict=True):
-            assert (a.kind, a.target, a.onset_s) == (b.kind, b.target, b.onset_s)
-            assert (a.value, a.std, a.statistic) == pytest.approx((b.value, b.std, b.statistic), rel=1e-6)
-        tried = [[(t.candidate.name, t.given_up) for t in r.trials] for r in other.rounds]
-        assert tried == [[(t.candidate.name, t.given_up) for t in r.trials] for r in found[0].rounds]
+        found = diagnose(do328(), records, criteria=one_round())
+        assert [(c.kind, c.target) for c in found.causes] == [("actuator_lag", "delta_e")]
+        found.write(tmp_path / "diagnosis.json")
+        written = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))
+        told.append({key: one for key, one in written.items() if not key.startswith("seconds")})
+    assert told[1] == told[0]
