@@ -9,7 +9,7 @@ from itertools import chain
 from operator import itemgetter
 
 import numpy as np
-from scipy import optimize, stats
+import scipy
 
 from casid.data_check.axes import frames
 from casid.data_check.criteria import DataCriteria
@@ -174,7 +174,7 @@ class Weighing:
             kind, prior = meaning.said, by.fault
             if isinstance(meaning, MomentPoint):
                 kind = meaning.parameter
-                prior += float(stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
+                prior += float(scipy.stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
             gain = self._gain_of(meaning, self._aircraft, self._response, reads)
             odds.setdefault(kind, []).append((gain + prior, meaning))
         each = [(float(np.logaddexp.reduce([o for o, _ in some])), some) for some in odds.values()]
@@ -292,7 +292,7 @@ class Weighing:
                 one = accelerometer(axis, sigmas * self._place)
                 return -sum(self._gains(one)[1]) - self._prior(one)
 
-            best = float(np.ravel(optimize.fminbound(off, -_FARTHEST, _FARTHEST, xtol=0.05))[0])
+            best = float(np.ravel(scipy.optimize.fminbound(off, -_FARTHEST, _FARTHEST, xtol=0.05))[0])
             found.append(accelerometer(axis, best * self._place))
         return found
 

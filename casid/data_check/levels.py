@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache, partial
 
 import numpy as np
-from scipy import signal, special
+import scipy
 
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.reading import FEWEST_KNOWN, FORCES, Read
@@ -240,7 +240,7 @@ def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c:
     every = len(y) / max(c.independent * float(at.mean()), 1.0)
     scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
     sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
-    return max(float(special.log_ndtr(sigmas)), criteria.impossible)
+    return max(float(scipy.special.log_ndtr(sigmas)), criteria.impossible)
 
 
 def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -255,8 +255,10 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     decay = math.exp(-c.step / criteria.sideslip_time)
     there = ["p", "r", *(["delta_r"] if c.has("delta_r") else [])]
     at = c.known("ay", "V", "phi", "theta", "alpha", *there)
-    sideslip = np.asarray(signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))
-    passed = [np.asarray(signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0])) for x in (made, *map(c.value, there))]
+    sideslip = np.asarray(scipy.signal.lfilter([c.step], [1.0, -decay], rate - rate[at].mean() if at.any() else rate))
+    passed = [
+        np.asarray(scipy.signal.lfilter([1.0, -1.0], [1.0, -decay], x - x[0])) for x in (made, *map(c.value, there))
+    ]
     return _opposes(passed[0], [sideslip, *passed[1:]], at, c, criteria)
 
 

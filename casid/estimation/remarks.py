@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 from scipy.special import ndtri
 
 from casid.estimation.cost import RangeWeights
@@ -97,7 +97,7 @@ def _readings(fit: Any) -> Iterator[str]:
             own = residuals[:, c]
             where = np.flatnonzero(np.isfinite(own))
             values = own[where]
-            apart = np.abs(values - median_filter(values, 5, mode="nearest"))
+            apart = np.abs(values - scipy.ndimage.median_filter(values, 5, mode="nearest"))
             for i in np.flatnonzero((np.abs(values) > limit) & (apart > limit)):
                 found.append((float(values[i] ** 2), record, float(records[record].t[where[i]])))
         share = sum(square for square, _, _ in found) / squares if squares > 0.0 else 0.0

@@ -34,8 +34,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
-from scipy.signal import lfilter
+import scipy
 
 from casid.estimation.solvers.quadratic import inverse_along
 
@@ -79,7 +78,7 @@ class Colour:
         follow = np.eye(len(self.a) - 1, k=-1)
         follow[0] = -self.a[1:]
         # sum over k >= 1 of the squares of the first state of follow^k
-        return solve_discrete_lyapunov(follow.T, follow[:1].T @ follow[:1])
+        return scipy.linalg.solve_discrete_lyapunov(follow.T, follow[:1].T @ follow[:1])
 
 
 def gathered(pieces: Iterable[WhitePiece]) -> dict[int, ChannelSums]:
@@ -180,7 +179,7 @@ class _Scatter:
         if order:
             follow, first = np.eye(order, k=-1), np.zeros((order, order))
             follow[0], first[0, 0] = -self.colour.a[1:], variance
-            autocovariance = solve_discrete_lyapunov(follow, first)
+            autocovariance = scipy.linalg.solve_discrete_lyapunov(follow, first)
             slopes = -2.0 * variance * self.slopes
             found += (slopes * np.linalg.solve(autocovariance, slopes)).sum(axis=0) * variance / count
         return found
@@ -404,7 +403,7 @@ def _stationary(a: np.ndarray) -> bool:
 
 def _through(a: np.ndarray, rows: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows run through 1/A, and the state of the filter after them. scipy leaves that of no rows unset."""
-    return lfilter([1.0], a, rows, axis=0, zi=state) if len(rows) else (rows, state)
+    return scipy.signal.lfilter([1.0], a, rows, axis=0, zi=state) if len(rows) else (rows, state)
 
 
 class _Filter:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import get_window
+import scipy
 
 from casid.errors import InputError
 from casid.frequency.transform import Stretch, chirp_z
@@ -45,7 +45,7 @@ def spectra(
         long = [part.values for part in alike if len(part.values) >= count >= 4]
         if not long:
             continue
-        step, taper = max(1, round(count * (1.0 - overlap))), np.asarray(get_window("hann", count))
+        step, taper = max(1, round(count * (1.0 - overlap))), np.asarray(scipy.signal.get_window("hann", count))
         views = [np.lib.stride_tricks.sliding_window_view(values, count, axis=0)[::step] for values in long]
         windows = np.concatenate(views)  # (windows, channels, count)
         tapered = (windows - windows.mean(axis=2, keepdims=True)) * taper

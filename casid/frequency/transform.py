@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.signal import CZT
+import scipy
 
 from casid.errors import InputError, unknown
 from casid.records.record import Record
@@ -87,8 +87,8 @@ def _stretch(name: str, t: np.ndarray, values: np.ndarray, dt: float) -> Stretch
 
 
 @lru_cache(maxsize=64)
-def _czt(count: int, frequencies: int, first: float, step: float, dt: float) -> CZT:
-    return CZT(count, frequencies, w=np.exp(-1j * step * dt), a=np.exp(1j * first * dt))
+def _czt(count: int, frequencies: int, first: float, step: float, dt: float) -> scipy.signal.CZT:
+    return scipy.signal.CZT(count, frequencies, w=np.exp(-1j * step * dt), a=np.exp(1j * first * dt))
 
 
 def _samples(values: np.ndarray) -> np.ndarray:

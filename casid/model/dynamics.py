@@ -9,8 +9,7 @@ from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
-from scipy.signal import savgol_filter
-from scipy.spatial.transform import Rotation
+import scipy
 
 from casid.arguments import names
 from casid.errors import InputError, check_known
@@ -205,7 +204,7 @@ def state_guess(
 def _velocity_from_ground(record: Record) -> np.ndarray:
     """(N, 3) body velocity from velocity over ground and attitude; at rest where these are not measured."""
     north, east, down, phi, theta, psi = (_filled(record, name, 0.0) for name in (*GROUND, "phi", "theta", "psi"))
-    turn = Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
+    turn = scipy.spatial.transform.Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
     return turn.inv().apply(np.stack([north, east, down], axis=1))
 
 
@@ -234,7 +233,7 @@ def _slope(record: Record, series: np.ndarray) -> np.ndarray:
     window = min(2 * max(round(_SLOPE_S / (2.0 * record.dt)), 1) + 1, (len(record) - 1) // 2 * 2 + 1)
     if window < 3:
         return np.gradient(whole, record.t)
-    return np.asarray(savgol_filter(whole, window, 2, deriv=1, delta=record.dt, mode="interp"))
+    return np.asarray(scipy.signal.savgol_filter(whole, window, 2, deriv=1, delta=record.dt, mode="interp"))
 
 
 def _measured_flight(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy import integrate, interpolate, linalg, signal
+import scipy
 
 from casid.errors import InputError
 
@@ -45,7 +45,7 @@ def lag(t: np.ndarray, y: np.ndarray, time_constant: float) -> np.ndarray:
     dt = np.diff(t)
     if np.ptp(dt) < 1e-6 * dt[0]:
         a, b0, b1 = _lag_coefficients(dt[0], T)
-        return signal.lfilter([b1, b0], [1.0, -a], y - y[0]) + y[0]
+        return scipy.signal.lfilter([b1, b0], [1.0, -a], y - y[0]) + y[0]
     out = np.empty_like(y)
     out[0] = y[0]
     for k, (a, b0, b1) in enumerate(zip(*_lag_coefficients(dt, T), strict=True)):
@@ -68,7 +68,7 @@ def rate_limit(t: np.ndarray, y: np.ndarray, rate: float) -> np.ndarray:
     """y followed with at most `rate` [unit of y per s]. Akima's curve between samples, because what is limited keeps to
     its end the time by which straight lines begin a movement early."""
     fine = np.interp(np.arange((len(t) - 1) * _FINER + 1) / _FINER, np.arange(len(t)), t)
-    wanted, most = interpolate.Akima1DInterpolator(t, y)(fine), np.diff(fine) * abs(rate)
+    wanted, most = scipy.interpolate.Akima1DInterpolator(t, y)(fine), np.diff(fine) * abs(rate)
     followed, wished, steps, k = wanted.copy(), wanted.tolist(), most.tolist(), 0
     for begins in np.flatnonzero(np.abs(np.diff(wanted)) > most).tolist():  # elsewhere it keeps up
         if begins < k:
@@ -131,7 +131,7 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
     """Heading [rad] less that at the first sample, from bank and pitch angle [rad] and rates [rad/s]; it rests while
     one of them is missing."""
     rate = (q * np.sin(phi) + r * np.cos(phi)) / np.cos(theta)
-    return integrate.cumulative_trapezoid(np.nan_to_num(rate), t, initial=0.0)
+    return scipy.integrate.cumulative_trapezoid(np.nan_to_num(rate), t, initial=0.0)
 
 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
@@ -148,15 +148,15 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> t
     if parts > 1:
         y = _cubic(np.asarray(y, dtype=float).tobytes())(np.arange((len(y) - 1) * parts + 1) / parts)
     numerators, denominator = _mode_filter(w0, damping, dt / parts)
-    rate, derivative = (np.asarray(signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
+    rate, derivative = (np.asarray(scipy.signal.lfilter(n, denominator, y - y[0]))[::parts] for n in numerators)
     return rate, derivative
 
 
 @lru_cache(maxsize=16)  # many modes are driven by the same channel of a few records
-def _cubic(samples: bytes) -> interpolate.CubicSpline:
+def _cubic(samples: bytes) -> scipy.interpolate.CubicSpline:
     """The cubic spline through samples, over their numbers."""
     y = np.frombuffer(samples)
-    return interpolate.CubicSpline(np.arange(len(y)), y)
+    return scipy.interpolate.CubicSpline(np.arange(len(y)), y)
 
 
 @lru_cache(maxsize=256)  # every channel that a surface may shake asks for the same frequencies
@@ -166,7 +166,7 @@ def _mode_filter(w0: float, damping: float, dt: float) -> tuple[np.ndarray, np.n
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
     rows, through = np.array([[0.0, 1.0], a[1]]), np.array([[0.0], b[1]])
-    numerators, denominator = signal.ss2tf(phi, phi @ gamma1 + gamma0, rows, rows @ gamma1 + through)
+    numerators, denominator = scipy.signal.ss2tf(phi, phi @ gamma1 + gamma0, rows, rows @ gamma1 + through)
     return np.atleast_2d(numerators), np.asarray(denominator)
 
 
@@ -176,6 +176,6 @@ def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarr
     block = np.zeros((n + 2 * m, n + 2 * m))
     block[:n, :n], block[:n, n : n + m] = a * dt, b * dt
     block[n : n + m, n + m :] = np.eye(m)
-    e = linalg.expm(block)
+    e = scipy.linalg.expm(block)
     gamma1 = e[:n, n + m :]
     return e[:n, :n], e[:n, n : n + m] - gamma1, gamma1

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage, signal
+import scipy
 
 _ORDER = 4
 _LEVELS = 30
@@ -161,7 +161,7 @@ def isolated(values: np.ndarray, sigmas: float) -> np.ndarray:
         return at
     off = values[2:-2] - np.convolve(values, _CUBIC, mode="valid")
     size = np.abs(off)
-    usual = ndimage.median_filter(size, 2 * _BESIDE + 1, mode="nearest")
+    usual = scipy.ndimage.median_filter(size, 2 * _BESIDE + 1, mode="nearest")
     scatter = max(float(np.median(size)), 0.3 * resolution(values)) / _MEDIAN_OF_NORMAL
     sides = np.stack([values[2:-2] - values[1:-3], values[2:-2] - values[3:-1]]) * np.sign(off)
     far = size > sigmas * np.maximum(usual / _MEDIAN_OF_NORMAL, scatter)
@@ -175,7 +175,7 @@ def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     there = np.isfinite(values)
     if there.sum() < _FEWEST // 2:
         return math.nan
-    t, series = t[there], signal.detrend(values[there])
+    t, series = t[there], scipy.signal.detrend(values[there])
     step = float(np.median(np.diff(t)))
     sigma = float(np.nan_to_num(high_band_sigma(series)))
     moves = float(np.var(series)) - sigma**2
@@ -189,6 +189,6 @@ def is_noise(values: np.ndarray) -> bool:
     seen = values[np.isfinite(values)]
     if len(seen) < 2 or np.ptp(seen) == 0.0:
         return True
-    left = signal.detrend(seen)
+    left = scipy.signal.detrend(seen)
     most = min(_WHITE / math.sqrt(len(left)), _FOLLOWED)
     return float(np.mean(left[1:] * left[:-1])) < most * float(np.mean(left**2))

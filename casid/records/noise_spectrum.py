@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import signal
+import scipy
 
 from casid.records.noise import isolated, pooled_sigma, resolution
 from casid.records.record import Record
@@ -60,7 +60,7 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
         values = record[channel]
         values = values[np.isfinite(values)]
         values = values[~isolated(values, _OUTLYING)]
-        frequency, _, power = signal.spectrogram(values, 2.0, "hann", _STRETCH, _STRETCH // 2, detrend="linear")
+        frequency, _, power = scipy.signal.spectrogram(values, 2.0, "hann", _STRETCH, _STRETCH // 2, detrend="linear")
         share = frequency * step / _own_step(record, channel)
         bands = (share >= 0.5) & (share < 0.75), (share >= 0.75) & (share < 1.0)
         if all(band.any() for band in bands):
@@ -119,7 +119,7 @@ def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     values = record[channel]
     values = values[np.isfinite(values)]
     values = values[~isolated(values, _OUTLYING)]
-    frequency, power = signal.periodogram(values, 2.0, "hann", detrend="linear")
+    frequency, power = scipy.signal.periodogram(values, 2.0, "hann", detrend="linear")
     return frequency[1:], power[1:]
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy import ndimage
+import scipy
 
 from casid.keeping import by_fields
 from casid.records.channel_ranges import gaps
@@ -126,8 +126,8 @@ def surface_activity(record: Record, name: str) -> np.ndarray:
     """(N,) r.m.s. deflection [rad] of a surface over a second, without changes of trim."""
     there = np.isfinite(record[name])
     even = np.interp(_clock(record), record.t[there], record[name][there])
-    trend = ndimage.median_filter(even, _odd(_TREND / record.dt), mode="nearest")
-    square = ndimage.uniform_filter1d((even - trend) ** 2, _odd(_WINDOW / record.dt), mode="nearest")
+    trend = scipy.ndimage.median_filter(even, _odd(_TREND / record.dt), mode="nearest")
+    square = scipy.ndimage.uniform_filter1d((even - trend) ** 2, _odd(_WINDOW / record.dt), mode="nearest")
     return np.interp(record.t, _clock(record), np.sqrt(np.maximum(square, 0.0)))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import signal, stats
+import scipy
 
 from casid.diagnosis.flight.evaluation import FlightFit, Free, Gram, about_motion, scaled_inverse
 from casid.diagnosis.flight.fit import fit
@@ -128,7 +128,7 @@ def whiteness(white: np.ndarray, seen: np.ndarray, lags: int) -> float:
         correlation = np.array([e[k:] @ e[: n - k] for k in range(1, lags + 1)]) / (e @ e)
         statistic += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, lags + 1))))
         dof += lags
-    return float(stats.chi2.sf(statistic, dof)) if dof else 1.0
+    return float(scipy.stats.chi2.sf(statistic, dof)) if dof else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +183,7 @@ def band_energy(fit: FlightFit, simulated: SimulatedRecords, edges_hz: np.ndarra
         for r in measured:
             record = fit.flight.records[r]
             error = np.nan_to_num(simulated.residual[: len(record), r, i])
-            frequency, power = signal.periodogram(error - error.mean(), 1.0 / record.dt)
+            frequency, power = scipy.signal.periodogram(error - error.mean(), 1.0 / record.dt)
             floor = 2.0 * fit.noise.measurement[name] ** 2 * record.dt
             for b, (low, high) in enumerate(zip(edges_hz[:-1], edges_hz[1:], strict=True)):
                 inside = (frequency >= low) & (frequency < high)

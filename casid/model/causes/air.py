@@ -8,7 +8,7 @@ named after when it begins (as JSBSim's cosine gust is).
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from casid.model import operators, station
 from casid.model.effect import Effect, Event, Further, Series, Size, Values, cause
@@ -40,7 +40,7 @@ def _blowing(direction: np.ndarray, wind: np.ndarray, known: Series) -> dict[str
 def _body_axis(axis: str, at: int, known: Series) -> np.ndarray:
     """(3,) direction over the horizon of a body axis at one sample."""
     angles = [float(known[name][at]) if name in known else 0.0 for name in ("turned", "theta", "phi")]
-    return Rotation.from_euler("ZYX", angles).as_matrix()[:, _AXES.index(axis)]
+    return scipy.spatial.transform.Rotation.from_euler("ZYX", angles).as_matrix()[:, _AXES.index(axis)]
 
 
 @cause(
