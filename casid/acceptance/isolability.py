@@ -27,10 +27,10 @@ from casid.arguments import names, numbers_by_name, require
 from casid.design.level_flight import TYPICAL_NOISE
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.detectable import sigmas_shown
-from casid.diagnosis.evidence.evidence import Evidence, weigh
-from casid.diagnosis.evidence.fingerprints import Projection, responses
+from casid.diagnosis.evidence.evidence import weigh
+from casid.diagnosis.evidence.fingerprints import responses
 from casid.diagnosis.evidence.size import meaningful_share
-from casid.diagnosis.flight.evaluation import FlightFit
+from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -51,6 +51,7 @@ _ALIKE = 0.05  # probability of confusion from which two causes are one set
 # of the aerodynamic terms that a file may lack, those that are looked at unless others are asked for
 _TERMS = ("CL:alpha^2", "CD:alpha^2", "CX:alpha^2", "CZ:alpha^2", "Cm:alpha^2", "C[Yln]:alpha[*]beta")
 _DEFAULT = tuple(f"aero_term({term})" for term in _TERMS)
+_Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its values, and its onset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -214,7 +215,11 @@ def isolability(
     axes = axes_of(records)
     sigma = _noise(file, axes, channels, numbers_by_name(noise, "isolability: noise"))
     flown = rehearsed(file, records, axes)
-    effects, left_out = _wanted(_flight(flown, sigma, criteria), causes)
+    flight = _flight(flown, sigma, criteria)
+    effects, left_out = _wanted(flight, causes)
+    # an input is as noisy in a further manoeuvre as it is found to be in the given ones
+    of_inputs = {name.removeprefix("d_"): s for name, s in flight.noise().inputs.items()}
+    flown = replace(flown, aircraft=replace(flown.aircraft, noise={**flown.aircraft.noise, **of_inputs}))
     judged = _judged(flown, sigma, effects, criteria)
     if not judged.names:
         raise InputError("isolability: none of the causes has a size that matters here; ask for others with causes")
@@ -335,43 +340,74 @@ def _fitted(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
 
 def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effect], criteria: Criteria) -> _Judged:
     """The effects at the sizes that matter, in a flight of the file as it is."""
-    fitted = _fitted(flown, sigma, criteria)
-    flight, evidence = fitted.flight, weigh(fitted, discrepancy=False)
-    rows = [_row(evidence, effect) for effect in effects]
-    with_size = [(row, size) for row, size in rows if np.isfinite(size) and size > 0.0]
-    own = responses(evidence, [row for row, _ in with_size])
-    projected = Projection.shared(evidence, own)
-    whole = (own**2).sum(axis=(0, 1, 2))
-    length = sigmas_shown(np.diag(projected.gram), whole, flight.criteria)
-    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-    matters = np.array([size for _, size in with_size])
-    kinds = [row[0] for row, _ in with_size]
-    # the response of an effect that is not linear is that to the whole of it
-    per_size = np.array([1.0 if not e.linear else size for e, size in zip(kinds, matters, strict=True)])
-    return _Judged(
-        channels=flight.outputs,
-        names=tuple(e.name for e in kinds),
-        units=tuple(e.unit for e in kinds),
-        matters=matters,
-        shows=per_size * length,
-        cosine=np.clip(projected.gram * inverse[:, None] * inverse, -1.0, 1.0),
-        left_out=tuple(row[0].name for row, size in rows if not (np.isfinite(size) and size > 0.0)),
-    )
+    every = range(len(flown.records))
+    return _Shown.of(_fitted(flown, sigma, criteria), effects).judged(every)
 
 
-def _row(evidence: Evidence, effect: Effect) -> tuple[tuple[Effect, Mapping[str, float], float | None], float]:
-    """The effect with typical further values, an event in the middle of every record; and the size that matters."""
-    fitted = evidence.fit
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Shown:
+    """How causes show in each of R records of a fit. What they show in some of these are sums, for which no record is
+    flown again."""
+
+    fitted: FlightFit
+    rows: tuple[_Row, ...]
+    grams: np.ndarray  # (R, n, n) products of the whitened responses
+    cross: np.ndarray  # (R, k, n) their products with the sensitivities to the fitted parameters
+
+    @classmethod
+    def of(cls, fitted: FlightFit, effects: Sequence[Effect]) -> _Shown:
+        evidence, rows = weigh(fitted, discrepancy=False), tuple(_row(fitted, effect) for effect in effects)
+        grams, cross = [], []
+        for _, own in evidence.in_records():
+            white = responses(own, rows)
+            by_record = white.swapaxes(0, 1).reshape(white.shape[1], -1, len(rows))
+            grams.append(by_record.swapaxes(1, 2) @ by_record)
+            cross.append(own.products(white))
+        return cls(fitted=fitted, rows=rows, grams=np.concatenate(grams), cross=np.concatenate(cross))
+
+    def judged(self, records: Sequence[int]) -> _Judged:
+        """The effects in some of the records, at the sizes that matter there."""
+        some, sums = list(records), weigh(self.fitted, discrepancy=False).sums
+        of_some = self.fitted if len(some) == len(self.grams) else self.fitted.of_records(some)
+        sizes = np.array([_size(of_some, row) for row in self.rows])
+        sized = np.flatnonzero(np.isfinite(sizes) & (sizes > 0.0))
+        gram, cross = (each[some].sum(axis=0)[..., sized] for each in (self.grams, self.cross))
+        gram, kinds = gram[sized], [self.rows[i][0] for i in sized]
+        covariance = scaled_inverse(sums.grams[some].sum(axis=0) + np.diag(self.fitted.prior_weight))
+        left = gram - cross.T @ covariance @ cross
+        length = sigmas_shown(np.diag(left), np.diag(gram), self.fitted.criteria)
+        inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        # the response of an effect that is not linear is that to the whole of it
+        per_size = np.array([1.0 if not e.linear else size for e, size in zip(kinds, sizes[sized], strict=True)])
+        return _Judged(
+            channels=self.fitted.flight.outputs,
+            names=tuple(e.name for e in kinds),
+            units=tuple(e.unit for e in kinds),
+            matters=sizes[sized],
+            shows=per_size * length,
+            cosine=np.clip(left * inverse[:, None] * inverse, -1.0, 1.0),
+            left_out=tuple(row[0].name for i, row in enumerate(self.rows) if i not in sized),
+        )
+
+
+def _row(fitted: FlightFit, effect: Effect) -> _Row:
+    """The effect with typical further values, an event in the middle of every record."""
     onset = 0.5 * min(record.duration for record in fitted.flight.records) if effect.timed else None
     values = dict(effect.further.grid[len(effect.further.grid) // 2]) if effect.further.grid else {}
+    if not effect.linear:
+        values["value"] = float(fitted.flight.smallest_that_matters(effect) or 0.0)
+    return effect, values, onset
+
+
+def _size(fitted: FlightFit, row: _Row) -> float:
+    """The size that matters: the effect's own, or that of a share of what varies along a fit."""
+    effect, values, onset = row
     smallest = fitted.flight.smallest_that_matters(effect)
     if effect.linear and not smallest:
         onsets = {r.name: r.t[0] + (onset or 0.0) for r in fitted.flight.records} if effect.timed else {}
-        unit = Attached(effect=effect, values=values | {"value": 1.0}, onsets=onsets)
-        share = meaningful_share(fitted, unit)
-        smallest = 1.0 / share if share > 0.0 else np.inf
-    size = float(smallest or 0.0)
-    return (effect, values if effect.linear else values | {"value": size}, onset), size
+        share = meaningful_share(fitted, Attached(effect=effect, values={**values, "value": 1.0}, onsets=onsets))
+        return 1.0 / share if share > 0.0 else np.inf
+    return float(smallest or 0.0)
 
 
 def _additions(
@@ -384,7 +420,10 @@ def _additions(
         if name not in sigma and more:
             told = _judged(flown, {**sigma, name: more}, effects, criteria).told(criteria)
             found.append(Addition(kind="channel", what=name, told=told))
-    for words, longer in further_manoeuvres(flown):
-        told = _judged(longer, sigma, effects, criteria).told(criteria)
-        found.append(Addition(kind="manoeuvre", what=words, told=told))
+    if further := further_manoeuvres(flown):  # all flown at once, each of them judged beside the given ones
+        given, records = range(len(flown.records)), (*flown.records, *further)
+        shown = _Shown.of(_fitted(replace(flown, records=records), sigma, criteria), effects)
+        for i, one in enumerate(further, len(given)):
+            told = shown.judged([*given, i]).told(criteria)
+            found.append(Addition(kind="manoeuvre", what=one.name, told=told))
     return tuple(sorted(found, key=lambda one: -one.told))

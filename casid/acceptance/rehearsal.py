@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +15,7 @@ from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import MOVING, aircraft_model
 from casid.model.simulate import simulate
+from casid.model.system import Model
 from casid.model.trim import trim
 from casid.records.record import Record
 
@@ -33,36 +35,46 @@ class Rehearsal:
     aircraft: Aircraft
     axes: str
     records: tuple[Record, ...]
-    outputs: tuple[str, ...]
+    model: Model
+    level: Mapping[str, float]  # states and inputs of level flight
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.model.outputs
+
+    def flown(self, manoeuvre: Record) -> Record:
+        """The aircraft flown through the inputs of a manoeuvre, as changes from their first samples."""
+        inputs = {}
+        for name in self.model.inputs:
+            moved = name in manoeuvre and name in (*SURFACES["full"], "thrust")
+            change = manoeuvre[name] - manoeuvre[name][0] if moved else np.zeros(len(manoeuvre))
+            inputs[name] = self.level[name] + change
+        hold = manoeuvre.hold
+        hold = hold if isinstance(hold, str) else {n: how for n, how in hold.items() if n in inputs}
+        record = Record(name=manoeuvre.name, t=manoeuvre.t, channels=inputs, hold=hold, source="rehearsed")
+        start = np.array([self.level[name] for name in self.model.states])
+        return simulate(self.model, record, start).as_record()
 
 
 def rehearsed(aircraft: Aircraft, manoeuvres: Sequence[Record], axes: str) -> Rehearsal:
-    """The aircraft flown through the inputs of manoeuvres, as changes from their first samples, from level flight at
-    the [trim] of its file. Raises InputError when it has no trim or diverges."""
+    """The aircraft flown through manoeuvres from level flight at the [trim] of its file. Raises InputError when it has
+    no trim or diverges."""
     bare = replace(aircraft, effects=())
-    model = aircraft_model(bare, axes=axes)
     known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
     if "V" not in known or len(known) < 2:
         raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, to be flown; add them to the file")
     known.pop("altitude" if "rho" in known else "rho", None)
     at = trim(bare, V=known["V"], altitude=known.get("altitude"), rho=known.get("rho"))
     level = dict(zip(MOVING["full"], at.state.tolist(), strict=True)) | at.inputs
-    records = []
-    for one in manoeuvres:
-        inputs = {}
-        for name in model.inputs:
-            moved = name in one and name in (*SURFACES["full"], "thrust")
-            inputs[name] = level[name] + (one[name] - one[name][0] if moved else np.zeros(len(one)))
-        hold = one.hold if isinstance(one.hold, str) else {n: how for n, how in one.hold.items() if n in inputs}
-        flown = Record(name=one.name, t=one.t, channels=inputs, hold=hold, source="rehearsed")
-        records.append(simulate(model, flown, np.array([level[name] for name in model.states])).as_record())
     found = {name: level[name] for name in ("theta", "delta_e", "thrust", "rho")} | {"V": at.V, "alpha": at.alpha}
     file = replace(bare, trim={**aircraft.trim, **found})
-    return Rehearsal(aircraft=file, axes=axes, records=tuple(records), outputs=model.outputs)
+    empty = Rehearsal(aircraft=file, axes=axes, records=(), model=aircraft_model(bare, axes=axes), level=level)
+    return replace(empty, records=tuple(map(empty.flown, manoeuvres)))
 
 
-def further_manoeuvres(flown: Rehearsal) -> Iterator[tuple[str, Rehearsal]]:
-    """In words, and the rehearsal with it: a 3-2-1-1, a doublet and a sweep on each surface, within ordinary limits."""
+def further_manoeuvres(flown: Rehearsal) -> list[Record]:
+    """A 3-2-1-1, a doublet and a sweep on each surface, within ordinary limits, flown and named in words."""
+    found = []
     planes = ("longitudinal", "lateral") if flown.axes == "full" else (flown.axes,)
     for plane in planes:
         experiment = experiment_of(flown.aircraft, plane, _LIMITS)  # pyright: ignore[reportArgumentType]
@@ -78,16 +90,13 @@ def further_manoeuvres(flown: Rehearsal) -> Iterator[tuple[str, Rehearsal]]:
                 if used <= 1.0:
                     break
                 size *= 0.95 / used
-            try:
-                command = Record(
-                    name="further",
-                    t=experiment.t,
-                    channels={s: size * one.moves * (s == one.surface) for s in SURFACES["full"]},
-                    hold="linear",
-                    source="designed",
-                )
-                (more,) = rehearsed(flown.aircraft, [command], flown.axes).records
-            except (InputError, EstimationError):
-                continue
-            words = f"{one.surface}: {one.words}, {math.degrees(size):.2g} deg"
-            yield words, replace(flown, records=(*flown.records, more))
+            command = Record(
+                name=f"{one.surface}: {one.words}, {math.degrees(size):.2g} deg",
+                t=experiment.t,
+                channels={s: size * one.moves * (s == one.surface) for s in SURFACES["full"]},
+                hold="linear",
+                source="designed",
+            )
+            with suppress(InputError, EstimationError):
+                found.append(flown.flown(command))
+    return found

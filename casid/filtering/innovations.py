@@ -70,10 +70,10 @@ class Batch:
     def samples(self) -> int:
         return int(self.live.sum())
 
-    def of_records(self, some: slice) -> Batch:
-        """The same of some records, as views."""
+    def of_records(self, some: slice | list[int]) -> Batch:
+        """The same of some records; as views, where these follow each other."""
         arrays = {name: getattr(self, name)[:, some] for name in ("t", "dt", "U", "Z", "live")}
-        return replace(self, names=self.names[some], held=self.held[some], **arrays)
+        return replace(self, names=tuple(np.array(self.names)[some].tolist()), held=self.held[some], **arrays)
 
     def held_at(self, model: Model) -> np.ndarray:
         """(R, nw) the same of disturbances: those of recorded inputs run as these do, and all others linearly."""
@@ -267,7 +267,7 @@ class Linear:
     Dw: np.ndarray
     dt: np.ndarray
 
-    def of_records(self, some: slice) -> Linear:
+    def of_records(self, some: slice | list[int]) -> Linear:
         """The same of some records, as copies."""
         arrays = {name: of[:, some].copy() for name, of in vars(self).items() if isinstance(of, np.ndarray)}
         return replace(self, **arrays)

@@ -50,7 +50,7 @@ class Filter:
         """What makes innovations white that the noise model says are not."""
         return colouring(self.linear, self.noise.colour)
 
-    def of_records(self, some: slice) -> Filter:
+    def of_records(self, some: slice | list[int]) -> Filter:
         """The same of some records: copies, for every compiled recursion would make its own of views."""
         arrays = {name: of[:, some].copy() for name, of in vars(self).items() if isinstance(of, np.ndarray)}
         linear = self.linear.of_records(some)

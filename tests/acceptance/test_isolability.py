@@ -11,7 +11,7 @@ import pytest
 
 import casid as cs
 from casid.acceptance.isolability import IsolableCause, confusion
-from casid.acceptance.rehearsal import rehearsed
+from casid.acceptance.rehearsal import further_manoeuvres, rehearsed
 from casid.cli.isolate import isolate
 from casid.cli.options import DEMO
 from casid.diagnosis.evidence.evidence import weigh
@@ -163,7 +163,7 @@ def _cosine(one: IsolableCause, rival: str) -> float:
 
 
 def test_what_would_add_most_is_what_adds_most() -> None:
-    """A channel is proposed with the probability that it then has, if it is measured."""
+    """A channel is proposed with the probability that it then has, if it is measured; a manoeuvre, if it is flown."""
     causes = ["sensor_scale(alpha)", "sensor_scale(theta)", "vane_position(alpha)", "cg_offset(x)", "actuator_lag(*)"]
     few = ["V", "alpha", "theta"]
     found = cs.isolability(file(), [manoeuvre()], channels=few, causes=causes)
@@ -173,6 +173,12 @@ def test_what_would_add_most_is_what_adds_most() -> None:
         file(), [manoeuvre()], channels=[*few, channels[0].what], causes=list(found.causes), suggest=False
     )
     assert again.told == pytest.approx(channels[0].told, abs=1e-6)
+    flown = further_manoeuvres(rehearsed(file(), [manoeuvre()], "longitudinal"))
+    told = {one.what: one.told for one in found.additions if one.kind == "manoeuvre"}
+    assert set(told) == {one.name for one in flown}
+    for one in flown:
+        both = cs.isolability(file(), [manoeuvre(), one], channels=few, causes=list(found.causes), suggest=False)
+        assert both.told == pytest.approx(told[one.name], abs=1e-6)
     shown = [one.what for one in found.additions if any(one.what in line for line in additions_in_words(found))]
     assert shown == [one.what for one in found.additions[:5] if one.told > found.told + 1e-3]
     worse = replace(found, additions=tuple(replace(one, told=found.told - 0.01) for one in found.additions))

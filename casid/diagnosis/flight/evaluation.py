@@ -141,7 +141,7 @@ class FlightFit:
         kept = _KEPT.get(self, {})
         return _with_arrays(replace(self), {n: kept[n] for n in ("model", "batch", "functions") if n in kept})
 
-    def of_records(self, some: slice) -> FlightFit:
+    def of_records(self, some: slice | list[int]) -> FlightFit:
         """The time histories, filter and sensitivities of some records; estimates are those of all."""
         names = ("output", "read", "seen", "disturbances", "errors", "white", "columns")
         arrays = {name: getattr(self, name)[:, some] for name in names}

@@ -32,7 +32,7 @@ class Motion:
         nx = self.X.shape[2]
         return self.predicted[..., :nx], self.predicted[..., nx:]
 
-    def of_records(self, some: slice) -> Motion:
+    def of_records(self, some: slice | list[int]) -> Motion:
         """The same of some records, as views."""
         predicted = None if self.predicted is None else self.predicted[:, some]
         found = {"X": self.X[:, some], "coloured": self.coloured[:, some], "inputs": self.inputs[:, some]}
