@@ -16,6 +16,7 @@ from casid.filtering.initial_state import state_of_outputs
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects
 from casid.model.dynamics import standard_density
+from casid.model.measured_force import force_inputs
 from casid.model.path import INTEGRALS
 from casid.model.simulate import simulate
 from casid.model.system import Model
@@ -51,27 +52,45 @@ def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...
     return tuple(name for name in asked if name in record and np.isfinite(record[name]).any())
 
 
-def fly(
-    aircraft: Aircraft,
-    record: Record,
-    curves: Mapping[str, np.ndarray],
-    axes: str,
-    wanted: Sequence[str],
-    windows: Sequence[Window],
-    closed: bool,
-) -> list[Flown]:
-    """Simulate every window of a record with smoothed channels `curves`; `closed`: with the controller of `_LOOPS`."""
-    applied = apply_effects(aircraft, [record], axes, _outputs(record, axes, wanted))
-    ready = applied.records[0]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ToFly:
+    """What is flown of a record: its windows, with smoothed channels `curves` and channels that are `wanted`."""
+
+    record: Record
+    curves: Mapping[str, np.ndarray]
+    axes: str
+    wanted: Sequence[str]
+    windows: Sequence[Window]
+
+    @property
+    def model(self) -> tuple:
+        """Records that have the same fly the same model."""
+        record = self.record
+        return self.axes, _outputs(record, self.axes, self.wanted), record.dt, force_inputs([record])
+
+
+def fly(aircraft: Aircraft, flights: Sequence[ToFly], closed: bool) -> list[list[Flown]]:
+    """Simulate every window of each flight; `closed`: with the controller of `_LOOPS`."""
+    applied: dict[tuple, Applied] = {}
+    for model in {one.model: None for one in flights}:
+        axes, outputs, *_ = model
+        applied[model] = apply_effects(aircraft, [one.record for one in flights if one.model == model], axes, outputs)
+    ready = {model: iter(one.records) for model, one in applied.items()}
+    return [_flown(applied[one.model], next(ready[one.model]), one, closed) for one in flights]
+
+
+def _flown(applied: Applied, ready: Record, flight: ToFly, closed: bool) -> list[Flown]:
+    """`ready`: its record made ready for the model."""
+    record = flight.record
     measured = {
-        name: curves[name]
+        name: flight.curves[name]
         if np.array_equal(ready[name], record[name], equal_nan=True)
         else smooth(ready.t, ready[name]).curve
         for name in DIRECT
         if name in record and name in applied.model.outputs
     }
     followed = ready.with_channels(**measured)
-    return [_fly(applied, record, followed, tuple(measured), window, closed) for window in windows]
+    return [_fly(applied, record, followed, tuple(measured), window, closed) for window in flight.windows]
 
 
 def _fly(

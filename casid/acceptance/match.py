@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from casid.acceptance.checks import EXTENDED, GIVEN, checks_of, flight_of, smoothed_channels
+from casid.acceptance.checks import Flight as Measured
 from casid.acceptance.conditions import conditions_of
 from casid.acceptance.findings import FoundPart, found_parts
-from casid.acceptance.flown import DIRECT, fly
+from casid.acceptance.flown import DIRECT, ToFly, fly
 from casid.acceptance.justification import Findings, findings_of
 from casid.acceptance.manoeuvres import MANOEUVRES, Window, window_between, windows
 from casid.acceptance.matched import Cost, MatchedTest, Side
@@ -103,12 +105,13 @@ def proof_of_match(
     asked = _asked(tests, standard, read)
     parts = found_parts(own, sides[EXTENDED]) if EXTENDED in sides else ()
     left_out: dict[str, str] = {}
-    flown: list[MatchedTest] = []
+    flights: list[_Flight] = []
     for record in map(_without_jumps, read):
         smoothed = smoothed_channels(record, _looked_at(standard.tests[name] for name in asked))
-        chosen = _windows(asked, standard, record, smoothed, left_out)
-        flight = _Flight(record=record, smoothed=smoothed, axes=axes or _axes(own, record), closed=closed_loop)
-        flown += _match(flight, chosen, sides, parts, findings or Findings())
+        if chosen := _windows(asked, standard, record, smoothed, left_out):
+            axes_of_record = axes or _axes(own, record)
+            flights.append(_Flight(record=record, smoothed=smoothed, axes=axes_of_record, chosen=chosen))
+    flown = _match(flights, sides, parts, findings or Findings(), closed_loop)
     if tests is None:
         flown, idle = [one for one in flown if _judged(one)], [one for one in flown if not _judged(one)]
         left_out |= {one.test.id: one.sides[GIVEN].checks[0].why for one in idle}
@@ -224,53 +227,67 @@ def _looked_at(tests: Iterable[StandardTest]) -> list[str]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Flight:
-    """A record, its smoothed channels, and how it is flown."""
+    """A record, its smoothed channels, and the tests that it shows."""
 
     record: Record
     smoothed: Mapping[str, Smooth]
     axes: str
-    closed: bool
+    chosen: Sequence[tuple[StandardTest, Window]]
+
+    @cached_property
+    def to_fly(self) -> ToFly:
+        """A window that several tests share is flown once."""
+        return ToFly(
+            record=self.record,
+            curves={name: one.curve for name, one in self.smoothed.items()},
+            axes=self.axes,
+            wanted=sorted({"V" if name == CALIBRATED else name for test, _ in self.chosen for name in test.channels}),
+            windows=tuple(dict.fromkeys(window for _, window in self.chosen)),
+        )
+
+    @cached_property
+    def measured(self) -> list[Measured]:
+        """What it has of each test."""
+        return [flight_of(test, self.record, self.smoothed, window) for test, window in self.chosen]
+
+
+def _judged_by(aircraft: Aircraft, flights: Sequence[_Flight], closed: bool) -> list[Side]:
+    """Every test of all flights, simulated by an aircraft."""
+    sides = []
+    for flight, flown in zip(flights, fly(aircraft, [one.to_fly for one in flights], closed), strict=True):
+        by_window = dict(zip(flight.to_fly.windows, flown, strict=True))
+        for (test, window), measured in zip(flight.chosen, flight.measured, strict=True):
+            found = by_window[window]
+            sides.append(Side(flown=found, checks=checks_of(test, flight.record, window, measured, found)))
+    return sides
 
 
 def _match(
-    flight: _Flight,
-    chosen: Sequence[tuple[StandardTest, Window]],
+    flights: Sequence[_Flight],
     sides: Mapping[str, Aircraft],
     parts: Sequence[FoundPart],
     findings: Findings,
+    closed: bool,
 ) -> list[MatchedTest]:
-    """The tests of one record. A window that several tests share is flown once."""
-    if not chosen:
-        return []
-    record = flight.record
-    wanted = sorted({"V" if name == CALIBRATED else name for test, _ in chosen for name in test.channels})
-    places = tuple(dict.fromkeys(window for _, window in chosen))
-    flights = [flight_of(test, record, flight.smoothed, window) for test, window in chosen]
-    curves = {name: one.curve for name, one in flight.smoothed.items()}
-
-    def judged(aircraft: Aircraft) -> list[Side]:
-        flown = fly(aircraft, record, curves, flight.axes, wanted, places, flight.closed)
-        by_window = dict(zip(places, flown, strict=True))
-        return [
-            Side(flown=by_window[window], checks=checks_of(test, record, window, measured, by_window[window]))
-            for (test, window), measured in zip(chosen, flights, strict=True)
-        ]
-
-    by_side = {label: judged(one) for label, one in sides.items()}
-    without = [(part, judged(part.without)) for part in parts]
+    """The tests of all flights."""
+    by_side = {label: _judged_by(one, flights, closed) for label, one in sides.items()}
+    without = [(part, _judged_by(part.without, flights, closed)) for part in parts]
+    every = [(flight, j) for flight in flights for j in range(len(flight.chosen))]
     return [
         MatchedTest(
-            test=test,
-            record=record,
-            window=window,
+            test=flight.chosen[j][0],
+            record=flight.record,
+            window=flight.chosen[j][1],
             axes=flight.axes,
-            flight=flights[i],
+            flight=flight.measured[j],
             sides={label: some[i] for label, some in by_side.items()},
             costs=tuple(_cost(part, by_side[EXTENDED][i], some[i]) for part, some in without),
-            conditions=conditions_of(test, sides[GIVEN], record, flight.smoothed, window),
-            fitted=findings.was_fitted(record.name),
+            conditions=conditions_of(
+                flight.chosen[j][0], sides[GIVEN], flight.record, flight.smoothed, flight.chosen[j][1]
+            ),
+            fitted=findings.was_fitted(flight.record.name),
         )
-        for i, (test, window) in enumerate(chosen)
+        for i, (flight, j) in enumerate(every)
     ]
 
 

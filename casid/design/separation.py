@@ -18,15 +18,10 @@ import numpy as np
 from casid.design.experiment import Experiment
 from casid.design.manoeuvres import Manoeuvre, flyable
 from casid.errors import EstimationError, InputError
-from casid.estimation.transcriptions.steps import (
-    compiled,
-    output_function,
-    sample_derivatives,
-    share_cache,
-    step_function,
-)
+from casid.estimation.transcriptions.steps import output_function, sample_derivatives, step_function
 from casid.model.aircraft import Aircraft
 from casid.model.applied import Applied, apply_effects, default_free
+from casid.model.built import compiled, share_cache
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of
 from casid.model.system import Model

@@ -22,8 +22,8 @@ from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.model.built import cached, share_cache
 from casid.model.simulate import cvodes_step, flown, steps_of
 from casid.model.system import Model, unguessed_states
 from casid.records.record import Record

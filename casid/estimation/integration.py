@@ -25,7 +25,7 @@ from casid.estimation.stretches import EXACT, Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.layout import build_layout
-from casid.estimation.transcriptions.steps import compiled, rates_function
+from casid.estimation.transcriptions.steps import rates_function
 from casid.estimation.transcriptions.transcription import (
     Collocation,
     SingleShooting,
@@ -34,6 +34,7 @@ from casid.estimation.transcriptions.transcription import (
     as_stepping,
     is_implicit,
 )
+from casid.model.built import compiled
 
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth

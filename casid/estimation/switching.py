@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import cached, share_cache
+from casid.model.built import cached, share_cache
 from casid.model.system import Model
 
 _SHARES = (1e-2, 3e-3, 1e-3, 3e-4)  # of the size of an argument

@@ -25,8 +25,8 @@ from casid.estimation.guess import looked_up, with_guess
 from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.limits import ParameterLimits
-from casid.estimation.transcriptions.steps import cached, share_cache
 from casid.estimation.uncertainty import Rescaled
+from casid.model.built import cached, share_cache
 from casid.model.expressions import Symbols
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model

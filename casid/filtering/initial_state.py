@@ -9,6 +9,7 @@ import numpy as np
 
 from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
+from casid.model.built import cached
 from casid.model.system import Model
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
@@ -64,14 +65,22 @@ def measured_start(
     return state_of_outputs(model, record, begins, start, parameters) if begins else start
 
 
+def _outputs_by_state(model: Model, rows: list[int]) -> ca.Function:
+    """(x, u, p, w) -> some outputs, and their derivatives by the state."""
+    h = model.h[rows]
+    return ca.Function("outputs", [model.x, model.u, model.p, model.w], [h, ca.jacobian(h, model.x)])
+
+
 def state_of_outputs(
     model: Model, record: Record, outputs: Mapping[str, float], start: np.ndarray, parameters: np.ndarray | None = None
 ) -> np.ndarray:
     """(states,) the state at the first sample that has these `outputs`, by Newton's method from `start`, where states
     that the outputs do not tell stay."""
     rows = [model.outputs.index(name) for name in outputs]
-    scale, h = model.scale_vector(), model.h[rows]
-    function = ca.Function("outputs", [model.x, model.u, model.p, model.w], [h, ca.jacobian(h, model.x)])
+    scale, function = (
+        model.scale_vector(),
+        cached(model, (_outputs_by_state, *rows), lambda: _outputs_by_state(model, rows)),
+    )
     p = model.nominal_vector() if parameters is None else parameters
     u, w = record.matrix(model.inputs)[0], np.zeros(len(model.disturbances))
     x, z = np.array(start, dtype=float), np.array(list(outputs.values()))

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import cached, sample_derivatives
+from casid.estimation.transcriptions.steps import sample_derivatives
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
+from casid.model.built import cached
 from casid.native.compiler import Compilable
 
 _PARTS = 8  # parameters whose perturbed filters run side by side

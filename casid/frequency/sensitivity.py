@@ -11,7 +11,8 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
-from casid.estimation.transcriptions.steps import cached, quiet
+from casid.estimation.transcriptions.steps import quiet
+from casid.model.built import cached
 from casid.model.system import Model, check_continuous
 
 

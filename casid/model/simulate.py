@@ -11,6 +11,7 @@ import numpy as np
 
 from casid.arguments import given, listed, number, numbers_by_name, one_of, require, table_of, whole
 from casid.errors import InputError, check_known
+from casid.model.built import compiled
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period
@@ -155,11 +156,12 @@ def simulate(
     UW = np.hstack([U, W])
     if not np.isfinite(states).all():
         raise InputError(_why_it_diverged(model, record, states, UW, p))
-    output = Compilable(ca.Function("output", [model.x, model.u, model.p, model.w], [ca.densify(model.h)]))
+    output = compiled(model, _output)
     outputs = np.empty((n, len(model.outputs)))
     for own in _slabs(n):
         count = own.stop - own.start
-        outputs[own] = output.mapped(count)(states[own], U[own], np.tile(p, (count, 1)), W[own])[0]
+        with output.lock:
+            outputs[own] = output.mapped(count)(states[own], U[own], np.tile(p, (count, 1)), W[own])[0]
     if not np.isfinite(outputs).all():
         k, i = np.argwhere(~np.isfinite(outputs))[0]
         at = {"x": states[k], "u": U[k], "p": p, "w": W[k]}
@@ -260,14 +262,15 @@ def flown(model: Model, record: Record, start: np.ndarray, p: np.ndarray, W: np.
 
 
 def _by_runge_kutta(model: Model, substeps: int) -> Run:
-    step = Compilable(_step(model, substeps))
+    step = compiled(model, _step, substeps)
 
     def run(state: np.ndarray, before: np.ndarray, after: np.ndarray, dt: np.ndarray, p: np.ndarray) -> np.ndarray:
         states = np.empty((len(dt), len(state)))
         for own in _slabs(len(dt)):
             count = own.stop - own.start
-            fly = step.accumulated(count, 1)
-            states[own] = fly(state[None], before[own], after[own], dt[own], np.tile(p, (count, 1)))[0]
+            with step.lock:  # two threads may fly one model
+                fly = step.accumulated(count, 1)
+                states[own] = fly(state[None], before[own], after[own], dt[own], np.tile(p, (count, 1)))[0]
             state = states[own.stop - 1]
         return states
 
@@ -311,6 +314,11 @@ def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:
     quietly = {"show_eval_warnings": False, "disable_internal_warnings": True}
     options = {"reltol": relative, "abstol": absolute, "max_num_steps": _MOST_STEPS, **quietly}
     return ca.integrator("implicit", "cvodes", dae, 0.0, 1.0, options)
+
+
+def _output(model: Model) -> ca.Function:
+    """(x, u, p, w) -> outputs."""
+    return ca.Function("output", [model.x, model.u, model.p, model.w], [ca.densify(model.h)])
 
 
 def _step(model: Model, substeps: int) -> ca.Function:

@@ -35,10 +35,11 @@ from casid.estimation.residual_colour import (
     noise_autocovariance,
 )
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.steps import cached, output_function, sample_derivatives, step_function
+from casid.estimation.transcriptions.steps import output_function, sample_derivatives, step_function
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.estimation.uncertainty import prior_information, score_pieces
 from casid.frames import brief
+from casid.model.built import cached
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model
 from casid.native.compiler import Compilable

@@ -24,7 +24,7 @@ from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, So
 from casid.estimation.solvers.separable import separable_functions
 from casid.estimation.solvers.solver import Outcome, check_limits, linear_at
 from casid.estimation.solvers.status import CONVERGED, DIVERGES, INFEASIBLE, Results, Status
-from casid.estimation.transcriptions.steps import cached
+from casid.model.built import cached
 from casid.native.programme import CompilableProgramme
 
 

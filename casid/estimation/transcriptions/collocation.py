@@ -24,8 +24,9 @@ from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Sim
 from casid.estimation.transcriptions.jumps import Jumps
 from casid.estimation.transcriptions.kernel import Packed, pack, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
-from casid.estimation.transcriptions.steps import cached, compiled, dynamics_function, output_function, quiet
+from casid.estimation.transcriptions.steps import dynamics_function, output_function, quiet
 from casid.estimation.transcriptions.symbolic import collocated
+from casid.model.built import cached, compiled
 from casid.model.system import Model
 
 CONDENSED = 10  # sample intervals whose states are eliminated together: a matter of time and memory alone

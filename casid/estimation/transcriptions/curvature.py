@@ -11,8 +11,9 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.transcriptions.dynamics import ShotDerivatives
-from casid.estimation.transcriptions.steps import cached, dynamics_function, output_function
+from casid.estimation.transcriptions.steps import dynamics_function, output_function
 from casid.estimation.transcriptions.symbolic import SampleSymbols
+from casid.model.built import cached
 from casid.model.system import Model
 
 _STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))  # of Runge-Kutta: where in the step, share in sixths of it

@@ -12,7 +12,8 @@ import scipy
 
 from casid.errors import EstimationError
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import cached, quiet
+from casid.estimation.transcriptions.steps import quiet
+from casid.model.built import cached
 from casid.model.system import EquationForm as EquationForm
 from casid.model.system import Model
 from casid.native.compiler import Compilable

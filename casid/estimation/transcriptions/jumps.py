@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.estimation.transcriptions.dynamics import Blocks, Lift, ProblemSymbols, Trajectory
 from casid.estimation.transcriptions.layout import Layout
-from casid.estimation.transcriptions.steps import cached
+from casid.model.built import cached
 from casid.model.system import Model
 
 

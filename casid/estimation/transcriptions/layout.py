@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from casid.estimation.problem import Problem
-from casid.estimation.transcriptions.steps import cached
+from casid.model.built import cached
 from casid.model.system import Model
 from casid.model.timeline import Timeline, between_samples, timeline
 from casid.records.record import Record

@@ -21,15 +21,9 @@ from casid.estimation.transcriptions.dynamics import Blocks, ProblemSymbols, Sim
 from casid.estimation.transcriptions.jumps import Jumps
 from casid.estimation.transcriptions.kernel import Kernel, Packed, pack, shooting_offer, whitened
 from casid.estimation.transcriptions.layout import Layout, watched
-from casid.estimation.transcriptions.steps import (
-    cached,
-    compiled,
-    output_function,
-    sample_derivatives,
-    stage_functions,
-    step_function,
-)
+from casid.estimation.transcriptions.steps import output_function, sample_derivatives, stage_functions, step_function
 from casid.estimation.transcriptions.symbolic import shot
+from casid.model.built import cached, compiled
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
 from casid.native.compiler import Batch

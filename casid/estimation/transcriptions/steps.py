@@ -6,39 +6,15 @@ model in discrete time takes its own step, with u0. A step of no duration change
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Sequence
 
 import casadi as ca
 import numpy as np
 
 from casid.errors import unknown
+from casid.model.built import cached
 from casid.model.feedback import SampledFeedback
 from casid.model.system import Model
-from casid.native.compiler import Compilable
-
-_BUILT = "_built"  # where it lies
-
-
-def cached(model: Model, key: tuple, build):
-    """What `build()` gives, kept as long as the model lives: a Monte Carlo over one model builds once.
-
-    It lies in the model, for much of it refers to the model: a table of weak references would keep both for ever.
-    """
-    store = vars(model).setdefault(_BUILT, {})
-    if key not in store:
-        store[key] = build()
-    return store[key]
-
-
-def share_cache(model: Model, like: Model) -> Model:
-    """The model, of the same expressions as `like`, with one store of what is built of them."""
-    vars(model)[_BUILT] = vars(like).setdefault(_BUILT, {})
-    return model
-
-
-def compiled(model: Model, make: Callable[..., ca.Function], *given: Hashable) -> Compilable:
-    """The function `make(model, *given)`, to be compiled once that pays; kept likewise."""
-    return cached(model, (make, *given), lambda: Compilable(make(model, *given)))
 
 
 def rk4(f: ca.Function, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, *rest: ca.SX) -> ca.SX:
