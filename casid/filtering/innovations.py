@@ -12,7 +12,8 @@ nc columns. Arrays run (time, record, ...); shorter records are padded and maske
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import casadi as ca
@@ -147,12 +148,6 @@ class PointFunctions:
                 self._by_parameters[key] = ParameterFunctions(self.model, key)
         return self._by_parameters[key]
 
-    def release(self) -> None:
-        """Give up the arrays that calls of the functions use: those of all models that are tried add up."""
-        of_parameters = [one for by in list(self._by_parameters.values()) for one in (by.each, by.along)]
-        for function in (self._jacobians, self._step, self._output, *of_parameters):
-            function.release()
-
     def __reduce__(self) -> tuple[type[PointFunctions], tuple[Model, tuple[str, ...]]]:
         return PointFunctions, (self.model, self.free)
 
@@ -227,19 +222,20 @@ def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
     """A function of column vectors at every (time, record): arguments (N, R, n) or (R, n), results (N, R, rows,
     columns). Threads take turns."""
     N, R = arguments[0].shape[:2]
-    flat = [np.broadcast_to(a, (N, R, a.shape[-1])).reshape(N * R, a.shape[-1]) for a in arguments]
+    flat = [a.reshape(math.prod(a.shape[:-1]), a.shape[-1]) for a in arguments]
+    # those of records alone are the same at every sample: a block begins at one of R places
+    flat = [a if len(a) == N * R else np.resize(a, (_BLOCK + R, a.shape[1])) for a in flat]
     shapes = [function.symbolic.size_out(i) for i in range(function.symbolic.n_out())]
-    results = [np.empty((N * R, columns, rows)) for rows, columns in shapes]
-    for first in range(0, N * R, _BLOCK):
-        whole = first + _BLOCK <= N * R
-        points = slice(first, first + _BLOCK) if whole else np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
-        given = [a[points] for a in flat]
+    room = -(-N * R // _BLOCK) * _BLOCK
+    results = [np.empty((room, columns, rows)) for rows, columns in shapes]
+    for first in range(0, room, _BLOCK):
+        here, again = slice(first, first + _BLOCK), slice(first % R, first % R + _BLOCK)
+        if first + _BLOCK > N * R:  # the last point fills the block
+            here = np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
+        given = [a[here] if len(a) == N * R else a[again] for a in flat]
         with function.lock:
-            found = function.mapped(_BLOCK)(*given)
-            for to, part in zip(results, found, strict=True):
-                own = to[first : first + _BLOCK]
-                own[...] = part.reshape(_BLOCK, *to.shape[1:])[: len(own)]
-    return [r.reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
+            function.write(given, [r[first : first + _BLOCK] for r in results])
+    return [r[: N * R].reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -356,6 +352,13 @@ def _driven(by_x, by_p, K, end_p, dt, live, seen) -> tuple[np.ndarray, np.ndarra
     Kp = K @ Fp0
     Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + K @ by_x[:-1] @ (h / 6 * Fp0 + h**2 / 24 * Kp))
     return np.where(inside, Bp, 0.0), np.where(seen[..., None], by_p[:, :, nx:], 0.0)
+
+
+def scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
+    """(N, R, nw) Histories (N, R, names) of named disturbances in their places among all."""
+    W = np.zeros((*histories.shape[:2], len(model.disturbances)))
+    W[..., [model.disturbances.index(name) for name in names]] = histories
+    return W
 
 
 def inject(linear: Linear, stations: Sequence[int], series: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

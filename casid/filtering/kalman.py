@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
 from casid.filtering.colour import Colouring, colouring
-from casid.filtering.innovations import Linear, NoiseModel
+from casid.filtering.innovations import Linear, NoiseModel, scattered
 from casid.filtering.kernel import FilterKernel, filter_kernel
 from casid.filtering.slow import slow_states, with_slow_readings
 
@@ -39,11 +39,6 @@ class Filter:
     P: np.ndarray
     log_determinant: np.ndarray
     kernel: FilterKernel | None
-
-    @cached_property
-    def inputs(self) -> InputNoise:
-        """How noise of the recorded inputs enters the model that it goes through."""
-        return _input_noise(self.through, self.noise)
 
     @cached_property
     def colouring(self) -> Colouring:
@@ -94,15 +89,17 @@ class Filter:
         white, states = self._columns(Y, F, None if begun is None else begun.copy(), keep=True)
         if self.through is not self.linear:
             held, nx = self.through, self.linear.X.shape[2]
-            moved, index = states[..., :nx, :], [held.model.disturbances.index(name) for name in self.noise.coloured]
-            gusts, decay = states[..., nx : nx + len(index), :], _decay(held.dt, self.noise)[..., None, :]
-            C, A = self.linear.C - held.C, self.linear.A - held.A
-            before, now = (
-                [of[..., index] for of in (linear.Dw, linear.Bw0, linear.Bw1)] for linear in (held, self.linear)
-            )
-            Dw, Bw0, Bw1 = (new - old for new, old in zip(now, before, strict=True))
-            Y, F = Y + C @ moved + Dw @ gusts, F.copy()
-            F[:, :, :nx] += A @ moved[:-1] + (Bw0 + decay * Bw1) @ gusts[:-1]
+            moved, coloured = states[..., :nx, :], states[..., nx : nx + len(self.noise.coloured), 0]
+            gusts = scattered(held.model, self.noise.coloured, coloured)[..., None]
+            left = scattered(held.model, self.noise.coloured, _decay(held.dt, self.noise) * coloured[:-1])[..., None]
+
+            def made(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+                ahead = linear.A @ moved[:-1] + linear.Bw0 @ gusts[:-1] + linear.Bw1 @ left
+                return linear.C @ moved + linear.Dw @ gusts, ahead
+
+            (read, ahead), (read_held, ahead_held) = made(self.linear), made(held)
+            Y, F = Y + (read - read_held), F.copy()
+            F[:, :, :nx] += ahead - ahead_held
             white, states = self._columns(Y, F, begun, keep=True)
         return self.colouring.taken_off(white).swapaxes(0, 1)[..., 0], -states[..., 0]
 
@@ -120,13 +117,14 @@ class Filter:
         N, R, ny, n = self.C.shape
         white, held = np.empty((R, N, ny, columns + room)), np.zeros((R, n, columns))
         for at, Y, F in stretches if columns else ():
-            part = slice(at.start, at.stop + 1)  # with the first sample of the next one, whose states are `held`
-            if len(F) == len(Y):
-                Y = np.concatenate([Y, np.zeros((1, *Y.shape[1:]))])
-            root = self.inverse_root[part]
-            mine = replace(self, A=self.A[part], C=self.C[part], gain=self.gain[part], inverse_root=root)
-            found, _ = mine._columns(Y, F, held)
-            white[:, at, :, :columns] = found[:, : at.stop - at.start]
+            steps = slice(at.start, at.start + len(F))
+            part = {
+                "A": self.A[steps],
+                "gain": self.gain[steps],
+                "C": self.C[at],
+                "inverse_root": self.inverse_root[at],
+            }
+            replace(self, **part)._columns(Y, F, held, to=white[:, at, :, :columns])
         if self.colouring.stretches:
             white[..., :columns] = self.colouring.taken_off(white[..., :columns])
         return white.swapaxes(0, 1)
@@ -150,7 +148,8 @@ class Filter:
         def forced(k: int) -> np.ndarray:
             return entering(linear.Bw0[k], k) + entering(linear.Bw1[k], k + 1)
 
-        white, _ = self._run(len(begin), lambda k: entering(linear.Dw[k], k), forced)
+        white = np.empty((*self.C.shape[1::-1], self.C.shape[2], len(begin)))
+        self._run(white, lambda k: entering(linear.Dw[k], k), forced, len(self.A))
         return self.colouring.taken_off(white).swapaxes(0, 1)
 
     def histories_in_parts(
@@ -205,20 +204,20 @@ class Filter:
 
     def smooth(self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Most likely deviation of states and coloured disturbances (N, R, nx + nc), and noise of the recorded inputs
-        (N, R, ni), given one column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion."""
+        (N, R, ni), given one column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion and the disturbance
+        smoother (Koopman, Biometrika 80, 1993)."""
         white, states = self._columns(Y, F, self._begun(first), keep=True)
-        if self.kernel is not None:
-            costates = self.kernel.costates(self.A, self.C, self.gain, self.inverse_root, white)
-        else:
-            costates = self._costates(white)
-        noise = self.inputs.smoothed(self, white.swapaxes(0, 1)[..., 0], costates)
+        through, found = self.through, self._costates if self.kernel is None else partial(self.kernel.costates, self)
+        stations = [through.model.disturbances.index(name) for name in self.noise.inputs]
+        costates, entering = found(stations, white)
+        noise = entering * np.array([sigma**2 for sigma in self.noise.inputs.values()])
         deviation = (self.P @ costates[..., None] - states)[..., 0]
-        nx = self.linear.X.shape[2]
-        deviation[1:, :, :nx] += (self.inputs.after @ noise[1:, ..., None])[..., 0]
+        entered = scattered(through.model, self.noise.inputs, noise[1:])
+        deviation[1:, :, : self.linear.X.shape[2]] += (through.Bw1 @ entered[..., None])[..., 0]
         return deviation[..., : deviation.shape[2] - len(slow_states(self.noise.slow))], noise
 
-    def _costates(self, white: np.ndarray) -> np.ndarray:
-        found = np.zeros(self.C.shape[:2] + self.C.shape[3:])
+    def _costates(self, stations: Sequence[int], white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        found, pulls = np.zeros(self.C.shape[:2] + self.C.shape[3:]), np.zeros(self.C.shape[:3])
         turned = self.inverse_root.swapaxes(2, 3)
         for k in range(len(found) - 1, -1, -1):
             pull = turned[k] @ white[:, k]
@@ -227,7 +226,12 @@ class Filter:
                 pull = pull - self.gain[k].swapaxes(1, 2) @ after
                 found[k] = (self.A[k].swapaxes(1, 2) @ after)[..., 0]
             found[k] += (self.C[k].swapaxes(1, 2) @ pull)[..., 0]
-        return found
+            pulls[k] = pull[..., 0]
+        through, of_states = self.through, found[1:, :, : self.linear.X.shape[2], None]
+        entering = through.Dw.swapaxes(2, 3) @ pulls[..., None]
+        entering[:-1] += through.Bw0.swapaxes(2, 3) @ of_states
+        entering[1:] += through.Bw1.swapaxes(2, 3) @ of_states
+        return found, entering[..., stations, 0]
 
     def _begun(self, first: np.ndarray | None) -> np.ndarray | None:
         """(R, n, nc) predicted states at the first sample; of slow noise nothing is expected."""
@@ -236,64 +240,48 @@ class Filter:
         return np.pad(first, ((0, 0), (0, self.C.shape[3] - first.shape[1]), (0, 0)))
 
     def _columns(
-        self, Y: np.ndarray, F: np.ndarray, first: np.ndarray | None, keep: bool = False
+        self,
+        Y: np.ndarray,
+        F: np.ndarray,
+        first: np.ndarray | None,
+        keep: bool = False,
+        to: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Innovations (R, N, ny, nc) and, when they are to be kept, predicted states (N, R, n, nc). `first` has the
-        states at the last sample afterwards."""
+        """Innovations (R, N, ny, nc), in the array `to` if that is given, and, when they are to be kept, predicted
+        states (N, R, n, nc). `first` has the states after the last step of F afterwards."""
+        (N, R, ny, n), columns = self.C.shape, Y.shape[3]
+        white = np.empty((R, N, ny, columns)) if to is None else to
+        states = np.empty((N if keep else 0, R, n, columns))
         if self.kernel is not None:
-            return self.kernel.whiten(self, Y, F, first, keep)
-        return self._run(Y.shape[3], lambda k: Y[k], lambda k: F[k], first, keep)
+            self.kernel.whiten(self, Y, F, first, white, states if keep else None)
+        else:
+            self._run(white, lambda k: Y[k], lambda k: F[k], len(F), first, states if keep else None)
+        return white, states
 
     def _run(
         self,
-        columns: int,
+        white: np.ndarray,
         output: Callable[[int], np.ndarray],
         forced: Callable[[int], np.ndarray],
+        steps: int,
         first: np.ndarray | None = None,
-        keep: bool = False,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        N, R, ny, n = self.C.shape
-        white = np.empty((R, N, ny, columns))
-        states = np.empty((N if keep else 0, R, n, columns))
-        E = np.zeros((R, n, columns)) if first is None else first.copy()
+        states: np.ndarray | None = None,
+    ) -> None:
+        N, R, _, n = self.C.shape
+        E = np.zeros((R, n, white.shape[3])) if first is None else first.copy()
         for k in range(N):
-            if keep:
+            if states is not None:
                 states[k] = E
             e = self.C[k] @ E
             e += output(k)
-            np.matmul(self.inverse_root[k], e, out=white[:, k])
-            if k < N - 1:
+            white[:, k] = self.inverse_root[k] @ e
+            if k < steps:
                 E = self.A[k] @ E
                 E -= self.gain[k] @ e
                 drive = forced(k)
                 E[:, : drive.shape[1]] += drive
         if first is not None:
             first[...] = E
-        return white, states
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class InputNoise:
-    """How noise of recorded inputs enters a model: variance (ni,), `now` (N, R, nx, ni) and `after` (N-1, R, nx, ni)
-    into the state over the interval behind a sample and over the one before it, `out` (N, R, ny, ni) into the outputs.
-
-    The filter's state is the model's without what the noise of the sample has put into it over the interval before. So
-    noise enters one interval and one sample, in which state and outputs share it.
-    """
-
-    variance: np.ndarray
-    now: np.ndarray
-    after: np.ndarray
-    out: np.ndarray
-
-    def smoothed(self, filter_: Filter, white: np.ndarray, costates: np.ndarray) -> np.ndarray:
-        """(N, R, ni) most likely noise, from innovations (N, R, ny) and costates (N, R, n): the disturbance smoother
-        (Koopman, Biometrika 80 (1993))."""
-        pull = filter_.inverse_root.swapaxes(2, 3) @ white[..., None]
-        pull[:-1] -= filter_.gain.swapaxes(2, 3) @ costates[1:, ..., None]
-        slope = self.out.swapaxes(2, 3) @ pull
-        slope[:-1] += self.now.swapaxes(2, 3) @ costates[1:, :, : self.now.shape[2], None]
-        return self.variance * slope[..., 0]
 
 
 def kalman_filter(linear: Linear, noise: NoiseModel, plain: bool = False) -> Filter:
@@ -320,17 +308,19 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
     covariances of the noise, which nothing needs afterwards, take as much memory as these."""
     (N, R, ny, nx), n = linear.C.shape, len(_names(linear, noise))
     of_noise = [(N - 1, R, n, ny), (N, R, ny, ny), (N, R, n, n), (N, R)]
-    made = [linear.A, linear.C] if n == nx else [np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n))]
-    made += [np.empty(shape) for shape in of_noise]
-    begin: np.ndarray | None = None
+    by_state = (linear.A, linear.C) if n == nx else (np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n)))
+    made = gain, root, kept, log_determinant = [np.empty(shape) for shape in of_noise]
     for first, (A, C, Q, M, S, P) in augmented_in_stretches(linear, noise, kernel is None):
-        given = A, C, Q, M, S, P if begin is None else begin
-        passed = _covariance_pass(*given) if kernel is None else kernel.covariance(*given)
-        for to, part in zip(made, (A, C, *passed), strict=True):
-            if to is not linear.A and to is not linear.C:  # without further states the filter has those of the model
-                to[first : first + len(part)] = part
-        begin = passed[2][-1]
-    return tuple(made)
+        here, steps = slice(first, first + len(C)), slice(first, first + len(A))
+        given = A, C, Q, M, S, kept[first] if first else P
+        to = gain[steps], root[here], kept[here], log_determinant[here]
+        if kernel is not None:
+            kernel.covariance(*given, to)
+        else:
+            _covariance_pass(*given, to)
+        if n != nx:  # without further states the filter has those of the model
+            by_state[0][steps], by_state[1][here] = A, C
+    return (*by_state, *made)
 
 
 def augmented_in_stretches(
@@ -351,15 +341,6 @@ def _between(linear: Linear, first: int, stop: int) -> Linear:
     by_step = {name: getattr(linear, name)[steps] for name in ("defect", "A", "Bp", "Bw0", "Bw1", "dt")}
     by_sample = {name: getattr(linear, name)[at] for name in ("X", "output", "residual", "seen", "C", "Dp", "Dw")}
     return replace(linear, **by_step, **by_sample)
-
-
-def _input_noise(linear: Linear, noise: NoiseModel) -> InputNoise:
-    index = [linear.model.disturbances.index(name) for name in noise.inputs]
-    now, after, out = linear.Bw0[..., index].copy(), linear.Bw1[..., index], linear.Dw[..., index].copy()
-    now[1:] += linear.A[1:] @ after[:-1]
-    out[1:] += linear.C[1:] @ after
-    variance = np.array([sigma**2 for sigma in noise.inputs.values()])
-    return InputNoise(variance=variance, now=now, after=after, out=out)
 
 
 def _names(linear: Linear, noise: NoiseModel) -> list[str]:
@@ -386,12 +367,9 @@ def _shared(names: Sequence[str], before: Sequence[str]) -> tuple[np.ndarray, np
     return np.array([names.index(name) for name in both]), np.array([before.index(name) for name in both])
 
 
-def _covariance_pass(A, C, Q, M, S, P) -> tuple[np.ndarray, ...]:
-    N, records, ny, n = C.shape
-    gain = np.empty((N - 1, records, n, ny))
-    inverse_root = np.empty((N, records, ny, ny))
-    kept = np.empty((N, records, n, n))
-    log_determinant = np.empty((N, records))
+def _covariance_pass(A, C, Q, M, S, P, to: Sequence[np.ndarray]) -> None:
+    gain, inverse_root, kept, log_determinant = to
+    N = len(C)
     for k in range(N):
         kept[k] = P
         PC = P @ C[k].swapaxes(1, 2)
@@ -404,7 +382,6 @@ def _covariance_pass(A, C, Q, M, S, P) -> tuple[np.ndarray, ...]:
             gain[k] = Z @ inverse
             P = A[k] @ P @ A[k].swapaxes(1, 2) + Q[k] - Z @ Z.swapaxes(1, 2)
             P = 0.5 * (P + P.swapaxes(1, 2))
-    return gain, inverse_root, kept, log_determinant
 
 
 def residual_column(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
@@ -424,14 +401,15 @@ def residual_about(
     noise `inputs` (N, R, ni) of recorded inputs, which is expected to be zero; it goes `through` the model that the
     filter has (`Filter.through`), by default this one, so that a control gains nothing by its noise."""
     Y, F = residual_column(linear)
-    news = coloured_news(linear.dt, noise, coloured)[..., None]
-    index = [linear.model.disturbances.index(name) for name in noise.coloured]
-    F = np.concatenate([F + linear.Bw1[..., index] @ news, news], axis=2)
+    if noise.coloured:
+        news = coloured_news(linear.dt, noise, coloured)
+        entered = linear.Bw1 @ scattered(linear.model, noise.coloured, news)[..., None]
+        F = np.concatenate([F + entered, news[..., None]], axis=2)
     linear = through or linear
     if inputs is not None:
-        index, W = [linear.model.disturbances.index(name) for name in noise.inputs], inputs[..., None]
-        Y = Y + linear.Dw[..., index] @ W
-        F[:, :, : linear.X.shape[2]] += linear.Bw0[..., index] @ W[:-1] + linear.Bw1[..., index] @ W[1:]
+        W, nx = scattered(linear.model, noise.inputs, inputs)[..., None], linear.X.shape[2]
+        Y = Y + linear.Dw @ W
+        F[:, :, :nx] += linear.Bw0 @ W[:-1] + linear.Bw1 @ W[1:]
     first = np.zeros((F.shape[1], F.shape[2], 1))
     first[:, linear.X.shape[2] :, 0] = coloured[0]
     return Y, F, first
@@ -488,7 +466,7 @@ def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[A
     n = len(model.states) + len(sources.coloured)
     kernel = None if plain else filter_kernel(n, ny)
     if kernel is None:
-        *made, S = _augmented(linear, sources, _input_noise(linear, noise))
+        *made, S = _augmented(linear, sources)
     else:
         *made, S = kernel.augmented(linear, sources)
     P = np.zeros((linear.C.shape[1], n, n))
@@ -498,8 +476,12 @@ def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[A
     return with_slow_readings(linear, noise.slow, found) if noise.slow else found
 
 
-def _augmented(linear: Linear, sources: _Sources, inputs: InputNoise) -> tuple[np.ndarray, ...]:
-    """(A, C, Q, M, S), as the compiled recursions compute them."""
+def _augmented(linear: Linear, sources: _Sources) -> tuple[np.ndarray, ...]:
+    """(A, C, Q, M, S), as the compiled recursions compute them.
+
+    The filter's state is the model's without what the noise of a recorded input at the sample has put into it over the
+    interval before. So that noise enters one interval (`now`) and one sample (`out`), which share it.
+    """
     coloured, white, sigma = sources.coloured, sources.white, sources.sigma
     N, records, ny, nx = linear.C.shape
     n = nx + len(coloured)
@@ -510,7 +492,9 @@ def _augmented(linear: Linear, sources: _Sources, inputs: InputNoise) -> tuple[n
     A[..., range(nx, n), range(nx, n)] = phi
     C = np.concatenate([linear.C, linear.Dw[..., coloured]], axis=3)
     G = (linear.Bw0 + linear.Bw1)[..., white] * sources.of_white
-    now, out = inputs.now * np.sqrt(inputs.variance), inputs.out * np.sqrt(inputs.variance)
+    now, before, out = (of[..., sources.inputs] * sources.of_inputs for of in (linear.Bw0, linear.Bw1, linear.Dw))
+    now[1:] += linear.A[1:] @ before[:-1]
+    out[1:] += linear.C[1:] @ before
     Q = np.zeros((N - 1, records, n, n))
     Q[..., :nx, :nx] = G @ G.swapaxes(2, 3) + now @ now.swapaxes(2, 3)
     driven = sigma**2 * (1.0 - phi**2)

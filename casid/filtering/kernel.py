@@ -7,7 +7,7 @@ each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS`
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
 import numpy as np
@@ -95,28 +95,24 @@ class FilterKernel:
         _call(self._augment, N, sizes, *index, *strength, *given, *made)
         return tuple(made)
 
-    def covariance(self, A, C, Q, M, S, P0) -> tuple[np.ndarray, ...]:
-        """(gain, inverse root, prediction covariance, log determinant); S may be None. Raises numpy.linalg.LinAlgError
-        when a covariance of an innovation is not positive definite."""
+    def covariance(self, A, C, Q, M, S, P0, to: Sequence[np.ndarray]) -> None:
+        """Write (gain, inverse root, prediction covariance, log determinant) to the arrays `to`; S may be None. Raises
+        numpy.linalg.LinAlgError when a covariance of an innovation is not positive definite."""
         N, R, ny, n = C.shape
-        gain, root = np.empty((N - 1, R, n, ny)), np.empty((N, R, ny, ny))
-        kept, log_determinant = np.empty((N, R, n, n)), np.empty((N, R))
-        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, S, P0, gain, root, kept, log_determinant):
+        if not _call(self._covariance, R, (N, R, n, ny), A, C, Q, M, S, P0, *map(_as_it_lies, to)):
             raise np.linalg.LinAlgError("the covariance of an innovation is not positive definite")
-        return gain, root, kept, log_determinant
 
-    def whiten(self, of, Y, F, first, keep: bool) -> tuple[np.ndarray, np.ndarray]:
-        """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns Y, F, first; states (N, R, n, nc) when they are
-        to be kept. `first` has the states at the last sample afterwards."""
+    def whiten(self, of, Y, F, first, white: np.ndarray, states: np.ndarray | None) -> None:
+        """Write the innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns Y, F, first, to the array `white`,
+        and of one column the `states` (N, R, n, 1). `first` has the states after the last step afterwards."""
         (N, R, ny, n), nc = of.C.shape, Y.shape[3]
-        white, states = np.empty((R, N, ny, nc)), np.empty((N if keep else 0, R, n, nc))
-        given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first)
+        apart = (ctypes.c_long(white.strides[axis] // white.itemsize) for axis in (0, 2))
+        given = (of.A, of.C, of.gain, of.inverse_root, Y, F, first, ctypes.c_long(len(F)), *apart, _as_it_lies(white))
         if nc == 1:  # as most calls have, which would leave fifteen places of a tile empty
-            _call(self._whiten_one, R, (N, R, n, F.shape[2], ny), *given, white, states if keep else None)
-            return white, states
-        assert not keep, "states are kept of one column"
-        _call(self._whiten, _tiles(R, nc), (N, R, n, F.shape[2], ny, nc), *given, white)
-        return white, states
+            _call(self._whiten_one, R, (N, R, n, F.shape[2], ny), *given, states)
+            return
+        assert states is None, "states are kept of one column"
+        _call(self._whiten, _tiles(R, nc), (N, R, n, F.shape[2], ny, nc), *given)
 
     def whiten_histories(self, of, stations, first, series, squares: bool = False) -> np.ndarray:
         """Innovations (R, N, ny, nc) `of` a `kalman.Filter`, of columns that are sums of time histories (N, R,
@@ -161,19 +157,30 @@ class FilterKernel:
         _call(self._entrances, _tiles(R, nc), (N, R, n, B0.shape[2], ny, nc), *given)
         return entering, by_output
 
-    def costates(self, A, C, gain, root, white) -> np.ndarray:
-        """Costates (N, R, n) of the predicted states, from the innovations (R, N, ny) of one column."""
-        N, R, ny, n = C.shape
-        found = np.empty((N, R, n))
-        _call(self._costates, R, (N, R, n, ny), A, C, gain, root, white, found)
-        return found
+    def costates(self, of, stations, white) -> tuple[np.ndarray, np.ndarray]:
+        """Costates (N, R, n) of the predicted states, from innovations (R, N, ny, 1) `of` a `kalman.Filter`, and what
+        these have in common with a unit at each sample of the disturbances `stations` (N, R, ns)."""
+        N, R, ny, n = of.C.shape
+        through, found, entering = of.through, np.empty((N, R, n)), np.empty((N, R, len(stations)))
+        sizes = (ctypes.c_long(size) for size in (*through.Bw0.shape[2:], len(stations)))
+        given = (of.A, of.C, of.gain, of.inverse_root, white, *sizes, np.asarray(stations, dtype=ctypes.c_long))
+        _call(self._costates, R, (N, R, n, ny), *given, through.Dw, through.Bw0, through.Bw1, found, entering)
+        return found, entering
 
 
 def _tiles(records: int, columns: int) -> int:
     return records * -(-columns // _TILE)
 
 
-def _call(function, parts: int, sizes: tuple[int, ...], *arguments: np.ndarray | ctypes.c_long | None) -> bool:
+def _as_it_lies(array: np.ndarray) -> ctypes.c_void_p:
+    """Where an array begins that the function writes to, also one that is part of a larger one."""
+    return ctypes.c_void_p(array.ctypes.data)
+
+
+Argument = np.ndarray | ctypes.c_long | ctypes.c_void_p | None
+
+
+def _call(function, parts: int, sizes: tuple[int, ...], *arguments: Argument) -> bool:
     """Run the function on all its parts, shared out among threads; whether it returned 0 everywhere."""
     given, kept, failed = [], [], []
     for argument in arguments:

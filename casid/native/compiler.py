@@ -19,7 +19,7 @@ import subprocess
 import threading
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache
@@ -228,15 +228,19 @@ class Compilable:
             self._batches.popitem(last=False)
         return self._batches[key]
 
-    def release(self) -> None:
-        """Give up the arrays of its batches, which the next call makes again."""
-        with self.lock:
-            for batch in self._batches.values():
-                batch.release()
-
     def mapped(self, count: int) -> Batch:
         """The function over `count` samples."""
         return self._tape.mapped if self._tape else self._batch(("map", count), lambda f: f.map(count))
+
+    def write(self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
+        """Write what `mapped` returns of arguments (count, rows) to results (count, columns, rows), contiguous arrays:
+        no copy is made. Not for two threads at once."""
+        if self._tape:
+            for to, found in zip(results, self._tape.mapped(*arguments), strict=True):
+                to[...] = found.reshape(to.shape)
+        else:
+            count = len(results[0])
+            self._batch(("write", count), lambda f: f.map(count)).write(arguments, results)
 
     def accumulated(self, length: int, count: int) -> Batch:
         """`count` sequences of `length` calls, each of which takes what the one before gave as its first argument."""
@@ -282,35 +286,49 @@ class PointBatch:
         # casadi.FunctionBuffer, whose signatures the stubs misstate, and what calls it
         self._buffer: Any = None
         self._trigger: Any = None
-
-    def release(self) -> None:
-        """Give up the arrays, which the next call makes again."""
-        self._used, self._buffer, self._trigger = None, None, None
-        self._inputs, self._outputs = [], []
+        self._inputs: list[np.ndarray] = []
+        self._outputs: list[np.ndarray] = []
 
     def _prepare(self, function: ca.Function) -> None:
         self._used = function
         if self._derived is None or self._derived[0] is not function:
             with BUILDING:
                 self._derived = function, self._derive(function)
-        f = self._derived[1]
+        self._buffer, self._trigger = self._derived[1].buffer()
+        self._inputs, self._outputs = [], []
+
+    def _bind_own(self, f: ca.Function) -> None:
         self._inputs = [np.zeros((f.size2_in(i), f.size1_in(i))) for i in range(f.n_in())]
         self._outputs = [np.zeros((f.size2_out(i), f.size1_out(i))) for i in range(f.n_out())]
-        self._buffer, self._trigger = f.buffer()
-        for i, array in enumerate(self._inputs):
-            if array.size:
-                self._buffer.set_arg(i, array.data)
-        for i, array in enumerate(self._outputs):
-            if array.size:
-                self._buffer.set_res(i, array.data)
+        self._bind(self._inputs, self._outputs)
+
+    def _bind(self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
+        for arrays, set_one in ((arguments, self._buffer.set_arg), (results, self._buffer.set_res)):
+            for i, array in enumerate(arrays):
+                if array.size:
+                    set_one(i, array.data)
+
+    def _run(self) -> None:
+        begin = time.perf_counter()
+        self._trigger()
+        self._kernel.spent += time.perf_counter() - begin
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
         function = self._kernel.current()
         if function is not self._used:
             self._prepare(function)
+        if self._derived is not None and not self._outputs:
+            self._bind_own(self._derived[1])
         for held, given in zip(self._inputs, arguments, strict=True):
             held[...] = given.reshape(held.shape)
-        begin = time.perf_counter()
-        self._trigger()
-        self._kernel.spent += time.perf_counter() - begin
+        self._run()
         return self._outputs
+
+    def write(self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
+        """Write to the arrays `results` what a call returns; both contiguous. Not for a batch that is called too."""
+        function = self._kernel.current()
+        if function is not self._used:
+            self._prepare(function)
+        given = [np.ascontiguousarray(one, dtype=float) for one in arguments]  # copies live until the run has ended
+        self._bind(given, results)
+        self._run()

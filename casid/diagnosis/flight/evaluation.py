@@ -22,9 +22,9 @@ from casid.diagnosis.flight.hypothesis import (
     prior,
     readings,
 )
-from casid.diagnosis.flight.motion import AlongMotion, Motion, along_motion, scattered
+from casid.diagnosis.flight.motion import AlongMotion, Motion, along_motion
 from casid.diagnosis.flight.subject import Subject
-from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise
+from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, scattered
 from casid.filtering.kalman import Filter, coloured_news, kalman_filter, residual_about
 from casid.filtering.kernel import COLUMNS, SAMPLES
 from casid.model.path import STATES
@@ -127,8 +127,6 @@ class FlightFit:
         kept = _KEPT.get(self, {})
         for name in _LARGE & kept.keys():
             del kept[name]
-        if "functions" in kept:
-            kept["functions"].release()
 
     def lighter(self, filtered: bool = True) -> FlightFit:
         """The fit without its sensitivities, to save memory; not `filtered`, also without the filter of another, which
@@ -544,7 +542,7 @@ def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndar
     """Name -> (states of an aircraft,) mean effect of the noise of an input on the motion, in typical sizes."""
     model, names = linear.model, list(inputs)
     at = [model.disturbances.index(name) for name in names]
-    drive = (linear.Bw0[..., at] + linear.Bw1[..., at]).mean(axis=(0, 1)) / model.scale_vector()[:, None]
+    drive = (linear.Bw0.mean(axis=(0, 1)) + linear.Bw1.mean(axis=(0, 1)))[:, at] / model.scale_vector()[:, None]
     rows = [i for i, state in enumerate(model.states) if state in STATES]
     return dict(zip(names, drive[rows].T, strict=True))
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from casid.filtering.innovations import NoiseModel
+from casid.filtering.innovations import NoiseModel, scattered
 from casid.model.system import Model
 
 
@@ -48,13 +47,6 @@ class Motion:
         if self.predicted is None or step.predicted is None:
             return found
         return replace(found, predicted=self.predicted + length * step.predicted)
-
-
-def scattered(model: Model, names: Iterable[str], histories: np.ndarray) -> np.ndarray:
-    """(N, R, nw) Histories (N, R, names) of named disturbances in their places among all."""
-    W = np.zeros((*histories.shape[:2], len(model.disturbances)))
-    W[..., [model.disturbances.index(name) for name in names]] = histories
-    return W
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -158,82 +158,85 @@ static inline void product_one(long rows, long inner, const double *a, const dou
         for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
 }
 
-/* to (rows) = sigma (by (rows, nx) b1 + b0), b1 and b0 columns of (nx or rows, nw); without b1 at the first sample */
-static void carried(long rows, long nx, long nw, double sigma, const double *by, const double *b1, const double *b0,
-                    double *to)
-{
-    double b[MOST];
-    for (long i = 0; i < rows; i++) to[i] = b0[i * nw];
-    for (long j = 0; b1 && j < nx; j++) b[j] = b1[j * nw];
-    if (b1) product_one(rows, nx, by, b, to, 1.0, 0);
-    for (long i = 0; i < rows; i++) to[i] *= sigma;
-}
-
-/* to (rows, columns) += a b' */
-static void outer(long rows, long columns, const double *a, const double *b, double *to)
+/* columns `index` of by (rows, nw) times `factor`, by column, added to a matrix in rows of `wide` vectors, from column
+   `first` on */
+static inline void add_columns(long rows, long nw, const double *by, long count, const long *index, const double *factor,
+                               long wide, double *to)
 {
     for (long i = 0; i < rows; i++)
-        if (a[i] != 0.0) for (long j = 0; j < columns; j++) to[i * columns + j] += a[i] * b[j];
+        for (long w = 0; w < count; w++) to[i * wide * WIDTH + w] += by[i * nw + index[w]] * factor[w];
 }
 
 /* A model (nx states) with its coloured disturbances as further states, n = nx + nz: A (n, n), C (ny, n), process
-   noise Q over the interval, measurement noise M and what both share S (n, ny), as `kalman.augmented`. A part is a
-   sample. */
+   noise Q over the interval, measurement noise M and what both share S (n, ny), as `kalman.augmented`. G (nx rows) and
+   F (ny rows) are what unit noises put into states and readings: recorded inputs first, whose noise at a sample has
+   entered over the interval before too, then white disturbances, then news of the coloured ones. A part is a sample. */
 void augment(long from, long to, long N, long R, long nx, long ny, long nw, long nz, long nv, long ni,
              const long *coloured, const long *white, const long *input, const double *sigma, const double *tau,
              const double *white_sigma, const double *input_sigma, const double *variance, const double *dt,
              const unsigned char *seen, const double *given_A, const double *B0, const double *B1,
              const double *given_C, const double *D, double *A, double *C, double *Q, double *M, double *S)
 {
-    double g[MOST], f[MOST];
-    long n = nx + nz;
-    memset(g, 0, sizeof g);
+    long n = nx + nz, many = ni + nv + nz, wide_m = (many + WIDTH - 1) / WIDTH, wide = (n + WIDTH - 1) / WIDTH;
+    long wide_y = (ny + WIDTH - 1) / WIDTH, stride = wide_m * WIDTH, size = (2 * nx + ny) * wide_m + 2 * n * (wide + wide_y);
+    V *X = aligned_alloc(sizeof(V), (size + (stride + ny) * (wide + wide_y)) * sizeof(V)), *G = X + nx * wide_m;
+    V *F = G + nx * wide_m, *made = F + ny * wide_m, *turned_G = made + 2 * n * (wide + wide_y);
+    V *turned_F = turned_G + stride * wide, *measured = turned_F + stride * wide_y;
+    double *x = (double *)X, *g = (double *)G, *f = (double *)F, *m = (double *)measured, *q = (double *)made;
+    double phi[MOST], driven[MOST], root[MOST], ones[MOST], step = -1.0;
+    for (long i = 0; i < MOST; i++) ones[i] = 1.0;
+    zero(stride, wide + wide_y, turned_G);
     for (long at = from * R; at < to * R; at++) {
         const double *d = D + at * ny * nw, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
-        const double *before = at < R ? 0 : b1 - R * nx * nw;
-        double *c = C + at * ny * n, *m = M + at * ny * ny, *a = A + at * n * n, *q = Q + at * n * n;
-        int last = at >= (N - 1) * R;
-        memset(m, 0, ny * ny * sizeof(double));
+        double *c = C + at * ny * n, *a = A + at * n * n;
+        int first = at < R, last = at >= (N - 1) * R;
         for (long i = 0; i < ny; i++) {
             memcpy(c + i * n, given_C + (at * ny + i) * nx, nx * sizeof(double));
             for (long z = 0; z < nz; z++) c[i * n + nx + z] = d[i * nw + coloured[z]];
-            m[i * ny + i] = seen[at * ny + i] ? variance[i] : 1.0;
         }
-        if (!last) {
-            memset(a, 0, n * n * sizeof(double));
-            memset(q, 0, n * n * sizeof(double));
-            memset(S + at * n * ny, 0, n * ny * sizeof(double));
-            for (long i = 0; i < nx; i++) memcpy(a + i * n, given_A + (at * nx + i) * nx, nx * sizeof(double));
-        }
-        for (long w = 0; w < nv; w++) {
-            for (long i = 0; i < ny; i++) f[i] = d[i * nw + white[w]] * white_sigma[w];
-            outer(ny, ny, f, f, m);
-            if (last) continue;
-            for (long i = 0; i < nx; i++) g[i] = (b0[i * nw + white[w]] + b1[i * nw + white[w]]) * white_sigma[w];
-            outer(n, n, g, g, q);
-        }
-        for (long w = 0; w < ni; w++) {
-            const double *b = before ? before + input[w] : 0;
-            carried(ny, nx, nw, input_sigma[w], given_C + at * ny * nx, b, d + input[w], f);
-            outer(ny, ny, f, f, m);
-            if (last) continue;
-            carried(nx, nx, nw, input_sigma[w], given_A + at * nx * nx, b, b0 + input[w], g);
-            outer(n, n, g, g, q);
-            outer(n, ny, g, f, S + at * n * ny);
-        }
+        zero(nx, wide_m, X);
+        zero(nx + ny, wide_m, G);
+        if (!first) add_columns(nx, nw, b1 - R * nx * nw, ni, input, input_sigma, wide_m, x);
+        product(ny, nx, nx, 1, wide_m, given_C + at * ny * nx, X, F, 0, 0);
+        add_columns(ny, nw, d, ni, input, input_sigma, wide_m, f);
+        add_columns(ny, nw, d, nv, white, white_sigma, wide_m, f + ni);
+        pack_turned(ny, stride, wide_y, f, turned_F);
+        zero(ny, wide_y, measured);
+        product(ny, ni + nv, stride, 1, wide_y, f, turned_F, measured, 0, 0);
+        for (long i = 0; i < ny; i++) m[i * wide_y * WIDTH + i] += seen[at * ny + i] ? variance[i] : 1.0;
+        unpack(ny, ny, wide_y, measured, M + at * ny * ny);
         if (last) continue;
+        if (dt[at] != step) for (long z = 0; z < nz; z++) {
+            phi[z] = exp(-dt[at] / tau[z]);
+            driven[z] = sigma[z] * sigma[z] * (1.0 - phi[z] * phi[z]);
+            root[z] = sqrt(driven[z]);
+        }
+        step = dt[at];
+        product(nx, nx, nx, 1, wide_m, given_A + at * nx * nx, X, G, 0, 0);
+        add_columns(nx, nw, b0, ni, input, input_sigma, wide_m, g);
+        add_columns(nx, nw, b0, nv, white, white_sigma, wide_m, g + ni);
+        add_columns(nx, nw, b1, nv, white, white_sigma, wide_m, g + ni);
+        zero(n, wide_y, made);
+        product(nx, ni, stride, 1, wide_y, g, turned_F, made, 0, 0);
+        unpack(n, ny, wide_y, made, S + at * n * ny);
+        add_columns(nx, nw, b1, nz, coloured, root, wide_m, g + ni + nv);
+        pack_turned(nx, stride, wide, g, turned_G);
+        zero(n, wide, made);
+        product(nx, many, stride, 1, wide, g, turned_G, made, 0, 0);
+        memset(a, 0, n * n * sizeof(double));
+        for (long i = 0; i < nx; i++) memcpy(a + i * n, given_A + (at * nx + i) * nx, nx * sizeof(double));
         for (long z = 0; z < nz; z++) {
-            double phi = exp(-dt[at] / tau[z]), driven = sigma[z] * sigma[z] * (1.0 - phi * phi);
-            a[(nx + z) * n + nx + z] = phi;
-            q[(nx + z) * n + nx + z] = driven;
+            a[(nx + z) * n + nx + z] = phi[z];
+            q[(nx + z) * wide * WIDTH + nx + z] = driven[z];
             for (long i = 0; i < nx; i++) {
                 double now = b0[i * nw + coloured[z]], then = b1[i * nw + coloured[z]];
-                a[i * n + nx + z] = now + then * phi;
-                q[i * n + nx + z] = q[(nx + z) * n + i] = then * driven;
-                for (long j = 0; j < nx; j++) q[i * n + j] += then * driven * b1[j * nw + coloured[z]];
+                a[i * n + nx + z] = now + then * phi[z];
+                q[i * wide * WIDTH + nx + z] = q[(nx + z) * wide * WIDTH + i] = then * driven[z];
             }
         }
+        unpack(n, n, wide, made, Q + at * n * n);
     }
+    free(X);
 }
 
 /* covariance pass; returns 0, or 1 when an innovation's covariance is not positive definite */
@@ -293,25 +296,25 @@ static void load(long rows, long stride, long width, const double *from, tile *t
     for (long i = 0; i < rows; i++) copy(to[i].d, from + i * stride, width);
 }
 
-/* `whiten` of one column; a part is a record */
+/* `whiten` of one column; a part is a record. Unless it is null, `states` (N,R,n) are those at every sample. */
 void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, const double *A, const double *C,
-                const double *gain, const double *root, const double *Y, const double *F, double *held,
-                double *white, double *states)
+                const double *gain, const double *root, const double *Y, const double *F, double *held, long steps,
+                long of_record, long of_row, double *white, double *states)
 {
-    double E[MOST], e[MOST], next[MOST];
+    double E[MOST], e[MOST], out[MOST], next[MOST];
     BEGIN
     for (long r = from; r < to; r++) {
         memset(E, 0, sizeof E);
         if (held) memcpy(E, held + r * n, n * sizeof(double));
         for (long k = 0; k < N; k++) {
             long at = k * R + r;
-            double *out = white + (r * N + k) * ny;
             if (states) memcpy(states + at * n, E, n * sizeof(double));
             memcpy(e, Y + at * ny, ny * sizeof(double));
             product_one(ny, n, C + at * ny * n, E, e, 1.0, 0);
             memset(out, 0, ny * sizeof(double));
             product_one(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
-            if (k == N - 1) break;
+            for (long i = 0; i < ny; i++) white[r * of_record + (k * ny + i) * of_row] = out[i];
+            if (k == steps) break;
             memset(next, 0, n * sizeof(double));
             memcpy(next, F + at * nx, nx * sizeof(double));
             product_one(n, ny, gain + at * n * ny, e, next, -1.0, 0);
@@ -374,29 +377,40 @@ void entrances(long from, long to, long N, long R, long n, long nx, long ny, lon
     END
 }
 
-/* Bryson-Frazier: costates (N,R,n) of the predicted states, from white (R,N,ny) of one column */
-void costates(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *gain,
-              const double *root, const double *white, double *found)
+static inline void add_row(long columns, double factor, const double *restrict row, double *restrict to)
 {
-    double costate[MOST], moved[MOST];
+    for (long j = 0; j < columns; j++) to[j] += factor * row[j];
+}
+
+/* Bryson-Frazier, from white (R,N,ny) of one column: costates (N,R,n) of the predicted states, and what a unit at a
+   sample of each of ns disturbances `station` would have in common with it: entering (N,R,ns), as of `entrances` */
+void costates(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *gain,
+              const double *root, const double *white, long nx, long nw, long ns, const long *station, const double *Dw,
+              const double *B0, const double *B1, double *found, double *entering)
+{
+    double costate[MOST], moved[MOST], pull[MOST], *through = malloc(nw * sizeof(double));
     for (long r = from; r < to; r++) {
         memset(costate, 0, sizeof costate);
         for (long k = N - 1; k >= 0; k--) {
             long at = k * R + r;
-            const double *c = C + at * ny * n, *w = white + (r * N + k) * ny;
-            memset(moved, 0, sizeof moved);
-            if (k < N - 1) {
-                const double *a = A + at * n * n;
-                for (long i = 0; i < n; i++) for (long j = 0; j < n; j++) moved[j] += a[i * n + j] * costate[i];
+            memset(moved, 0, n * sizeof(double));
+            memset(pull, 0, ny * sizeof(double));
+            memset(through, 0, nw * sizeof(double));
+            for (long i = 0; i < ny; i++) add_row(i + 1, white[(r * N + k) * ny + i], root + (at * ny + i) * ny, pull);
+            if (k < N - 1) for (long i = 0; i < n; i++) {
+                add_row(ny, -costate[i], gain + (at * n + i) * ny, pull);
+                add_row(n, costate[i], A + (at * n + i) * n, moved);
+                if (i < nx && ns) add_row(nw, costate[i], B0 + (at * nx + i) * nw, through);
             }
-            for (long j = 0; j < ny; j++) {
-                double sum = 0.0;
-                if (k < N - 1) for (long i = 0; i < n; i++) sum -= gain[(at * n + i) * ny + j] * costate[i];
-                for (long i = j; i < ny; i++) sum += root[(at * ny + i) * ny + j] * w[i];
-                for (long i = 0; i < n; i++) moved[i] += c[j * n + i] * sum;
+            for (long i = 0; i < ny; i++) {
+                add_row(n, pull[i], C + (at * ny + i) * n, moved);
+                if (ns) add_row(nw, pull[i], Dw + (at * ny + i) * nw, through);
             }
+            for (long i = 0; i < nx && k > 0 && ns; i++) add_row(nw, moved[i], B1 + ((at - R) * nx + i) * nw, through);
+            for (long s = 0; s < ns; s++) entering[at * ns + s] = through[station[s]];
             memcpy(costate, moved, n * sizeof(double));
             memcpy(found + at * n, costate, n * sizeof(double));
         }
     }
+    free(through);
 }

@@ -32,11 +32,13 @@ static inline __attribute__((always_inline)) void tiles(long rows, long inner, l
 /* the first column of a tile */
 static long first_of(long b, long nc) { return nc >= TILE && (b + 1) * TILE > nc ? nc - TILE : b * TILE; }
 
-/* Innovations of columns given as Y (N,R,ny,nc), F (N-1,R,nx,nc): white (R,N,ny,nc). Unless it is null, `held`
-   (R,n,nc) has the states at the first sample, and those at the last one afterwards. A part is a tile of columns, of the first record, the second, ...; all parts of a sample are done before
-   the next, as they lie in memory. */
+/* Innovations of columns given as Y (N,R,ny,nc), F (steps,R,nx,nc): white (N,ny,nc) of each record, whose records and
+   rows lie `of_record` and `of_row` apart. Unless it is null, `held` (R,n,nc) has the states at the first sample, and
+   those after the last step afterwards. A part is a tile of columns, of the first record, the second, ...; all parts of
+   a sample are done before the next, as they lie in memory. */
 void whiten(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
-            const double *gain, const double *root, const double *Y, const double *F, double *held, double *white)
+            const double *gain, const double *root, const double *Y, const double *F, double *held, long steps,
+            long of_record, long of_row, double *white)
 {
     tile e[MOST], out[MOST], next[MOST];
     long count = (nc + TILE - 1) / TILE, width = nc < TILE ? nc : TILE;
@@ -53,8 +55,8 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
         tiles(ny, n, n, C + at * ny * n, E, e, 0, 0);
         memset(out, 0, ny * sizeof(tile));
         tiles(ny, ny, ny, root + at * ny * ny, e, out, 0, 1);
-        for (long i = 0; i < ny; i++) copy(white + ((r * N + k) * ny + i) * nc + first, out[i].d, width);
-        if (k == N - 1) continue;
+        for (long i = 0; i < ny; i++) copy(white + r * of_record + (k * ny + i) * of_row + first, out[i].d, width);
+        if (k == steps) continue;
         for (long i = 0; i < nx; i++) copy(next[i].d, F + (at * nx + i) * nc + first, width);
         memset(next + nx, 0, (n - nx) * sizeof(tile));
         tiles(n, ny, ny, gain + at * n * ny, e, next, 1, 0);
