@@ -291,6 +291,11 @@ def test_rate_limit_dead_zone_and_backlash():
         np.testing.assert_array_equal(begun[past_peak > 0.0], played[past_peak > 0.0])  # the stops forget where it was
 
 
+def test_a_rate_limit_that_is_never_reached_changes_nothing():
+    y = np.random.default_rng(3).standard_normal(len(UNIFORM))
+    assert np.array_equal(operators.rate_limit(UNIFORM, y, 1e6), y)
+
+
 def test_a_rate_limit_follows_what_lies_between_the_samples():
     """Truth: the same limit on the exact curve at 200 times the rate. Straight lines begin a movement early."""
     t = np.arange(0.0, 6.0, 0.04)
