@@ -358,12 +358,13 @@ class _Shown:
     def of(cls, fitted: FlightFit, effects: Sequence[Effect]) -> _Shown:
         evidence, rows = weigh(fitted, discrepancy=False), tuple(_row(fitted, effect) for effect in effects)
         grams, cross = [], []
-        for _, own in evidence.in_records():
+        for r in range(len(fitted.batch.names)):  # one at a time: the responses to all causes are large
+            own = replace(evidence, fit=fitted.of_records(slice(r, r + 1)))
             white = responses(own, rows)
-            by_record = white.swapaxes(0, 1).reshape(white.shape[1], -1, len(rows))
-            grams.append(by_record.swapaxes(1, 2) @ by_record)
-            cross.append(own.products(white))
-        return cls(fitted=fitted, rows=rows, grams=np.concatenate(grams), cross=np.concatenate(cross))
+            flat = white.reshape(-1, len(rows))
+            grams.append(flat.T @ flat)
+            cross.append(own.products(white)[0])
+        return cls(fitted=fitted, rows=rows, grams=np.stack(grams), cross=np.stack(cross))
 
     def judged(self, records: Sequence[int]) -> _Judged:
         """The effects in some of the records, at the sizes that matter there."""

@@ -111,28 +111,30 @@ def _best_start(t: np.ndarray, Y: np.ndarray, duration: float) -> np.ndarray | N
     highest = 2.0 * math.pi * len(t) / (_SAMPLES_PER_CYCLE * duration)
     if highest <= lowest:
         return None
-    grid = [
-        np.array([zeta * omega, omega]) for omega in np.geomspace(lowest, highest, _FREQUENCIES) for zeta in _DAMPINGS
-    ]
-    return min(grid, key=lambda z: float((_left(t, Y, z) ** 2).sum()))
+    grid = np.array(
+        [(zeta * omega, omega) for omega in np.geomspace(lowest, highest, _FREQUENCIES) for zeta in _DAMPINGS]
+    )
+    return grid[np.argmin((_left(t, Y, grid) ** 2).sum(axis=(1, 2)))]
 
 
-def _basis(t: np.ndarray, decay: float, frequency: float) -> np.ndarray:
+def _basis(t: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """(..., N, 4) what an oscillation of decay and frequency z (..., 2) is made of."""
+    decay, phase = z[..., :1], z[..., 1:] * t
     envelope = np.exp(np.clip(-decay * t, -50.0, 50.0))
-    columns = (np.ones_like(t), t, envelope * np.cos(frequency * t), envelope * np.sin(frequency * t))
-    return np.stack(columns, axis=1)
+    columns = np.broadcast_arrays(np.ones_like(t), t, envelope * np.cos(phase), envelope * np.sin(phase))
+    return np.stack(columns, axis=-1)
 
 
 def _left(t: np.ndarray, Y: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """(N, channels) residuals with the linear coefficients at their best."""
-    B = _basis(t, z[0], z[1])
-    Q = np.linalg.qr(B / np.maximum(np.linalg.norm(B, axis=0), 1e-300))[0]
-    return Y - Q @ (Q.T @ Y)
+    """(..., N, channels) residuals with the linear coefficients at their best."""
+    B = _basis(t, z)
+    Q = np.linalg.qr(B / np.maximum(np.linalg.norm(B, axis=-2, keepdims=True), 1e-300))[0]
+    return Y - Q @ (Q.swapaxes(-1, -2) @ Y)
 
 
 def _with_covariance(t: np.ndarray, Y: np.ndarray, decay: float, frequency: float, duration: float) -> Oscillation:
     """The oscillation with the covariance of decay, frequency and phases under coloured residuals."""
-    B = _basis(t, decay, frequency)
+    B = _basis(t, np.array([decay, frequency]))
     coefficients = np.linalg.lstsq(B, Y, rcond=None)[0]
     channels, cos, sin = Y.shape[1], B[:, 2], B[:, 3]
     information = np.zeros((2 + 4 * channels, 2 + 4 * channels))

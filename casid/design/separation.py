@@ -162,7 +162,7 @@ def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
     if best < 0:
         raise EstimationError("no manoeuvre within these limits can be flown; widen them")
     record = flights.records[best]
-    told = separation(rivals, [record])
+    told = _imitated(flights, truth, [best])
     return NextFlight(manoeuvre=choice[best], amplitude=sizes[best], record=record, separation=told)
 
 
