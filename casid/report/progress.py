@@ -39,14 +39,14 @@ class Course:
             self._rest = self._rest[at + 1 :]
 
     def in_all(self, elapsed: float) -> float:
-        """Seconds that the whole is expected to take, at the beginning of a stage after `elapsed` [s].
+        """Seconds that the whole is expected to take, as they are told at the beginning of a stage after `elapsed` [s].
 
-        NaN as long as too little is done to tell, and once it takes much longer than was told.
+        NaN as long as too little is done to tell, once it takes much longer than was told, and beyond the limit.
         """
         whole = self._done + self._now + sum(part for _, part in self._rest)
-        if self._done < _TELLS * whole:
+        if self._done < _TELLS * whole or elapsed >= self.limit:
             return math.nan
-        expected = min(elapsed * whole / self._done, max(self.limit, elapsed))
+        expected = _told(min(elapsed * whole / self._done, self.limit))
         if expected > _GROWS * self._least:
             return math.nan
         self._least = min(self._least, expected)
@@ -56,8 +56,13 @@ class Course:
         """The words as a stage begins: "refit of the file, about 40 s in all"."""
         self.begin(stage)
         expected = self.in_all(elapsed)
-        told = f", about {float(f'{expected:.1g}' if expected < 10 else f'{expected:.2g}'):g} s in all"
+        told = f", about {expected:g} s in all"
         return f"{stage}{told if math.isfinite(expected) and expected > elapsed else ''}"
+
+
+def _told(seconds: float) -> float:
+    """Rounded to the digits that are worth telling, as which times are compared: 2.4 and 3.6 s are told as 2 and 4."""
+    return float(f"{seconds:.1g}" if seconds < 10.0 else f"{seconds:.2g}")
 
 
 @contextmanager
