@@ -70,7 +70,8 @@ def diagnose(
 
     Writes DIR/report.html (one page for a person), DIR/diagnosis.json (the same for a program), DIR/extended.toml
     (the aircraft file with the causes that were found) and DIR/run.json (made with what). The status is 0 whatever
-    is found.
+    is found. All processors that the process may use are used, or as many as the variable OMP_NUM_THREADS says; the
+    results are the same.
 
     Parameters
     ----------
@@ -88,8 +89,9 @@ def diagnose(
     quick
         Thin the records to 25 Hz.
     seconds
-        Time for the verdict: no further cause is tried after it, and what was not tried is listed. Ctrl-C ends the
-        search in the same way; a second one ends without results.
+        Time for the verdict: no further cause is tried after it, and what was not tried is listed. What comes before
+        and after the search is done in any case. Ctrl-C ends the search in the same way; a second one ends without
+        results.
     criteria
         TOML file with other numbers to decide by.
     as_recorded
