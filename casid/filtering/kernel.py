@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from casid.native.compiler import c_compiler, compile_library
+from casid.native.compiler import c_compiler, compile_library, is_time_to_compile
 from casid.native.processors import share_out
 from casid.native.sources import c_source
 
@@ -48,8 +48,8 @@ class FilterKernel:
         for function in (*without, self._entrances, self._driven):
             function.restype = None
 
-    def __reduce__(self) -> tuple[Callable[[], FilterKernel | None], tuple[()]]:
-        return _loaded, ()  # that of the process that reads it; None where there is no compiler
+    def __reduce__(self) -> tuple[Callable[[int, int], FilterKernel | None], tuple[int, int]]:
+        return filter_kernel, (1, 1)  # that of the process that reads it; None where there is no compiler
 
     def interval(self, jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
         """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear` from `jacobians` (first sample, stop) -> (samples, R, nx + ny,
@@ -201,12 +201,15 @@ def _call(function, parts: int, sizes: tuple[int, ...], *arguments: Argument) ->
 
 
 def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
-    """The compiled recursions, from the cache or compiled now; None where there is no compiler or a system is too large
-    for them."""
-    return _loaded() if max(states, outputs) <= _MOST else None
+    """The compiled recursions, from the cache or compiled now; None where there is no compiler or no time to compile, or
+    where a system is too large for them."""
+    found = _loaded(c_compiler()) if max(states, outputs) <= _MOST else None
+    if found is None and not is_time_to_compile():  # there may be next time
+        _loaded.cache_clear()
+    return found
 
 
 @cache
-def _loaded() -> FilterKernel | None:
-    library = None if c_compiler() is None else compile_library("".join(map(c_source, _SOURCES)), _FLAGS)
+def _loaded(compiler: str | None) -> FilterKernel | None:
+    library = None if compiler is None else compile_library("".join(map(c_source, _SOURCES)), _FLAGS)
     return None if library is None else FilterKernel(str(library))

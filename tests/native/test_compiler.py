@@ -399,3 +399,18 @@ def test_what_would_not_end_in_time_is_not_begun():
             assert not compiler.is_time_to_compile()
         assert compiler.is_time_to_compile(50.0)
     assert compiler.is_time_to_compile(1e9)
+
+
+@needs_compiler
+def test_a_kernel_for_which_there_was_no_time_is_compiled_later(tmp_path):
+    """Truth: what a process does after a time limit does not depend on that limit."""
+    code = (
+        "from casid.filtering.kernel import filter_kernel\n"
+        "from casid.native.compiler import compiling_until\n"
+        "with compiling_until(0.0):\n"
+        "    print(filter_kernel(2, 2) is None)\n"
+        "print(filter_kernel(2, 2) is None)\n"
+    )
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout.split() == ["True", "False"]
