@@ -201,8 +201,8 @@ def _call(function, parts: int, sizes: tuple[int, ...], *arguments: Argument) ->
 
 
 def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
-    """The compiled recursions, from the cache or compiled now; None where there is no compiler or no time to compile, or
-    where a system is too large for them."""
+    """The compiled recursions, from the cache or compiled now; None without a compiler or time to compile, and where a
+    system is too large for them."""
     found = _loaded(c_compiler()) if max(states, outputs) <= _MOST else None
     if found is None and not is_time_to_compile():  # there may be next time
         _loaded.cache_clear()

@@ -31,7 +31,7 @@ def slower(record: Record) -> Record:
 
 CHANGES: dict[str, Callable[[Record], Record]] = {
     "is V indicated": indicated,
-    "rho is 1.22": lambda r: r.with_channels(rho=np.full(len(r), 1.225)),
+    "rho is 1.2": lambda r: r.with_channels(rho=np.full(len(r), 1.225)),
     "sampling rate changes": slower,
     "the thrust is 0.": lambda r: r.with_channels(thrust=0.5 * r["thrust"]),
 }
