@@ -150,17 +150,18 @@ class Weighing:
     def _find_surfaces(self, found: list[Weighed]) -> None:
         """What the response says of surfaces, or else of the units of the file."""
         settled: set[str] = set()
+        gains, (odds, meanings) = self._response_gains(), self._meanings()
         for _ in SURFACES:
-            best = self._best([(a, g) for a, g in self._response_gains() if not _surfaces_of(a) & settled])
-            odds, self.meanings = self._meanings()
-            if best is None or (self.meanings and odds > best.log_odds):
+            best = self._best([(a, g) for a, g in gains if not _surfaces_of(a) & settled])
+            if best is None or (meanings and odds > best.log_odds):
+                self.meanings = meanings
                 return
-            self.meanings = []
             settled |= _surfaces_of(best.alternative)
             best = self._or_else_the_record(best, OF_THE_FILE)
             if best is not None:
                 found.append(best)
                 self._take(best)
+                gains, (odds, meanings) = self._response_gains(), self._meanings()
 
     def _meanings(self) -> tuple[float, list[FileMeaning]]:
         """Other meanings of the file with which flight would agree, the most probable one first, with those that it
@@ -169,13 +170,14 @@ class Weighing:
         if self._aircraft is None or self._response is None:
             return 0.0, []
         by, reads = self._criteria, self._all_read(AS_RECORDED, ())
+        as_it_stands = self._response.likelihood(reads)
         odds: dict[str, list[tuple[float, FileMeaning]]] = {}
         for meaning in other_meanings(self._aircraft, _mean_alpha(reads)):
             kind, prior = meaning.said, by.fault
             if isinstance(meaning, MomentPoint):
                 kind = meaning.parameter
                 prior += float(scipy.stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
-            gain = self._gain_of(meaning, self._aircraft, self._response, reads)
+            gain = self._gain_of(meaning, self._aircraft, as_it_stands, reads)
             odds.setdefault(kind, []).append((gain + prior, meaning))
         each = [(float(np.logaddexp.reduce([o for o, _ in some])), some) for some in odds.values()]
         ranked = sorted(((together, max(some, key=itemgetter(0))[1]) for together, some in each), key=itemgetter(0))
@@ -195,16 +197,17 @@ class Weighing:
         off, left = (one.likeliest(reads) - one.likelihood(reads) for one in (as_given, meant))
         return left < max(0.5 * off, self._criteria.said)
 
-    def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> float:
-        """Log likelihood ratio of another meaning of a file: of its derivatives, its trim, and the moment that is left.
-        Along other axes forces have another noise, and only what varies along x compares."""
+    def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_it_stands: float, reads: Sequence[Read]) -> float:
+        """Log likelihood ratio of another meaning of a file, whose likelihood `as_it_stands` is known: of its
+        derivatives, its trim, and the moment that is left. Along other axes forces have another noise, and only what varies along x compares."""
         meant = meaning.corrected(given)
         gain = self._in_trim(meant) - self._in_trim(given)
         if isinstance(meaning, ForceAxes):
-            return gain + Response(meant, self._criteria).axial(reads) - as_given.axial(reads)
+            axial, axial_as_given = (Response(one, self._criteria).axial(reads) for one in (meant, given))
+            return gain + axial - axial_as_given
         turned = isinstance(meaning, (MomentPoint, StabilityAxes))
         response = Response(meant, self._criteria, given if turned else None)
-        return gain + response.likelihood(reads) - as_given.likelihood(reads)
+        return gain + response.likelihood(reads) - as_it_stands
 
     def _in_trim(self, aircraft: Aircraft) -> float:
         """Log likelihood of lift and pitching moment in the trim of a file, where they are the weight and nothing."""
