@@ -145,8 +145,8 @@ class FlightFit:
         arrays = {name: getattr(self, name)[:, some] for name in names}
         for name in ("known", "regressors"):
             arrays[name] = {key: of[:, some] for key, of in getattr(self, name).items()}
-        for name in ("batch", "linear", "filter"):
-            arrays[name] = getattr(self, name).of_records(some)
+        arrays |= {"batch": self.batch.of_records(some), "filter": self.filter.of_records(some)}
+        arrays["linear"] = arrays["filter"].linear
         arrays |= {"grams": self.grams[some], "pulls": self.pulls[some]}
         arrays["ends"] = None if self.ends is None else tuple(one[:, some] for one in self.ends)
         found = replace(self, motion=self.motion.of_records(some), parameters=self.parameters[some])
