@@ -240,6 +240,8 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     gain, one = trial.gain, trial.candidate.attached
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = gain.raw + gain.spared if one.effect.regressor else gain.raw
+    if not one.effect.linear:
+        evidence.forget()  # the kinematics are fitted: the arrays of one model are enough to hold
     check = kinematic_check(kinematic, one)
     size = size_gates(fitted, one, trial.share, clear, check.confirmed)
     trial = replace(trial, size=size, check=check)
