@@ -199,7 +199,8 @@ class Weighing:
 
     def _gain_of(self, meaning: FileMeaning, given: Aircraft, as_it_stands: float, reads: Sequence[Read]) -> float:
         """Log likelihood ratio of another meaning of a file, whose likelihood `as_it_stands` is known: of its
-        derivatives, its trim, and the moment that is left. Along other axes forces have another noise, and only what varies along x compares."""
+        derivatives, its trim, and the moment that is left. Along other axes forces have another noise, and only what
+        varies along x compares."""
         meant = meaning.corrected(given)
         gain = self._in_trim(meant) - self._in_trim(given)
         if isinstance(meaning, ForceAxes):
