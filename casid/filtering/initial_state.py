@@ -77,10 +77,8 @@ def state_of_outputs(
     """(states,) the state at the first sample that has these `outputs`, by Newton's method from `start`, where states
     that the outputs do not tell stay."""
     rows = [model.outputs.index(name) for name in outputs]
-    scale, function = (
-        model.scale_vector(),
-        cached(model, (_outputs_by_state, *rows), lambda: _outputs_by_state(model, rows)),
-    )
+    scale = model.scale_vector()
+    function = cached(model, (_outputs_by_state, *rows), lambda: _outputs_by_state(model, rows))
     p = model.nominal_vector() if parameters is None else parameters
     u, w = record.matrix(model.inputs)[0], np.zeros(len(model.disturbances))
     x, z = np.array(start, dtype=float), np.array(list(outputs.values()))

@@ -7,6 +7,7 @@ each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS`
 from __future__ import annotations
 
 import ctypes
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 
@@ -23,6 +24,7 @@ _TILE = 16  # columns that go through the filter side by side
 # in memory together: columns, samples of columns that stay in the cache, samples of records with all their columns
 COLUMNS, SAMPLES, WHOLE = 2 * _TILE, 64, 4096
 _SOURCES = ("filter", "whiten", "step")
+_LOADING = threading.Lock()  # of several threads one compiles
 _FLAGS = (
     "-O3",
     "-march=native",
@@ -203,9 +205,12 @@ def _call(function, parts: int, sizes: tuple[int, ...], *arguments: Argument) ->
 def filter_kernel(states: int, outputs: int) -> FilterKernel | None:
     """The compiled recursions, from the cache or compiled now; None without a compiler or time to compile, and where a
     system is too large for them."""
-    found = _loaded(c_compiler()) if max(states, outputs) <= _MOST else None
-    if found is None and not is_time_to_compile():  # there may be next time
-        _loaded.cache_clear()
+    if max(states, outputs) > _MOST:
+        return None
+    with _LOADING:
+        found = _loaded(c_compiler())
+        if found is None and not is_time_to_compile():  # there may be next time
+            _loaded.cache_clear()
     return found
 
 

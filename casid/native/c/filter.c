@@ -183,8 +183,7 @@ void augment(long from, long to, long N, long R, long nx, long ny, long nw, long
     V *F = G + nx * wide_m, *made = F + ny * wide_m, *turned_G = made + 2 * n * (wide + wide_y);
     V *turned_F = turned_G + stride * wide, *measured = turned_F + stride * wide_y;
     double *x = (double *)X, *g = (double *)G, *f = (double *)F, *m = (double *)measured, *q = (double *)made;
-    double phi[MOST], driven[MOST], root[MOST], ones[MOST], step = -1.0;
-    for (long i = 0; i < MOST; i++) ones[i] = 1.0;
+    double phi[MOST], driven[MOST], root[MOST], step = -1.0;
     zero(stride, wide + wide_y, turned_G);
     for (long at = from * R; at < to * R; at++) {
         const double *d = D + at * ny * nw, *b0 = B0 + at * nx * nw, *b1 = B1 + at * nx * nw;
