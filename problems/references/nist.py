@@ -125,11 +125,16 @@ class Reference:
         record = Record(name=self.name, t=np.arange(len(self.y), dtype=float), channels=channels)
         return Problem(model, [record], free=["*"])
 
+    def in_order(self, found: np.ndarray) -> np.ndarray:
+        """(p,) indices that put what was found in the order that is certified: terms may have changed places."""
+        groups = EXCHANGEABLE.get(self.name, ())
+        orders = [_exchanged(len(found), groups, order) for order in permutations(groups)]
+        return max(orders, key=lambda order: self._digits(found[order]))
+
     def digits(self, found: np.ndarray) -> float:
         """Certified digits of the worst parameter, at most 11: as many as are certified. Of terms that may change
         places the order does not count."""
-        groups = EXCHANGEABLE.get(self.name, ())
-        return max(self._digits(found[_exchanged(len(found), groups, order)]) for order in permutations(groups))
+        return self._digits(found[self.in_order(found)])
 
     def _digits(self, found: np.ndarray) -> float:
         error = np.abs(found - self.certified) / np.abs(self.certified)
