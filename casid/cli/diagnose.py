@@ -89,9 +89,8 @@ def diagnose(
     quick
         Thin the records to 25 Hz.
     seconds
-        Time for the verdict: no further cause is tried after it, and what was not tried is listed. What comes before
-        and after the search is done in any case. Ctrl-C ends the search in the same way; a second one ends without
-        results.
+        Time for the verdict: what is not tried in it is listed. The file is re-estimated and flown on the held-out
+        records in any case. Ctrl-C asks for the verdict so far; a second one ends without results.
     criteria
         TOML file with other numbers to decide by.
     as_recorded

@@ -272,9 +272,9 @@ def diagnose(
     library
         For a model: the causes that are considered; by default all that any system may have.
     seconds
-        Time [s] after which no further cause is tried, so that the verdict is there at about that time, but not before
-        the file is re-estimated; by default the search ends by itself. What was not tried is listed in `not_judged`.
-        Ctrl-C ends the search in the same way.
+        Time [s] in which the verdict is asked for; by default the search ends by itself. What was not tried is listed
+        in `not_judged`. Half of it belongs to what comes before the search. The file is re-estimated and flown on the
+        held-out records in any case. Ctrl-C asks for the verdict so far.
 
     Returns
     -------

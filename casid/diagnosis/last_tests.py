@@ -34,6 +34,8 @@ from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.diagnosis.time_limit import Stages
 from casid.records.record import Record
 
+_SLOW = "slow noise in place of what is missing"
+
 
 def what_is_left(
     kept: Kept,
@@ -141,6 +143,9 @@ def _not_by_noise(
     statistic by mistake. In turbulence the innovations may instead be coloured; an input must remain in both cases.
     """
     if not unexplained or fitted.noise.colour or begun.fixed:
+        return unexplained
+    if fitted.flight.limit.is_over:
+        fitted.flight.limit.leave_out(_SLOW)
         return unexplained
     slow = partial(as_slow_as_left, drifting=drifting(fitted, unexplained))
     for in_its_noise in (slow, *((as_coloured_as_left,) if fitted.noise.coloured else ())):

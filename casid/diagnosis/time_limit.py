@@ -11,20 +11,21 @@ from casid.native.memory import return_freed_memory
 
 
 class TimeIsUpError(Exception):
-    """A trial fit ends here, because the time for the search is over."""
+    """A fit ends here, because there is no more time for it."""
 
 
 class TimeLimit:
     """A limit of wall time, of one diagnosis; without `seconds` there is none.
 
-    Only the search is cut short. What follows it, the held-out records and the verdict, takes about as long as what
-    comes before it, and that time is kept for it.
+    The beginning, which is everything before the search, may take half of the time. What the verdict can do without is
+    cut short there, and in the search. What follows the search, the held-out records and the verdict, takes about as
+    long as the beginning, and that time is kept for it; a last test is left out when the whole time is over.
     """
 
     def __init__(self, seconds: float | None = None) -> None:
         self._seconds, self._begin = math.inf if seconds is None else seconds, time.perf_counter()
-        self._until, self._cutting = math.inf, False
-        self.because, self._fits, self._others = "", list[str](), list[str]()
+        self._until, self._interrupted, self._cutting = self._begin + self._seconds / 2.0, False, False
+        self._fits, self._others = list[str](), list[str]()
 
     def begin_search(self) -> None:
         """Keep as much time for the end as the beginning took."""
@@ -33,20 +34,35 @@ class TimeLimit:
 
     @property
     def is_up(self) -> bool:
-        """Whether the search must end."""
-        if not self.because and time.perf_counter() >= self._until:
-            self.because = f"not tried: the limit of {self._seconds:g} s was reached"
-        return bool(self.because)
+        """Whether what comes first, the beginning or the search, must end."""
+        return self._interrupted or time.perf_counter() >= self._until
 
-    def interrupt(self) -> None:
-        """End the search now, as Ctrl-C does."""
-        self.because = "not tried: the search was interrupted"
+    @property
+    def is_over(self) -> bool:
+        """Whether the whole time is over, also that of the end."""
+        return time.perf_counter() >= self._begin + self._seconds
+
+    @property
+    def because(self) -> str:
+        """Why something was not tried."""
+        reason = "the search was interrupted" if self._interrupted else f"the limit of {self._seconds:g} s was reached"
+        return f"not tried: {reason}"
+
+    def interrupt(self, say: Callable[[str], None]) -> None:
+        """End what comes first now, at the first Ctrl-C."""
+        self._interrupted = True
+        say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
 
     def leaves_out(self, what: str) -> bool:
         """Whether something must be left out because the time is up; it is noted then."""
-        if self.is_up and what not in self._others:
-            self._others.append(what)
-        return self.is_up
+        if not self.is_up:
+            return False
+        self.leave_out(what)
+        return True
+
+    def leave_out(self, what: str) -> None:
+        """Note that something was left out."""
+        self._others += [what] if what not in self._others else []
 
     def leave_out_fit(self, cause: str) -> None:
         """Note that a cause was not fitted, because the time is up."""

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 import pytest
 
 import casid as cs
+from casid.cli.options import DEMO
 from casid.diagnosis.time_limit import TimeIsUpError, TimeLimit
 from casid.keeping import plain
+from casid.records.thinning import thinned
 from casid.report.page import write_report
 from problems.systems.count import flown
 from problems.systems.quadruple_tank import SYSTEM
@@ -37,14 +40,44 @@ def test_without_time_everything_that_was_not_tried_is_listed(tmp_path, whole: c
     assert {one.because for one in cut.not_tried} == {"not tried: the limit of 0.001 s was reached"}
     assert not cut.causes and "that were tried" in cut.sentence
     assert cut.nothing is None and not cut.entered and not cut.explanations  # these would be of the whole catalogue
-    tried = {t.candidate.name for r in whole.rounds for t in r.trials}
-    assert set(cut.not_tried[0].what.removeprefix("fits of ").split(", ")) & tried
+    assert cut.not_tried[0].what == "the causes of the catalogue"
     document = cut.to_dict()
     assert plain(cut.not_tried) == document["not_judged"][: len(cut.not_tried)]
     assert all(one.what in str(cut) for one in cut.not_tried)
     write_report(cut, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "the limit of 0.001 s was reached" in page and "no cause of the catalogue" not in page
+
+
+def test_causes_that_were_not_fitted_are_listed(whole: cs.Diagnosis):
+    def report(stage: str) -> None:
+        if stage == "naming, round 1":
+            time.sleep(3.0)
+
+    cut = diagnosed(seconds=3.0, report=report)
+    tried = {t.candidate.name for r in whole.rounds for t in r.trials}
+    assert set(cut.not_tried[0].what.removeprefix("fits of ").split(", ")) & tried
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_an_aircraft_has_its_verdict_without_the_kinematics(interrupted: bool):
+    """The simulation as given and the re-estimated file are judged on the held-out record; no cause is named."""
+    records = [thinned(one, 12.5) for one in cs.read_records(DEMO / "m*.csv")]
+    said: list[str] = []
+
+    def report(stage: str) -> None:
+        said.append(stage)
+        if interrupted and stage == "kinematics":
+            raise KeyboardInterrupt
+
+    limit = {} if interrupted else {"seconds": 1e-3}
+    cut = cs.diagnose(DEMO / "aircraft.toml", records, report=report, **limit)
+    listed = [one.what for one in cut.not_tried]
+    assert any("kinematics" in one for one in listed) and "the causes of the catalogue" in listed
+    assert not cut.causes and not any(one.startswith("naming") for one in said)
+    together = cut.budget.together
+    assert together.over("as_given") > 1.0 and np.isfinite(together.over("structure"))
+    assert ("interrupted" in cut.not_tried[0].because) is interrupted
 
 
 def test_with_time_enough_the_limit_changes_nothing(whole: cs.Diagnosis):

@@ -23,8 +23,9 @@ from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread, without_outliers
 from casid.diagnosis.flight.subject import Subject
-from casid.diagnosis.kinematics.check import KinematicFindings, comes_near, judge_kinematics
-from casid.diagnosis.kinematics.turbulence import Turbulence, in_turbulence, still_air
+from casid.diagnosis.kinematics.check import KinematicFindings, comes_near, judge_kinematics, no_kinematics
+from casid.diagnosis.kinematics.turbulence import Turbulence, in_turbulence
+from casid.diagnosis.time_limit import TimeIsUpError
 from casid.model.causes import aero_term
 from casid.model.effect import Effect
 from casid.model.path import aerodynamic_parameters
@@ -35,6 +36,9 @@ _EXPECTED = {
     "Cl": ("alpha*r",),
     "Cn": ("alpha*p",),
 }
+
+
+_KINEMATICS = "faults of instruments and turbulence by the kinematics"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,8 +56,7 @@ class Baseline:
     @classmethod
     def alone(cls, refitted: FlightFit) -> Baseline:
         """The baseline of a re-estimated model without kinematics, expected structure or turbulence."""
-        still = still_air(refitted.flight)
-        found = KinematicFindings(evidence=None, ranked=[], turbulence=still, nuisance=[])
+        found = no_kinematics(refitted.flight)
         return cls(calm=refitted, structure=[], structured=refitted, start=refitted, kinematics=found, fixed=True)
 
     @property
@@ -92,11 +95,22 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
         if without.noise_by_fit and not comes_near(flight, known):
             flight, calm = without, fit(without, known, without.noise(), extent="first")
     calm = as_inputs_run(in_colour(without_outliers(calm)))
-    say("kinematics")
-    offsets = demanded_offsets(calm)
-    calm.forget()
-    found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
-    say("refit of the file")
+    limit, found = calm.flight.limit, None
+    try:
+        say("kinematics")
+        offsets = demanded_offsets(calm)
+        calm.forget()
+        with limit.cutting():
+            found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
+            say("refit of the file")
+            return baseline_from(calm, found)
+    except TimeIsUpError:
+        pass
+    except KeyboardInterrupt:
+        limit.interrupt(say)
+    if found is None or found.turbulence.named:  # the fit in turbulence takes long
+        found = no_kinematics(calm.flight)
+        limit.leave_out(_KINEMATICS)
     return baseline_from(calm, found)
 
 

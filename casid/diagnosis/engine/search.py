@@ -60,7 +60,7 @@ from casid.diagnosis.gates import no_time_left, promises_enough, required_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
 from casid.diagnosis.kinematics.turbulence import still_air
-from casid.diagnosis.time_limit import TimeIsUpError, TimeLimit
+from casid.diagnosis.time_limit import TimeIsUpError
 from casid.model.effect import Effect
 from casid.native.processors import side_by_side
 
@@ -114,7 +114,10 @@ def search(baseline: Baseline, say: Say) -> State:
     """
     limit = baseline.flight.limit
     limit.begin_search()
-    state = _grown(at_baseline(baseline), say)
+    state = at_baseline(baseline)
+    if limit.leaves_out(_SEARCH):
+        return state
+    state = _grown(state, say)
     for name, condition in {} if baseline.fixed else _CONDITIONS.items():
         if limit.leaves_out(name):
             continue
@@ -124,17 +127,12 @@ def search(baseline: Baseline, say: Say) -> State:
         except TimeIsUpError:
             other = None
         except KeyboardInterrupt:
-            other = _interrupted(limit, say)
+            limit.interrupt(say)
+            other = None
         limit.leaves_out(name)
         if other is not None:
             state = _grown(dropped(carried(other, state)), say)
     return state
-
-
-def _interrupted(limit: TimeLimit, say: Say) -> None:
-    """End the search, at the first Ctrl-C."""
-    limit.interrupt()
-    say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
 
 
 def at_baseline(baseline: Baseline) -> State:
@@ -181,7 +179,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
             say(f"naming, round {len(state.rounds) + 1}")
             state = _after_round(accepted, added(state, catalogue))
         except KeyboardInterrupt:
-            _interrupted(limit, say)
+            limit.interrupt(say)
             limit.leaves_out(_FURTHER)
             break
         if not state.rounds[-1].named:
@@ -589,6 +587,7 @@ def _recalculated(begun: Baseline, calm: FlightFit) -> Baseline:
     return baseline_from(calm, replace(begun.kinematics, nuisance=nuisance))
 
 
+_SEARCH = "the causes of the catalogue"
 _FURTHER = "further causes beside those named"
 _CONDITIONS: Mapping[str, Callable[[State, Say], Baseline | None]] = MappingProxyType(
     {

@@ -19,6 +19,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_slow_as_left, is_far
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
@@ -155,6 +156,11 @@ class KinematicFindings:
     nuisance: list[Attached]
 
 
+def no_kinematics(subject: Subject, offsets: Sequence[Attached] = ()) -> KinematicFindings:
+    """The result without a kinematic stage, with small `offsets` of instruments."""
+    return KinematicFindings(evidence=None, ranked=[], turbulence=still_air(subject), nuisance=list(offsets))
+
+
 def judge_kinematics(
     flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
 ) -> KinematicFindings:
@@ -163,7 +169,7 @@ def judge_kinematics(
     Turbulence must also move the aircraft according to the `refitted` file in calm air.
     """
     if not kinematics.available(flight):
-        return KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=list(offsets))
+        return no_kinematics(flight, offsets)
     of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
     calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = turbulence(flight, calm)
