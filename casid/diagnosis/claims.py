@@ -108,9 +108,11 @@ def told_factors(facts: Facts) -> tuple[Factor, ...]:
 
 
 def probability(value: float, facts: Facts) -> float:
-    """Return the probability that may be stated: at most 90 % while more than twice the error of the right model is
-    left."""
-    return min(value, facts.criteria.doubtful) if left_over(facts) else value
+    """Return the probability that may be stated: 90 % of it while more than twice the error of the right model is left.
+
+    All are lowered by one factor, so that those of combinations still add up to those of their causes.
+    """
+    return facts.criteria.doubtful * value if left_over(facts) else value
 
 
 def stated(cause: Cause, facts: Facts) -> Cause:

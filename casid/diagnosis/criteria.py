@@ -343,7 +343,7 @@ class GivenCriteria:
         1.5,
         "ratio of errors at which a loss is reported, and error of a simulation that stays within the noise",
     )
-    doubtful: float = number(0.9, "largest probability of a cause beside an error that nothing accounts for")
+    doubtful: float = number(0.9, "factor on probabilities of causes beside an error that nothing accounts for")
     left: float = number(
         2.0,
         "error left, over noise or that of the right model, above which measurements are not compatible, nothing is "

@@ -118,9 +118,14 @@ class Scale:
         return float(expit(self.against_nothing(one.gain, self.criteria.verdict.missing)))
 
     def of_trial(self, trial: Trial) -> float:
-        """Log odds of a fitted cause against no cause."""
-        required = required_gain(trial.effect, self.criteria)
-        return self.against_nothing(trial.decisive_gain / trial.inflation, required)
+        """Log odds of a fitted cause against no cause.
+
+        Its statistic is weighed twice, and the smaller odds count: with its correlated residuals against the threshold
+        of its kind, and as its own gate did, against a higher one beside turbulence and earlier causes.
+        """
+        gain, gate = trial.decisive_gain, trial.enough
+        odds = self.against_nothing(gain / trial.inflation, required_gain(trial.effect, self.criteria))
+        return odds if gate is None else min(odds, self.against_nothing(gain, gate.threshold))
 
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""
@@ -198,15 +203,18 @@ def _stated(cause: Cause, place: _Place, tempered: Callable[[float], float]) -> 
 def _not_named(state: State, seen: Collection[tuple[str, str, str | None]], scale: Scale) -> tuple[Trial, float] | None:
     """The cause that came nearest to a name without reaching it, and its probability; None if none was tried.
 
-    The probability is at most that at which a cause is named. A cause that was refused because of what it left missing
-    is not included: it had enough statistic, and is absent.
+    All it lacks is statistic, so that its probability is below that at which a cause is named. A cause that led its
+    round and is not among the reported ones, or that was refused in a set, had enough: another gate refused it, and it
+    is absent.
     """
-    trials = [t for round_ in state.rounds if not (round_.named or round_.doubt) for t in round_.trials]
-    possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in seen]
+    judged = [one for one in state.rounds if one.trials and (one.named or one.doubt or one.refused_by)]
+    known = {*seen, *(one.leader.effect.key for one in judged)}
+    trials = [t for round_ in state.rounds if round_ not in judged for t in round_.trials]
+    possible = [t for t in trials if t.meaningful and not t.refuted and t.effect.key not in known]
     if not possible:
         return None
     best = max(possible, key=scale.of_trial)
-    return best, min(float(expit(scale.of_trial(best))), scale.criteria.priors.named)
+    return best, float(expit(scale.of_trial(best)))
 
 
 def _explanations(
