@@ -139,23 +139,86 @@ static double inverse_root(long ny, long wide_y, long wide, V *S, V *G)
     return total + log(product);
 }
 
-/* to (rows) += sign a (rows, inner: the first `most`, of a lower triangle those that are not zero) b, one column: four
-   rows at a time, whose sums do not wait for each other */
-static inline void product_one(long rows, long inner, const double *a, const double *b, double *to, double sign,
-                               int triangle)
+typedef double Q __attribute__((vector_size(32))); /* for one column: rows of ten or twenty leave few over */
+
+static inline Q four(const double *from) { Q q; memcpy(&q, from, sizeof q); return q; }
+
+/* the sum of each of four vectors, in two halves that shuffle well */
+static inline __attribute__((always_inline)) Q sums(Q s, Q t, Q u, Q v)
 {
-    long i = 0;
-    for (; i + 4 <= rows; i += 4) {
-        const double *r = a + i * inner;
-        double s = to[i], t = to[i + 1], u = to[i + 2], v = to[i + 3];
-        for (long j = 0, most = triangle ? i + 4 : inner; j < most; j++) {
-            double x = sign * b[j];
-            s += r[j] * x; t += r[inner + j] * x; u += r[2 * inner + j] * x; v += r[3 * inner + j] * x;
+    Q a = (Q){s[0], t[0], s[2], t[2]} + (Q){s[1], t[1], s[3], t[3]};
+    Q b = (Q){u[0], v[0], u[2], v[2]} + (Q){u[1], v[1], u[3], v[3]};
+    return (Q){a[0], a[1], b[0], b[1]} + (Q){a[2], a[3], b[2], b[3]};
+}
+
+/* to (rows) = start (zero where it is null) + or - a (rows, inner) b, one column; of a lower triangle a only what is
+   not zero. Four rows and four columns at a time. The last four begin earlier, as nothing behind a matrix may be read:
+   such rows are done twice alike, such columns count once. */
+static inline __attribute__((always_inline)) void product_one(long rows, long inner, const double *a, const double *b,
+                                                              const double *start, double sign, double *to,
+                                                              int triangle)
+{
+    static const double once[8] = {0, 0, 0, 0, 1, 1, 1, 1};
+    if (rows < 4 || inner < 4) {
+        for (long i = 0; i < rows; i++) {
+            double sum = 0.0;
+            for (long j = 0; j < inner; j++) sum += a[i * inner + j] * b[j];
+            to[i] = (start ? start[i] : 0.0) + sign * sum;
         }
-        to[i] = s; to[i + 1] = t; to[i + 2] = u; to[i + 3] = v;
+        return;
     }
-    for (; i < rows; i++)
-        for (long j = 0, most = triangle ? i + 1 : inner; j < most; j++) to[i] += a[i * inner + j] * sign * b[j];
+    Q rest = four(b + inner - 4) * four(once + inner % 4);
+    for (long done = 0; done < rows; done += 4) {
+        long i = done + 4 <= rows ? done : rows - 4, most = triangle ? i + 4 : inner, j = 0;
+        const double *r = a + i * inner;
+        Q s = {0}, t = s, u = s, v = s;
+        for (; j + 4 <= most; j += 4) {
+            Q x = four(b + j);
+            s += four(r + j) * x; t += four(r + inner + j) * x;
+            u += four(r + 2 * inner + j) * x; v += four(r + 3 * inner + j) * x;
+        }
+        if (j < most) {
+            r += inner - 4;
+            s += four(r) * rest; t += four(r + inner) * rest;
+            u += four(r + 2 * inner) * rest; v += four(r + 3 * inner) * rest;
+        }
+        s = sign * sums(s, t, u, v);
+        if (start) s += four(start + i);
+        memcpy(to + i, &s, sizeof s);
+    }
+}
+
+/* the same of the transposed of a (rows, columns), 4 `many` columns from number j on; rows backwards, as samples go */
+static inline __attribute__((always_inline)) void turned_columns(int many, long j, long rows, long columns,
+                                                                 const double *a, const double *b, const double *start,
+                                                                 double sign, double *to)
+{
+    long at[6];
+    Q s[6] = {0};
+    for (int l = 0; l < many; l++) at[l] = j + 4 * l + 4 <= columns ? j + 4 * l : columns - 4;
+    for (long i = rows - 1; i >= 0; i--) for (int l = 0; l < many; l++) s[l] += b[i] * four(a + i * columns + at[l]);
+    for (int l = 0; l < many; l++) {
+        s[l] *= sign;
+        if (start) s[l] += four(start + at[l]);
+        memcpy(to + at[l], s + l, sizeof(Q));
+    }
+}
+
+/* of all columns: in one pass if possible, as memory is read fast in one direction only */
+static inline __attribute__((always_inline)) void turned_one(long rows, long columns, const double *a, const double *b,
+                                                             const double *start, double sign, double *to)
+{
+    if (columns < 4) {
+        for (long j = 0; j < columns; j++) {
+            double sum = 0.0;
+            for (long i = 0; i < rows; i++) sum += a[i * columns + j] * b[i];
+            to[j] = (start ? start[j] : 0.0) + sign * sum;
+        }
+        return;
+    }
+    for (long j = 0; j < columns; j += 24)
+        if (columns - j <= 16) turned_columns(4, j, rows, columns, a, b, start, sign, to);
+        else turned_columns(6, j, rows, columns, a, b, start, sign, to);
 }
 
 /* columns `index` of by (rows, nw) times `factor`, by column, added to a matrix in rows of `wide` vectors, from column
@@ -295,34 +358,31 @@ static void load(long rows, long stride, long width, const double *from, tile *t
     for (long i = 0; i < rows; i++) copy(to[i].d, from + i * stride, width);
 }
 
-/* `whiten` of one column; a part is a record. Unless it is null, `states` (N,R,n) are those at every sample. */
+/* `whiten` of one column; a part is a record. All records of a sample are done before the next, as they lie in memory.
+   Unless it is null, `states` (N,R,n) are those at every sample. */
 void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, const double *A, const double *C,
                 const double *gain, const double *root, const double *Y, const double *F, double *held, long steps,
                 long of_record, long of_row, double *white, double *states)
 {
-    double E[MOST], e[MOST], out[MOST], next[MOST];
+    double e[MOST], out[MOST], forced[MOST] = {0}, next[MOST], *all = calloc((to - from) * n, sizeof(double));
     BEGIN
-    for (long r = from; r < to; r++) {
-        memset(E, 0, sizeof E);
-        if (held) memcpy(E, held + r * n, n * sizeof(double));
-        for (long k = 0; k < N; k++) {
-            long at = k * R + r;
-            if (states) memcpy(states + at * n, E, n * sizeof(double));
-            memcpy(e, Y + at * ny, ny * sizeof(double));
-            product_one(ny, n, C + at * ny * n, E, e, 1.0, 0);
-            memset(out, 0, ny * sizeof(double));
-            product_one(ny, ny, root + at * ny * ny, e, out, 1.0, 1);
-            for (long i = 0; i < ny; i++) white[r * of_record + (k * ny + i) * of_row] = out[i];
-            if (k == steps) break;
-            memset(next, 0, n * sizeof(double));
-            memcpy(next, F + at * nx, nx * sizeof(double));
-            product_one(n, ny, gain + at * n * ny, e, next, -1.0, 0);
-            product_one(n, n, A + at * n * n, E, next, 1.0, 0);
-            memcpy(E, next, n * sizeof(double));
-        }
-        if (held) memcpy(held + r * n, E, n * sizeof(double));
+    if (held) memcpy(all, held + from * n, (to - from) * n * sizeof(double));
+    for (long k = 0; k < N; k++) for (long r = from; r < to; r++) {
+        long at = k * R + r;
+        double *E = all + (r - from) * n;
+        if (states) copy(states + at * n, E, n);
+        product_one(ny, n, C + at * ny * n, E, Y + at * ny, 1.0, e, 0);
+        product_one(ny, ny, root + at * ny * ny, e, 0, 1.0, out, 1);
+        for (long i = 0; i < ny; i++) white[r * of_record + (k * ny + i) * of_row] = out[i];
+        if (k == steps) continue;
+        copy(forced, F + at * nx, nx);
+        product_one(n, ny, gain + at * n * ny, e, forced, -1.0, next, 0);
+        product_one(n, n, A + at * n * n, E, next, 1.0, e, 0);
+        copy(E, e, n);
     }
+    if (held) memcpy(held + from * n, all, (to - from) * n * sizeof(double));
     END
+    free(all);
 }
 
 /* sum += the rows weighed by a column of (rows, nw), most of which is zero */
@@ -376,40 +436,29 @@ void entrances(long from, long to, long N, long R, long n, long nx, long ny, lon
     END
 }
 
-static inline void add_row(long columns, double factor, const double *restrict row, double *restrict to)
-{
-    for (long j = 0; j < columns; j++) to[j] += factor * row[j];
-}
-
 /* Bryson-Frazier, from white (R,N,ny) of one column: costates (N,R,n) of the predicted states, and what a unit at a
    sample of each of ns disturbances `station` would have in common with it: entering (N,R,ns), as of `entrances` */
 void costates(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *gain,
               const double *root, const double *white, long nx, long nw, long ns, const long *station, const double *Dw,
               const double *B0, const double *B1, double *found, double *entering)
 {
-    double costate[MOST], moved[MOST], pull[MOST], *through = malloc(nw * sizeof(double));
-    for (long r = from; r < to; r++) {
-        memset(costate, 0, sizeof costate);
-        for (long k = N - 1; k >= 0; k--) {
-            long at = k * R + r;
-            memset(moved, 0, n * sizeof(double));
-            memset(pull, 0, ny * sizeof(double));
-            memset(through, 0, nw * sizeof(double));
-            for (long i = 0; i < ny; i++) add_row(i + 1, white[(r * N + k) * ny + i], root + (at * ny + i) * ny, pull);
-            if (k < N - 1) for (long i = 0; i < n; i++) {
-                add_row(ny, -costate[i], gain + (at * n + i) * ny, pull);
-                add_row(n, costate[i], A + (at * n + i) * n, moved);
-                if (i < nx && ns) add_row(nw, costate[i], B0 + (at * nx + i) * nw, through);
-            }
-            for (long i = 0; i < ny; i++) {
-                add_row(n, pull[i], C + (at * ny + i) * n, moved);
-                if (ns) add_row(nw, pull[i], Dw + (at * ny + i) * nw, through);
-            }
-            for (long i = 0; i < nx && k > 0 && ns; i++) add_row(nw, moved[i], B1 + ((at - R) * nx + i) * nw, through);
-            for (long s = 0; s < ns; s++) entering[at * ns + s] = through[station[s]];
-            memcpy(costate, moved, n * sizeof(double));
-            memcpy(found + at * n, costate, n * sizeof(double));
-        }
+    double pulled[MOST], pull[MOST], moved[MOST], none[MOST] = {0};
+    double *through = malloc(2 * nw * sizeof(double)), *more = through + nw;
+    BEGIN
+    for (long k = N - 1; k >= 0; k--) for (long r = to - 1; r >= from; r--) {
+        long at = k * R + r, last = k == N - 1;
+        const double *after = last ? none : found + (at + R) * n;
+        double *costate = found + at * n;
+        turned_one(ny, ny, root + at * ny * ny, white + (r * N + k) * ny, 0, 1.0, pulled);
+        turned_one(last ? 0 : n, ny, gain + at * n * ny, after, pulled, -1.0, pull);
+        turned_one(last ? 0 : n, n, A + at * n * n, after, 0, 1.0, moved);
+        turned_one(ny, n, C + at * ny * n, pull, moved, 1.0, costate);
+        if (!ns) continue;
+        turned_one(last ? 0 : nx, nw, B0 + at * nx * nw, after, 0, 1.0, through);
+        turned_one(ny, nw, Dw + at * ny * nw, pull, through, 1.0, more);
+        turned_one(k ? nx : 0, nw, B1 + (at - R) * nx * nw, costate, more, 1.0, through);
+        for (long s = 0; s < ns; s++) entering[at * ns + s] = through[station[s]];
     }
+    END
     free(through);
 }
