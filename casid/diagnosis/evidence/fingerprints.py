@@ -35,7 +35,7 @@ class Projection:
         """For whitened responses (N, R, ny, n) with one size in all records."""
         flat = white.reshape(-1, white.shape[3])
         cross = evidence.products(white).sum(axis=0)
-        return cls._eliminated(evidence, flat.T @ flat, evidence.fit.white.reshape(-1) @ flat, cross)
+        return cls.of(evidence, flat.T @ flat, evidence.fit.white.reshape(-1) @ flat, cross)
 
     @classmethod
     def by_record(cls, evidence: Evidence, grams: np.ndarray, products: tuple[np.ndarray, np.ndarray]) -> Projection:
@@ -50,10 +50,10 @@ class Projection:
             at = slice(r * n, (r + 1) * n)
             gram[at, at] = own
             cross[:, at], match[at] = products[0][r], products[1][r]
-        return cls._eliminated(evidence, gram, match, cross)
+        return cls.of(evidence, gram, match, cross)
 
     @classmethod
-    def _eliminated(cls, evidence: Evidence, gram: np.ndarray, match: np.ndarray, cross: np.ndarray) -> Projection:
+    def of(cls, evidence: Evidence, gram: np.ndarray, match: np.ndarray, cross: np.ndarray) -> Projection:
         """The projection from products before elimination; `cross` (k, n) with parameters and small terms."""
         spent = cross.T @ evidence.covariance @ cross
         return cls(gram=gram - spent, match=match - cross.T @ evidence.newton)

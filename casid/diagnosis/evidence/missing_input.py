@@ -103,8 +103,7 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
     frequency = _peak_frequency(evidence.fit)
     if frequency is None:
         return []
-    found = [_oscillation(evidence, station, frequency) for station in evidence.fit.flight.stations]
-    return sorted(found, key=lambda m: -m.gain)
+    return sorted(_oscillations(evidence, evidence.fit.flight.stations, frequency), key=lambda m: -m.gain)
 
 
 def _peak_frequency(fit: FlightFit) -> float | None:
@@ -144,25 +143,38 @@ def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(near), near, far)
 
 
-def _oscillation(evidence: Evidence, station: str, frequency: float) -> MissingInput:
-    """An oscillation as latent input at one port."""
-    fit = evidence.fit
-    since = fit.batch.t - fit.batch.t[0]
-    angle = 2.0 * np.pi * frequency * since
-    series = np.where(fit.batch.live[..., None], np.stack([np.cos(angle), np.sin(angle)], axis=2), 0.0)
-    white = response(fit, station, series)
-    gain, history, sizes, first = 0.0, {}, [], fit.batch.t[0]
-    for r, name in enumerate(fit.batch.names):
-        left = Projection.shared(evidence, np.where(np.arange(len(first))[:, None, None] == r, white, 0.0))
-        inverse = np.linalg.pinv(left.gram, hermitian=True)
-        amplitude = inverse @ left.match
-        gain += float(left.match @ amplitude)
-        sizes.append(float(np.hypot(*amplitude)))
-        t = since[fit.batch.live[:, r], r]
-        wave = np.stack([np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)], axis=1)
-        sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", wave, inverse, wave), 0.0))
-        history[name] = (t + first[r], wave @ amplitude, sigma)
-    return MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency)
+def _oscillations(evidence: Evidence, stations: Sequence[str], frequency: float) -> list[MissingInput]:
+    """An oscillation as latent input at each of these ports, whose responses go through the filter side by side."""
+    fit, ports, many = evidence.fit, [name for name in stations for _ in range(2)], 2 * len(stations)
+    since, names = fit.batch.t - fit.batch.t[0], fit.batch.names
+    wave = np.stack(_wave(frequency, since), axis=2) * fit.batch.live[..., None]
+    grams, matches = np.zeros((len(names), many, many)), np.zeros((len(names), many))
+    crosses = np.zeros((len(names), len(evidence.newton), many))
+    for here, own in evidence.in_records():
+        white = white_at(own.fit, ports, np.tile(wave[:, here], len(stations)), np.arange(many))
+        grams[here] = np.einsum("kryi,kryj->rij", white, white, optimize=True)
+        matches[here] = np.einsum("kryi,kry->ri", white, own.fit.white, optimize=True)
+        crosses[here] = own.products(white)
+    found = []
+    for i, station in enumerate(stations):
+        at, gain, history, sizes = slice(2 * i, 2 * i + 2), 0.0, {}, []
+        for r, name in enumerate(names):
+            left = Projection.of(evidence, grams[r, at, at], matches[r, at], crosses[r, :, at])
+            inverse = np.linalg.pinv(left.gram, hermitian=True)
+            amplitude = inverse @ left.match
+            gain += float(left.match @ amplitude)
+            sizes.append(float(np.hypot(*amplitude)))
+            t = since[fit.batch.live[:, r], r]
+            unit = np.stack(_wave(frequency, t), axis=1)
+            sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", unit, inverse, unit), 0.0))
+            history[name] = (t + fit.batch.t[0, r], unit @ amplitude, sigma)
+        found.append(MissingInput(station=station, gain=gain, size=max(sizes), history=history, frequency=frequency))
+    return found
+
+
+def _wave(frequency: float, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The two parts of an oscillation whose phase is free."""
+    return np.cos(2.0 * np.pi * frequency * t), np.sin(2.0 * np.pi * frequency * t)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -86,9 +86,8 @@ def test_where_gauss_newton_converges_it_does_it_alone(name, monkeypatch):
         raise AssertionError("Newton was asked")
 
     monkeypatch.setattr(newton, "_Newton", refused)
-    monkeypatch.setenv(
-        "CASID_COMPILE_FIRST", "1"
-    )  # the second fit would find a kernel that the first had to do without
+    # the second fit would find a kernel that the first had to do without
+    monkeypatch.setenv("CASID_COMPILE_FIRST", "1")
     problem = dict(every_problem())[name]()
     fit, alone = solve(problem), solve(problem, solver=GaussNewton())
     assert fit.converged and fit.solver == "GaussNewton"
