@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
+from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.built import cached
 from casid.model.system import Model
@@ -63,6 +63,28 @@ def measured_start(
         if seen.sum() >= 3:
             begins[name] = float(np.polynomial.Polynomial.fit(t[seen], record[name][seen], 1)(0.0))
     return state_of_outputs(model, record, begins, start, parameters) if begins else start
+
+
+def read_start(linear: Linear, noise: NoiseModel, beginning_s: float = BEGINNING_S) -> tuple[np.ndarray, np.ndarray]:
+    """(R, states, ny) change of a `measured_start` by where each reading begins, and (R, ny) variance of that by noise
+    of the readings, which is white or a first-order process."""
+    model, scale = linear.model, linear.model.scale_vector()
+    by_input = ca.which_depends(model.h, model.u, 1, True)
+    R, ny = linear.seen.shape[1:]
+    state, variance = np.zeros((R, len(model.states), ny)), np.zeros((R, ny))
+    t = np.concatenate([np.zeros((1, R)), np.cumsum(linear.dt, axis=0)])
+    for r in range(R):
+        seen = linear.seen[:, r] & (t[:, r, None] <= beginning_s)
+        rows = [i for i, depends in enumerate(by_input) if not depends and seen[:, i].sum() >= 3]
+        state[r][:, rows] = scale[:, None] * np.linalg.pinv(linear.C[0, r, rows] * scale)
+        for i in rows:
+            at, name = t[seen[:, i], r], model.outputs[i]
+            of_line = np.linalg.pinv(np.stack([np.ones(len(at)), at], axis=1))[0]
+            size, time = noise.colour.get(name, (1.0, 0.0))
+            apart = np.abs(at[:, None] - at)
+            alike = np.exp(-apart / time) if time > 0.0 else np.eye(len(at))
+            variance[r, i] = (noise.measurement[name] * size) ** 2 * (of_line @ alike @ of_line)
+    return state, variance
 
 
 def _outputs_by_state(model: Model, rows: list[int]) -> ca.Function:

@@ -20,7 +20,7 @@ from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached, readings
 from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
-from casid.filtering.free_flight import free_flight_sigma
+from casid.filtering.free_flight import chance_error, free_flight_sigma
 from casid.filtering.slow import usual_offset, white_and_slow
 from casid.model.causes import sensor_bias
 from casid.model.station import control
@@ -91,6 +91,16 @@ def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:
 def expected_error(fit: FlightFit) -> np.ndarray:
     """Return (N, R, ny) 1-sigma of the residual of a free simulation if the model is right, its initial state known."""
     return free_flight_sigma(fit.linear, fit.acting)
+
+
+def most_by_chance(fit: FlightFit) -> dict[str, float]:
+    """Output -> r.m.s. error of a free simulation from a measured start, as recorded and in units of its noise, that
+    the right model exceeds as rarely as an interval does not hold what it should."""
+    criteria, every = fit.criteria, fit.flight.every
+    error = chance_error(fit.linear, fit.acting, criteria.given.beginning)
+    noise = np.array([fit.noise.measurement[name] for name in fit.model.outputs])
+    most = np.sqrt((error.most(1.0 - criteria.priors.holds) / noise**2 + every - 1) / every)
+    return dict(zip(fit.model.outputs, most.tolist(), strict=True))
 
 
 def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, ChannelStatistics]:

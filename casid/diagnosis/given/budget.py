@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.noise import View, expected_error
+from casid.diagnosis.flight.noise import View, expected_error, most_by_chance
 from casid.diagnosis.given.as_given import AsGiven
 from casid.signals import label_of
 
@@ -24,7 +24,9 @@ class BudgetSteps:
     """R.m.s. of measured minus simulated after each step, in units of the channel's noise, which itself is 1.
 
     `expected` is the error that the right model would have: a free simulation cannot follow noise of the inputs and
-    moving air. What `structure` has above it is unexplained. Infinite if a simulation diverges.
+    moving air. What `structure` has above it is unexplained. A simulation as given begins where the first readings
+    say, and is led astray by their noise as well: `by_chance` is the error that the right values exceed in one case of
+    twenty. Infinite if a simulation diverges.
     """
 
     as_given: float
@@ -33,6 +35,7 @@ class BudgetSteps:
     structure: float
     noise: float = 1.0
     expected: float = 1.0
+    by_chance: float = 1.0
 
     @property
     def floor(self) -> float:
@@ -91,12 +94,14 @@ def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Bu
     views = {"as_given": given.held, "data_mended": given.mended[1], "values": values, "structure": structure}
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     sigma = {view: expected_error(view.fit) for view in (structure, fitted)}
+    by_chance = most_by_chance(structure.fit)
     for view in sigma:
         view.fit.forget()  # of what follows, nothing needs the arrays
     channels = {
         name: BudgetSteps(
             **{step: _in_noise(view, name, structure) for step, view in views.items()},
             expected=_of_recorded(sigma[structure], name, structure),
+            by_chance=by_chance[name],
         )
         for name in shared
     }
