@@ -140,7 +140,7 @@ class FilterKernel:
         found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, of.linear.Bw0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         index = np.asarray(stations, dtype=ctypes.c_long)
-        low, among = index.min(), np.ptp(index) + 1
+        low, among = _range_of(index)
         at = (*(ctypes.c_long(one) for one in (Dw.shape[3], low, among)), index, begin)
         to = (None, found) if squares else (found, None)
         given = (of.A[part], C, of.gain[part], of.inverse_root[part], *at, series[part], Dw)
@@ -154,7 +154,9 @@ class FilterKernel:
         (N, R, ny, n), nc, ns = of.C.shape, white.shape[3], len(stations)
         Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
         entering, by_output = np.empty((ns, R, N, nc)), np.empty((ny if read else 0, R, N, nc))
-        at = ctypes.c_long(Dw.shape[3]), ctypes.c_long(ns), np.asarray(stations, dtype=ctypes.c_long)
+        index = np.asarray(stations, dtype=ctypes.c_long)
+        low, among = _range_of(index)
+        at = (*(ctypes.c_long(one) for one in (Dw.shape[3], low, among, ns)), index)
         given = (of.A, of.C, of.gain, of.inverse_root, white, *at, Dw, B0, B1, entering, by_output if read else None)
         _call(self._entrances, _tiles(R, nc), (N, R, n, B0.shape[2], ny, nc), *given)
         return entering, by_output
@@ -172,6 +174,11 @@ class FilterKernel:
 
 def _tiles(records: int, columns: int) -> int:
     return records * -(-columns // _TILE)
+
+
+def _range_of(index: np.ndarray) -> tuple[int, int]:
+    """The lowest, and how many from it to the highest."""
+    return (int(index.min()), int(np.ptp(index)) + 1) if len(index) else (0, 0)
 
 
 def _as_it_lies(array: np.ndarray) -> ctypes.c_void_p:

@@ -65,6 +65,13 @@ static inline __attribute__((always_inline)) void product(long rows, long inner,
 
 static void zero(long rows, long wide, V *to) { memset(to, 0, rows * wide * sizeof(V)); }
 
+/* Matrix number `at` of many, or a row, is needed soon (or never, where there is none): into the second cache, for what
+   is fetched into the first holds up what follows. */
+static inline void fetch(const double *matrices, long at, long size)
+{
+    for (long i = 0; i < size; i += 8) __builtin_prefetch(matrices + at * size + i, 0, 2);
+}
+
 /* numbers of a row: no call of a function for the few that they are */
 static inline __attribute__((always_inline)) void copy(double *to, const double *from, long width)
 {
@@ -74,22 +81,23 @@ static inline __attribute__((always_inline)) void copy(double *to, const double 
     for (; i < width; i++) to[i] = from[i];
 }
 
-/* rows of two vectors: c (rows) += a' (a (inner, rows)) b (inner), or -=; of a lower triangle a only what is not zero */
-static inline __attribute__((always_inline)) void product_turned(long rows, long inner, const double *a, const V *b,
-                                                                 V *c, int minus, int triangle)
+/* rows of two vectors: c (rows) += a' b (inner), or -=, of the first `rows` columns of a (inner, stride); of a lower
+   triangle a only what is not zero */
+static inline __attribute__((always_inline)) void product_turned(long rows, long inner, long stride, const double *a,
+                                                                 const V *b, V *c, int minus, int triangle)
 {
     long i = 0;
     for (; i + 6 <= rows; i += 6) {
         long j = triangle ? i : 0;
-        block(6, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
+        block(6, 1, inner - j, 1, stride, 2, a + j * stride + i, b + 2 * j, c + 2 * i, minus);
     }
     for (; i + 3 <= rows; i += 3) {
         long j = triangle ? i : 0;
-        block(3, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
+        block(3, 1, inner - j, 1, stride, 2, a + j * stride + i, b + 2 * j, c + 2 * i, minus);
     }
     for (; i < rows; i++) {
         long j = triangle ? i : 0;
-        block(1, 1, inner - j, 1, rows, 2, a + j * rows + i, b + 2 * j, c + 2 * i, minus);
+        block(1, 1, inner - j, 1, stride, 2, a + j * stride + i, b + 2 * j, c + 2 * i, minus);
     }
 }
 
@@ -353,11 +361,6 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
 
 typedef union { V v[2]; double d[TILE]; } tile;
 
-static void load(long rows, long stride, long width, const double *from, tile *to)
-{
-    for (long i = 0; i < rows; i++) copy(to[i].d, from + i * stride, width);
-}
-
 /* `whiten` of one column; a part is a record. All records of a sample are done before the next, as they lie in memory.
    Unless it is null, `states` (N,R,n) are those at every sample. */
 void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, const double *A, const double *C,
@@ -385,55 +388,53 @@ void whiten_one(long from, long to, long N, long R, long n, long nx, long ny, co
     free(all);
 }
 
-/* sum += the rows weighed by a column of (rows, nw), most of which is zero */
-static inline void gathered(long rows, long nw, const double *by, const tile *of, tile *sum)
-{
-    for (long i = 0; i < rows; i++) {
-        double f = by[i * nw];
-        if (f == 0.0) continue;
-        sum->v[0] += f * of[i].v[0];
-        sum->v[1] += f * of[i].v[1];
-    }
-}
-
 /* The transposed of `whiten`: of columns of innovations white (R,N,ny,nc) what a unit at a sample would have in common
-   with them. entering (ns,R,N,nc): of a time history at each of ns disturbances `station`; read (ny,R,N,nc), or null:
-   of each output. A part is a tile of columns, of the first record, the second, ... */
+   with them. entering (ns,R,N,nc): of a time history at each of ns disturbances `station`, which are among the `among`
+   from number `low` on; read (ny,R,N,nc), or null: of each output. A part is a tile of columns, of the first record, the
+   second, ...; all are done before the sample before, strictly backwards as they lie in memory. */
 void entrances(long from, long to, long N, long R, long n, long nx, long ny, long nc, const double *A, const double *C,
-               const double *gain, const double *root, const double *white, long nw, long ns, const long *station,
-               const double *Dw, const double *B0, const double *B1, double *entering, double *read)
+               const double *gain, const double *root, const double *white, long nw, long low, long among, long ns,
+               const long *station, const double *Dw, const double *B0, const double *B1, double *entering, double *read)
 {
-    tile costate[MOST], w[MOST], u[MOST], next[MOST], sum;
-    long tiles = (nc + TILE - 1) / TILE;
+    tile w[MOST], u[MOST], next[MOST];
+    long tiles = (nc + TILE - 1) / TILE, size = (to - from) * n;
+    tile *costates = aligned_alloc(sizeof(tile), (size + among) * sizeof(tile)), *sums = costates + size;
     BEGIN
-    for (long part = from; part < to; part++) {
-        long r = part / tiles, first = part % tiles * TILE, width = nc - first < TILE ? nc - first : TILE;
-        memset(costate, 0, sizeof costate);
-        memset(w, 0, sizeof w);
-        for (long k = N - 1; k >= 0; k--) {
-            long at = k * R + r;
-            const double *d = Dw + at * ny * nw, *b0 = B0 + at * nx * nw, *b1 = B1 + (at - R) * nx * nw;
-            load(ny, nc, width, white + (r * N + k) * ny * nc + first, w);
-            memset(u, 0, ny * sizeof(tile));
-            memset(next, 0, n * sizeof(tile));
-            product_turned(ny, ny, root + at * ny * ny, w->v, u->v, 0, 1);
-            if (k < N - 1) {
-                product_turned(ny, n, gain + at * n * ny, costate->v, u->v, 1, 0);
-                product_turned(n, n, A + at * n * n, costate->v, next->v, 0, 0);
-            }
-            product_turned(n, ny, C + at * ny * n, u->v, next->v, 0, 0);
-            if (read) for (long i = 0; i < ny; i++) copy(read + ((i * R + r) * N + k) * nc + first, u[i].d, width);
-            for (long s = 0; s < ns; s++) {
-                memset(&sum, 0, sizeof sum);
-                gathered(ny, nw, d + station[s], u, &sum);
-                if (k < N - 1) gathered(nx, nw, b0 + station[s], costate, &sum);
-                if (k > 0) gathered(nx, nw, b1 + station[s], next, &sum);
-                copy(entering + ((s * R + r) * N + k) * nc + first, sum.d, width);
-            }
-            memcpy(costate, next, n * sizeof(tile));
+    memset(costates, 0, size * sizeof(tile));
+    memset(w, 0, sizeof w);
+    for (long k = N - 1; k >= 0; k--) for (long part = to - 1; part >= from; part--) {
+        long r = part / tiles, first = part % tiles * TILE, width = nc - first < TILE ? nc - first : TILE, at = k * R + r;
+        tile *costate = costates + (part - from) * n;
+        if (part % tiles == 0) {
+            fetch(root, at - 2, ny * ny); fetch(gain, at - 2, n * ny); fetch(A, at - 2, n * n); fetch(C, at - 2, ny * n);
+            fetch(B0, at - 2, nx * nw); fetch(B1, at - R - 2, nx * nw); fetch(Dw, at - 2, ny * nw);
+            fetch(white, r * N + k - 1, ny * nc);
         }
+        for (long i = 0; i < ny; i++) copy(w[i].d, white + ((r * N + k) * ny + i) * nc + first, width);
+        memset(u, 0, ny * sizeof(tile));
+        memset(next, 0, n * sizeof(tile));
+        memset(sums, 0, among * sizeof(tile));
+        product_turned(ny, ny, ny, root + at * ny * ny, w->v, u->v, 0, 1);
+        if (k < N - 1) {
+            product_turned(ny, n, ny, gain + at * n * ny, costate->v, u->v, 1, 0);
+            product_turned(n, n, n, A + at * n * n, costate->v, next->v, 0, 0);
+            product_turned(among, nx, nw, B0 + at * nx * nw + low, costate->v, sums->v, 0, 0);
+        }
+        product_turned(n, ny, n, C + at * ny * n, u->v, next->v, 0, 0);
+        product_turned(among, ny, nw, Dw + at * ny * nw + low, u->v, sums->v, 0, 0);
+        if (k) product_turned(among, nx, nw, B1 + (at - R) * nx * nw + low, next->v, sums->v, 0, 0);
+        for (long s = 0; s < ns; s++) {
+            copy(entering + ((s * R + r) * N + k) * nc + first, sums[station[s] - low].d, width);
+            fetch(entering + first, (s * R + r) * N + k - 1, nc);
+        }
+        for (long i = 0; i < ny && read; i++) {
+            copy(read + ((i * R + r) * N + k) * nc + first, u[i].d, width);
+            fetch(read + first, (i * R + r) * N + k - 1, nc);
+        }
+        memcpy(costate, next, n * sizeof(tile));
     }
     END
+    free(costates);
 }
 
 /* Bryson-Frazier, from white (R,N,ny) of one column: costates (N,R,n) of the predicted states, and what a unit at a

@@ -1,16 +1,19 @@
 /* Whitening of many columns, compiled behind filter.c: tiles of TILE of them go through the filter side by side. A tile
    that the last columns would not fill begins earlier: what two tiles share, both compute alike. */
 
-/* rows of tiles: c (height) += a (height, the first `most` of a row; rows lie `stride` apart) b (most), or -= */
+/* rows of tiles: c (height) += a (height, the first `most` of a row, or those of `index`; rows lie `stride` apart)
+   b (most), or -= */
 static inline __attribute__((always_inline)) void rows_of_tiles(int height, int minus, long most, long stride,
-                                                                const double *a, const tile *b, tile *c)
+                                                                const double *a, const long *index, const tile *b,
+                                                                tile *c)
 {
     V s[6], t[6];
     for (int i = 0; i < height; i++) { s[i] = c[i].v[0]; t[i] = c[i].v[1]; }
     for (long j = 0; j < most; j++) {
         V x = b[j].v[0], y = b[j].v[1];
+        const double *column = a + (index ? index[j] : j);
         for (int i = 0; i < height; i++) {
-            double f = a[i * stride + j];
+            double f = column[i * stride];
             if (minus) { s[i] -= f * x; t[i] -= f * y; }
             else { s[i] += f * x; t[i] += f * y; }
         }
@@ -21,12 +24,15 @@ static inline __attribute__((always_inline)) void rows_of_tiles(int height, int 
 /* c (rows) += a (rows, inner) b, or -=; of a lower triangle a only what is not zero. Six rows at a time, so that what is
    read of b serves six times and no sum waits for another. */
 static inline __attribute__((always_inline)) void tiles(long rows, long inner, long stride, const double *a,
-                                                        const tile *b, tile *c, int minus, int triangle)
+                                                        const long *index, const tile *b, tile *c, int minus,
+                                                        int triangle)
 {
     long i = 0;
-    for (; i + 6 <= rows; i += 6) rows_of_tiles(6, minus, triangle ? i + 6 : inner, stride, a + i * stride, b, c + i);
-    for (; i + 3 <= rows; i += 3) rows_of_tiles(3, minus, triangle ? i + 3 : inner, stride, a + i * stride, b, c + i);
-    for (; i < rows; i++) rows_of_tiles(1, minus, triangle ? i + 1 : inner, stride, a + i * stride, b, c + i);
+    for (; i + 6 <= rows; i += 6)
+        rows_of_tiles(6, minus, triangle ? i + 6 : inner, stride, a + i * stride, index, b, c + i);
+    for (; i + 3 <= rows; i += 3)
+        rows_of_tiles(3, minus, triangle ? i + 3 : inner, stride, a + i * stride, index, b, c + i);
+    for (; i < rows; i++) rows_of_tiles(1, minus, triangle ? i + 1 : inner, stride, a + i * stride, index, b, c + i);
 }
 
 /* the first column of a tile */
@@ -51,16 +57,19 @@ void whiten(long from, long to, long N, long R, long n, long nx, long ny, long n
     for (long k = 0; k < N; k++) for (long part = from; part < to; part++) {
         long r = part / count, first = first_of(part % count, nc), at = k * R + r;
         tile *E = states + (part - from) * n;
+        if (part % count == 0) {
+            fetch(root, at + 2, ny * ny); fetch(gain, at + 2, n * ny); fetch(A, at + 2, n * n); fetch(C, at + 2, ny * n);
+        }
         for (long i = 0; i < ny; i++) copy(e[i].d, Y + (at * ny + i) * nc + first, width);
-        tiles(ny, n, n, C + at * ny * n, E, e, 0, 0);
+        tiles(ny, n, n, C + at * ny * n, 0, E, e, 0, 0);
         memset(out, 0, ny * sizeof(tile));
-        tiles(ny, ny, ny, root + at * ny * ny, e, out, 0, 1);
+        tiles(ny, ny, ny, root + at * ny * ny, 0, e, out, 0, 1);
         for (long i = 0; i < ny; i++) copy(white + r * of_record + (k * ny + i) * of_row + first, out[i].d, width);
         if (k == steps) continue;
         for (long i = 0; i < nx; i++) copy(next[i].d, F + (at * nx + i) * nc + first, width);
         memset(next + nx, 0, (n - nx) * sizeof(tile));
-        tiles(n, ny, ny, gain + at * n * ny, e, next, 1, 0);
-        tiles(n, n, n, A + at * n * n, E, next, 0, 0);
+        tiles(n, ny, ny, gain + at * n * ny, 0, e, next, 1, 0);
+        tiles(n, n, n, A + at * n * n, 0, E, next, 0, 0);
         memcpy(E, next, n * sizeof(tile));
     }
     if (held) for (long part = from; part < to; part++) for (long i = 0; i < n; i++)
@@ -103,28 +112,6 @@ static int gather(const histories *of, const double *series, tile *to)
         any |= series[h] != 0.0;
     }
     return any;
-}
-
-/* to (rows) = or += what they put in through columns `used` of by (rows, stride): three rows at a time, whose sums do
-   not wait for each other */
-static inline __attribute__((always_inline)) void enter(long rows, long stride, const histories *of, const double *by,
-                                                        const tile *gathered, tile *to, int more)
-{
-    for (long i = 0; i < rows; i += 3) {
-        int height = rows - i < 3 ? rows - i : 3;
-        V s[3] = {0}, t[3] = {0};
-        if (more) for (int l = 0; l < height; l++) { s[l] = to[i + l].v[0]; t[l] = to[i + l].v[1]; }
-        for (long u = 0; u < of->few; u++) {
-            V x = gathered[u].v[0], y = gathered[u].v[1];
-            const double *f = by + i * stride + of->used[u];
-            for (int l = 0; l < 3; l++) {
-                double one = f[l < height ? l * stride : 0];
-                s[l] += one * x;
-                t[l] += one * y;
-            }
-        }
-        for (int l = 0; l < height; l++) { to[i + l].v[0] = s[l]; to[i + l].v[1] = t[l]; }
-    }
 }
 
 /* What a sample does to predicted states and to what enters at `among` disturbances from number `low` on, the closed
@@ -187,13 +174,18 @@ void whiten_histories(long from, long to, long N, long R, long n, long nx, long 
             if (!squares) for (long i = 0; i < ny; i++) memset(to_white + i * nc, 0, width * sizeof(double));
             continue;
         }
+        if (made != r) {
+            fetch(root, at + 2, ny * ny); fetch(gain, at + 2, n * ny); fetch(A, at + 2, n * n); fetch(C, at + 2, ny * n);
+            fetch(B0, at + 2, nx * nw); fetch(B1, at + 2, nx * nw); fetch(Dw, at + 2, ny * nw);
+        }
         if (made != r) closed_loop(n, nx, ny, nw, low, among, wide, A + at * n * n, C + at * ny * n, gain + at * n * ny,
                                    root + at * ny * ny, Dw + at * ny * nw, B0 + at * nx * nw, last, work, loop);
         made = r;
         long rows = last ? ny : ny + n;
-        enter(rows, stride, of + b, (const double *)loop + n, now, moved, 0);
-        if (!last) enter(nx, nw, of + b, B1 + at * nx * nw + low, after, moved + ny, 1);
-        tiles(rows, n, stride, (const double *)loop, states + own * n, moved, 0, 0);
+        memset(moved, 0, rows * sizeof(tile));
+        tiles(rows, of[b].few, stride, (const double *)loop + n, of[b].used, now, moved, 0, 0);
+        if (!last) tiles(nx, of[b].few, nw, B1 + at * nx * nw + low, of[b].used, after, moved + ny, 0, 0);
+        tiles(rows, n, stride, (const double *)loop, 0, states + own * n, moved, 0, 0);
         for (long i = 0; i < ny; i++) {
             if (!squares) copy(to_white + i * nc, moved[i].d, width);
             else for (int v = 0; v < 2; v++) sums[own].v[v] += moved[i].v[v] * moved[i].v[v];
