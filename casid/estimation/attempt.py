@@ -89,11 +89,12 @@ def check_part(value: object, verb: str, what: str, example: str) -> None:
         raise InputError(f"solve: the {what} is {given(value)}, without a method '{verb}'; write {example} or the like")
 
 
-def as_motion(attempt: Attempt) -> Attempt:
-    """The same parameters and initial states simulated in one piece, with the noise of highest likelihood."""
+def as_motion(attempt: Attempt, substeps: int = 0) -> Attempt:
+    """The same parameters and initial states simulated in one piece, with the noise of highest likelihood; by so many
+    `substeps` per sample interval, or else as many as the attempt has."""
     objective, point = attempt.objective, attempt.outcome.point
     layout = objective.layout
-    method = SingleShooting(substeps=layout.substeps, implicit=is_implicit(attempt.method))
+    method = SingleShooting(substeps=substeps or layout.substeps, implicit=is_implicit(attempt.method))
     whole = Objective(objective.problem, method.dynamics(objective.problem))
     assert whole.dynamics is not None
     parameters = objective.problem.model_parameters(point.theta)[whole.layout.record]

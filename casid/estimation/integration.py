@@ -40,7 +40,7 @@ _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
 _SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
-_MOST_STEPS = 64  # per sample interval: what takes more is stiff
+MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _UNEVEN = 1.5  # times the shortest step
 # of rate times step: an implicit method has poles there, of one stage at 1 and of more beyond, and damps what grows
@@ -141,7 +141,7 @@ def _is_lower(one: Attempt, other: Attempt) -> bool:
 def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
     problem, end = objective.problem, Attempt(objective=objective, outcome=outcome, method=method)
-    if not _is_judged(objective):
+    if not is_judged(objective):
         return end
     steps = objective.layout.substeps
     for _ in range(_REFINEMENTS):
@@ -154,7 +154,7 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
             break
         near = _is_motion(end.outcome) and needed <= _NEAR * steps
         steps = needed
-        if steps > _MOST_STEPS:
+        if steps > MOST_STEPS:
             if method.implicit:
                 break
             near, steps = end.outcome.converged, _steps_at_start(end.objective, solver)
@@ -265,7 +265,7 @@ def _steps_at_start(objective: Objective, solver: Timed) -> int:
     sigma = objective.noise.levels.sigma[: len(problem.model.outputs)]
     first = np.cumsum([0] + [len(record) - 1 for record in problem.records])[:-1]
     coarse = _collocated(problem, steps)
-    while steps < _MOST_STEPS and solver.left > 0.0:
+    while steps < MOST_STEPS and solver.left > 0.0:
         fine = _collocated(problem, 2 * steps)
         made = coarse[0] - fine[0]
         carried = np.zeros_like(made)
@@ -286,7 +286,7 @@ def _finite_steps(objective: Objective, method: Stepping, solver: Timed) -> int:
     if np.isfinite(objective.value(objective.start()).cost):
         return steps
     more = 2 * steps
-    while more <= _MOST_STEPS and solver.left > 0.0:
+    while more <= MOST_STEPS and solver.left > 0.0:
         finer = Objective(objective.problem, replace(method, substeps=more).dynamics(objective.problem))
         if np.isfinite(finer.value(finer.start()).cost):
             return more
@@ -312,7 +312,7 @@ def doubt_of_steps(end: Attempt) -> str:
     """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
     cannot be told."""
     objective, outcome, method = end.objective, end.outcome, as_stepping(end.method)
-    if method is None or not _is_judged(objective) or not _is_motion(outcome):
+    if method is None or not is_judged(objective) or not _is_motion(outcome):
         return ""
     steps, linear = objective.layout.substeps, linear_at(objective, outcome)
     if linear is None:
@@ -334,7 +334,7 @@ def doubt_of_steps(end: Attempt) -> str:
     return f"{steps_said} changes {far}: give a larger substeps=, or leave it out"
 
 
-def _is_judged(objective: Objective) -> bool:
+def is_judged(objective: Objective) -> bool:
     """Whether half steps say how large the error is: not in discrete time, with a control law in the loop, or with
     random defects."""
     problem = objective.problem

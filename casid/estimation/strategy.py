@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.attempt import as_motion, attempted, build_objective
-from casid.estimation.integration import Attempt, doubt_of_steps
+from casid.estimation.integration import MOST_STEPS, Attempt, doubt_of_steps, is_judged
 from casid.estimation.problem import Problem
 from casid.estimation.results import idle_parameters, ran_away
 from casid.estimation.solvers.gauss_newton import GaussNewton
@@ -205,6 +205,25 @@ def _found_elsewhere(best: Attempt, first: Attempt) -> str:
     return f"{where}, where ln(likelihood) is {gain:.4g} higher than where {type(first.method).__name__} ended"
 
 
+def _alike(begin: Attempt, end: Attempt) -> tuple[Attempt, Attempt]:
+    """A start and an end as they compare: in steps that are halved as long as that changes the likelihood of either. A
+    search that was cut short may have ended where long steps are wrong by as much as its data allow. An end that is
+    another motion in one piece than in many, as of an unstable model, compares as it is."""
+    whole, steps = as_motion(end), max(begin.objective.layout.substeps, end.objective.layout.substeps)
+    start, reached = as_motion(begin, steps), end if np.isfinite(end.misfit) else whole
+    chosen = getattr(end.method, "substeps", None) is None and is_judged(end.objective)
+    if not (chosen and abs(whole.misfit - reached.misfit) <= _EQUAL):  # true of NaN
+        return start, reached
+    reached = as_motion(end, steps)
+    while 2 * steps <= MOST_STEPS:
+        finer = as_motion(begin, 2 * steps), as_motion(end, 2 * steps)
+        changed = [abs(a.misfit - b.misfit) for a, b in zip(finer, (start, reached), strict=True)]
+        if not np.isfinite(changed).all() or max(changed) <= _EQUAL:
+            break
+        steps, (start, reached) = 2 * steps, finer
+    return start, reached
+
+
 def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -> Ending:
     """The start where its simulation is more likely than what was found."""
     if is_implicit(end.attempt.method):
@@ -219,11 +238,10 @@ def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -
         stationarity=np.nan,
         limit_multipliers=np.zeros(len(objective.limits)),
     )
-    start = as_motion(Attempt(objective=objective, outcome=nothing, method=method))
-    reached = end.attempt if np.isfinite(end.attempt.misfit) else as_motion(end.attempt)
+    start, reached = _alike(Attempt(objective=objective, outcome=nothing, method=method), end.attempt)
     if not start.misfit < reached.misfit - _EQUAL:
         return end
-    if reached is not end.attempt and ran_away(problem, start.outcome.value, _NOWHERE):
+    if not np.isfinite(end.attempt.misfit) and ran_away(problem, start.outcome.value, _NOWHERE):
         return end  # neither is a motion along the records, so that their likelihoods compare nothing
     status = end.attempt.outcome.status
     if status.converged:

@@ -16,8 +16,10 @@ from scipy.optimize import least_squares
 
 import casid as cs
 from casid.estimation.attempt import attempted
+from casid.estimation.integration import Attempt
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.timed import timed
+from casid.estimation.strategy import Ending, _no_worse_than_start
 
 Motion = Callable[[float, np.ndarray], list[float]]
 
@@ -206,6 +208,24 @@ def test_never_less_likely_than_the_start(start, solver):
     residuals = fit.residuals["m1"]
     ended = len(residuals) * np.log(np.sqrt((residuals**2).mean(axis=0))).sum()
     assert ended <= lsoda_misfit(problem, start) + 0.1
+
+
+@pytest.mark.parametrize("start", [6.0, 5.6], ids=["the truth", "another"])
+def test_a_start_and_an_end_are_compared_by_steps_that_are_short_enough(start: float) -> None:
+    """Truth: an oscillation at 6 rad/s, read five times a second. With one step between readings it is late and decays,
+    so that a search by such steps comes to a faster one; cut short there it left the truth for worse. A start that is
+    worse than that one in short steps too is not returned."""
+    model = system("oscillator", ("x", "v"), {"w": start}, lambda s: {"x": s.v, "v": -(s.w**2) * s.x})
+    t = np.arange(0.0, 6.0, 0.2)
+    record = cs.Record(name="m", t=t, channels={"x": np.cos(6.0 * t), "v": -6.0 * np.sin(6.0 * t)})
+    known = cs.InitialState(value={"x": 1.0, "v": 0.0}, std={"x": 0.0, "v": 0.0})
+    problem = cs.Problem(model, [record], free=["w"], noise={"x": 0.5, "v": 3.0}, initial_state=known)
+    coarse = Objective(problem, cs.SingleShooting(substeps=1).dynamics(problem))
+    found = cs.GaussNewton().minimise(coarse)
+    assert found.converged and found.point.theta[0] > 6.05
+    end = Ending(attempt=Attempt(objective=coarse, outcome=found, method=cs.SingleShooting()))
+    taken = _no_worse_than_start(problem, cs.SingleShooting(), end)
+    assert taken.attempt.values["w"] == (start if start == 6.0 else found.point.theta[0])
 
 
 def test_a_constrained_fit_is_as_good_as_the_free_one_allows():
