@@ -180,11 +180,12 @@ def _same(first: Attempt, other: Attempt) -> bool:
 
 
 def _better(first: Attempt, second: Attempt) -> Attempt:
-    """Of two ends that are no solution the one that is stationary, else the more likely."""
+    """Of two ends that are no solution the one that is stationary, else the more likely; where both are equally likely
+    the second, which all methods have judged."""
     stationary = [a.outcome.converged for a in (first, second)]
     if stationary[0] != stationary[1]:
         return second if stationary[1] else first
-    return first if first.misfit < second.misfit else second
+    return first if first.misfit < second.misfit - _EQUAL else second
 
 
 def _another(reason: str) -> Status:

@@ -65,18 +65,19 @@ def test_a_published_optimum_is_confirmed_and_its_status_is_right(name, converge
     assert fit.result is (cs.Results.CONVERGED if converged else cs.Results.NOT_IDENTIFIABLE)
 
 
-def test_a_fit_from_twice_the_published_parameters_is_never_below_its_start(petab_data: Path) -> None:
-    """Crauste, where the fit once crashed: after its seconds, in which a busy machine may not end one step, it is no
-    less likely than its start, by LSODA too, and has not converged where LSODA contradicts."""
+def test_a_fit_from_twice_the_published_parameters_is_never_below_its_start(petab_data: Path, monkeypatch) -> None:
+    """Crauste, where the fit once crashed: after two steps it is more likely than its start, by LSODA too, and has not
+    converged where LSODA contradicts."""
     name = "Crauste_CellSystems2017"
     if not (petab_data / name).is_dir():
         pytest.skip(f"no {name} among the PEtab problems")
+    monkeypatch.setenv("CASID_COMPILE_FIRST", "1")  # what is tried does not depend on when a kernel is there
     problem = times(cs.read_petab(petab_data / name / f"{name}.yaml"), 2.0)
     by_lsoda = Likelihood(problem, 1e-8)
     begun = by_lsoda(dict(zip(problem.parameters, problem.start_vector, strict=True)))
-    fit = cs.solve(problem, solver=cs.Automatic(seconds=8.0))
+    fit = cs.solve(problem, solver=cs.Automatic(iterations=2))
     ended = by_lsoda(fit.values)
-    assert max(ended, -fit.log_likelihood) < begun + 0.01
+    assert ended < begun and -fit.log_likelihood < begun
     assert not fit.converged or ended == pytest.approx(-fit.log_likelihood, abs=0.01)
 
 
