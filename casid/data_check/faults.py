@@ -244,18 +244,22 @@ class Weighing:
 
     def _able(self, channels: Collection[str], stretched: Sequence[float] = ()) -> list[Alternative]:
         """Alternatives for these channels, with values that an aircraft has. Where a unit is stated, that one alone may
-        be wrong."""
+        be wrong; any other as well where no aircraft has the values as they are read."""
         found = [a for a in alternatives(channels, stretched) if self._flies(a)]
-        return [a for a in found if all(a.possible(self._stated[n]) for n in a.reading.factor if n in self._stated)]
+        believed = {n: unit for n, unit in self._stated.items() if self._largest(n) <= _most(n)}
+        return [a for a in found if all(a.possible(believed[n]) for n in a.reading.factor if n in believed)]
+
+    def _largest(self, name: str) -> float:
+        """The largest absolute value of a channel as recorded."""
+        read = [one.values[name] for one in self._quick if name in one.values]
+        return max((float(np.nanmax(np.abs(values), initial=0.0)) for values in read), default=0.0)
 
     def _flies(self, alternative: Alternative) -> bool:
-        """Whether no channel that becomes larger leaves the limits of readers and models."""
-        for name, factor in alternative.reading.factor.items():
-            read = [one.values[name] for one in self._quick if name in one.values]
-            largest = max((float(np.nanmax(np.abs(values), initial=0.0)) for values in read), default=0.0)
-            if abs(factor) > 1.0 and abs(factor) * largest > RADIAN_LIMITS.get(name, FLIGHT_LIMITS.get(name, np.inf)):
-                return False
-        return True
+        """Whether no channel that becomes larger, or that is read in the place of another, leaves the limits of readers
+        and models."""
+        factor, source = alternative.reading.factor, alternative.reading.source
+        changed = {*source, *(name for name, by in factor.items() if abs(by) > 1.0)}
+        return all(abs(factor.get(n, 1.0)) * self._largest(source.get(n, n)) <= _most(n) for n in changed)
 
     def _frames(self) -> list[Alternative]:
         """Other axes, as long as none were found."""
@@ -463,6 +467,11 @@ def _surfaces_of(alternative: Alternative) -> set[str]:
     if alternative.kind in OF_THE_FILE:
         return {surface for surface in SURFACES if alternative.target.endswith(surface)}
     return set(alternative.channels)
+
+
+def _most(name: str) -> float:
+    """The largest value of a channel that an aircraft has; infinite of others."""
+    return RADIAN_LIMITS.get(name, FLIGHT_LIMITS.get(name, np.inf))
 
 
 def _there(record: Smooth, alternative: Alternative) -> bool:

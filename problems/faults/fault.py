@@ -10,7 +10,7 @@ import numpy as np
 from casid.model.operators import delay
 from casid.records.noise import high_band_sigma
 from casid.records.record import Record
-from casid.signals import GRAVITY, SURFACES
+from casid.signals import GRAVITY, SURFACES, unit_of
 
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"),
@@ -78,10 +78,13 @@ def _sign(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
 
 
 def _unit(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:
+    """A header that states a unit states that in which the numbers are read."""
     assert fault.value is not None
     if fault.target == "t":
         return replace(record, t=record.t / fault.value)
-    return _each(fault, record, lambda x: x / fault.value)
+    changed = _each(fault, record, lambda x: x / fault.value)
+    stated = {n: unit_of(n) for n in fault.channels if n in record.stated}
+    return replace(changed, stated={**record.stated, **stated}) if stated else changed
 
 
 def _swap(fault: DataFault, record: Record, rng: np.random.Generator) -> Record:

@@ -19,7 +19,7 @@ from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.records.readers import read_records
 from casid.records.record import Record
-from casid.signals import SURFACES
+from casid.signals import SURFACES, unit_of
 from problems.blind.sets import fly_set
 from problems.every_problem import DEMO
 from problems.faults.fault import DataFault, with_fault
@@ -84,6 +84,38 @@ def test_every_fault_is_found_and_mended(fault: DataFault, flown: tuple[Aircraft
         for mended, healthy in zip(checked.records, records, strict=True):
             for name in ("t", *healthy.channels):
                 assert np.allclose(mended[name], healthy[name], rtol=0.11 if fault.target == "t" else 1e-9, atol=1e-9)
+
+
+ANGLES, RATES = ("alpha", "beta", "phi", "theta"), ("p", "q", "r")
+DRAWN = (("jsbsim", "clean-2", 6), ("independent", "clean-1", 5), ("strips", "clean-1", 5))  # a campaign
+
+
+@pytest.mark.parametrize(
+    ("flight", "channel"),
+    [
+        *product([("do328", "clean-1", 1)], (*ANGLES, *RATES)),
+        *(pytest.param(*one, marks=pytest.mark.slow) for one in product(DRAWN, (*ANGLES, "psi", *RATES))),
+    ],
+    ids=str,
+)
+def test_one_channel_in_degrees_beside_others_in_radians(flight: tuple[str, str, int], channel: str) -> None:
+    """Also where an exchange with another channel explains much of an angle that is 57 times too large. The header
+    states radians; or degrees, from which the angles were converted twice, so that no aircraft has them."""
+    healthy = clean(*flight)
+    for stated in (unit_of(channel), *(("deg",) if channel in ("alpha", "beta", "theta") else ())):
+        turned = [
+            replace(r, channels={**r.channels, channel: r[channel] / DEG}, stated={channel: stated})
+            for r in healthy.records[:2]
+        ]
+        (found,) = cs.check(turned, healthy.aircraft).findings
+        assert (found.kind, found.target, found.handled) == ("data_unit", channel, "corrected")
+
+
+def test_an_exchange_that_leaves_an_angle_no_aircraft_has_is_none(flown: tuple[Aircraft, tuple[Record, ...]]) -> None:
+    """An angle of attack of 115 deg is no sideslip angle either."""
+    aircraft, records = flown
+    turned = [r.with_channels(alpha=np.where(r.t < 5.0, 2.0, r["beta"]), beta=r["alpha"]) for r in records]
+    assert ("data_swap", "alpha+beta") not in kinds(cs.check(turned, aircraft).findings)
 
 
 def test_a_surface_against_one_derivative_of_the_file_is_told_with_its_rival(
