@@ -251,7 +251,7 @@ class Document:
     held_out_is_new: bool | str  # true, or why the held-out records are no flights of their own
     left: str  # what is left; "" if nothing that matters is
     best: str  # the name of the extended model
-    no_cause: str  # the words for causes of which none explains what is left
+    no_cause: str  # the words for what is left: that no cause explains it, of those that were tried
     not_judged: tuple[NotJudged, ...]
     # data, values and causes
     data: tuple[Finding, ...]

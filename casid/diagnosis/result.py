@@ -376,7 +376,7 @@ class Diagnosis:
             probability=self.entered.get(missing.station),
             share=missing_share(by, missing),
             gain=missing.gain,
-            sentence=f"Something that {self.no_cause} explains enters at {missing.words}.",
+            sentence=f"Something that {self.no_cause} enters at {missing.words}.",
             histories=tuple(histories_of(fit if fitted else self.held_out_extended.fit, missing)),
         )
 
@@ -387,8 +387,10 @@ class Diagnosis:
 
     @property
     def no_cause(self) -> str:
-        """The words for causes of which none explains what is left."""
-        return "none of the causes that were tried" if self.not_tried else "no cause of the catalogue"
+        """The words for what is left: that no cause explains it, of those that were tried."""
+        if self.not_tried:
+            return "none of the causes that were tried explains" if self.rounds else "no cause was tried for"
+        return "no cause of the catalogue explains"
 
     @property
     def best(self) -> str:

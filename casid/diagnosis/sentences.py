@@ -95,18 +95,15 @@ def missing_beside(missing: MissingInput, fitted: Sequence[str]) -> str:
     return f"Something more is missing: it enters at {_where(missing, fitted)}."
 
 
-def unexplained(missing: MissingInput, share: float, fitted: Sequence[str], cut_short: bool = False) -> str:
-    """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port.
-
-    A search that was `cut_short` cannot tell of the whole catalogue.
-    """
+def unexplained(missing: MissingInput, share: float, fitted: Sequence[str], no_cause: str) -> str:
+    """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port, and
+    `no_cause` says of which causes none explains it."""
     if missing.place.kind == "wind":
         size = f", {missing.rms:.2g} m/s"
     else:
         size = f", {100 * share:.0f} % of it" if share <= 1.0 else f", {share:.2g} times its variation"
     where = _where(missing, fitted, size)
-    tried = "none of the causes that were tried" if cut_short else "no cause in the catalogue"
-    return f"The simulation misses something that {tried} explains; it enters at {where}."
+    return f"The simulation misses something that {no_cause}; it enters at {where}."
 
 
 def no_air(one: Following) -> str:

@@ -178,7 +178,7 @@ def _unexplained(found: Diagnosis) -> Iterator[str]:
             yield sentences.missing_beside(missing, fitted)
         else:
             fit = next(v.fit for v in (found.extended, found.held_out_extended) if missing.concerns(v.records))
-            yield sentences.unexplained(missing, missing_share(fit, missing), fitted, bool(found.not_tried))
+            yield sentences.unexplained(missing, missing_share(fit, missing), fitted, found.no_cause)
     if found.following is not None and of_air(found.following, found.criteria).outcome == NAMED:
         yield sentences.no_air(found.following)
 

@@ -116,7 +116,7 @@ def _unexplained(document: Document) -> Iterator[Statement]:
         yield Statement(
             anchor=about_unexplained(number),
             head=f"unexplained at {where}",
-            text=f"Something enters at {where} that {document.no_cause} explains",
+            text=f"Something enters at {where} that {document.no_cause}",
             figures=(numbered(own, number), general),
             probability=one.probability,
         )

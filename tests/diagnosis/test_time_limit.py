@@ -38,7 +38,7 @@ def test_without_time_everything_that_was_not_tried_is_listed(tmp_path, whole: c
     cut = diagnosed(seconds=1e-3)
     assert not whole.not_tried and cut.not_tried
     assert {one.because for one in cut.not_tried} == {"not tried: the limit of 0.001 s was reached"}
-    assert not cut.causes and "that were tried" in cut.sentence
+    assert not cut.causes and "no cause was tried" in cut.sentence
     assert cut.nothing is None and not cut.entered and not cut.explanations  # these would be of the whole catalogue
     assert cut.not_tried[0].what == "the causes of the catalogue"
     document = cut.to_dict()
@@ -57,6 +57,7 @@ def test_causes_that_were_not_fitted_are_listed(whole: cs.Diagnosis):
     cut = diagnosed(seconds=3.0, report=report)
     tried = {t.candidate.name for r in whole.rounds for t in r.trials}
     assert set(cut.not_tried[0].what.removeprefix("fits of ").split(", ")) & tried
+    assert "that were tried" in cut.sentence
 
 
 @pytest.mark.parametrize("interrupted", [False, True])
