@@ -42,24 +42,33 @@ static inline __attribute__((always_inline)) void block(int height, int two, lon
     }
 }
 
-/* c (rows, wide) += a (rows, inner) b (inner, wide), or -=, b and c in rows of `wide` vectors; of a lower triangle a only
-   what is not zero when `triangle` is set. Four rows at a time, so that what is read of b serves four times. */
-static inline __attribute__((always_inline)) void product(long rows, long inner, long down, long along, long wide,
-                                                          const double *a, const V *b, V *c, int minus, int triangle)
+/* `block` of up to six rows, whose sums do not wait for each other */
+static inline __attribute__((always_inline)) void rows_of(long height, int two, long most, long down, long along,
+                                                          long wide, const double *a, const V *b, V *c, int minus)
 {
-    for (long v = 0; v < wide; v += 2) {
-        int two = v + 1 < wide;
-        long i = 0;
-        for (; i + 4 <= rows; i += 4) {
-            long most = triangle ? i + 4 : inner;
-            if (two) block(4, 1, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
-            else block(4, 0, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
-        }
-        for (; i < rows; i++) {
-            long most = triangle ? i + 1 : inner;
-            if (two) block(1, 1, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
-            else block(1, 0, most, down, along, wide, a + i * down, b + v, c + i * wide + v, minus);
-        }
+    switch (height) {
+    case 6: block(6, two, most, down, along, wide, a, b, c, minus); break;
+    case 5: block(5, two, most, down, along, wide, a, b, c, minus); break;
+    case 4: block(4, two, most, down, along, wide, a, b, c, minus); break;
+    case 3: block(3, two, most, down, along, wide, a, b, c, minus); break;
+    case 2: block(2, two, most, down, along, wide, a, b, c, minus); break;
+    default: block(1, two, most, down, along, wide, a, b, c, minus);
+    }
+}
+
+/* c (rows, wide) += a (rows, inner) b (inner, wide), or -=, b and c in rows of `wide` vectors; of a lower triangle a
+   only what is not zero when `triangle` is set. Four to six rows at a time, so that what is read of b serves them all. */
+static void product(long rows, long inner, long down, long along, long wide, const double *a, const V *b, V *c,
+                    int minus, int triangle)
+{
+    for (long v = 0; v < wide; v += 2) for (long i = 0, height; i < rows; i += height) {
+        height = rows - i <= 6 ? rows - i : rows - i <= 8 ? 4 : rows - i == 9 ? 5 : 6; /* few are left over */
+        long most = triangle ? i + height : inner;
+        const double *from = a + i * down;
+        if (v + 1 < wide && minus) rows_of(height, 1, most, down, along, wide, from, b + v, c + i * wide + v, 1);
+        else if (v + 1 < wide) rows_of(height, 1, most, down, along, wide, from, b + v, c + i * wide + v, 0);
+        else if (minus) rows_of(height, 0, most, down, along, wide, from, b + v, c + i * wide + v, 1);
+        else rows_of(height, 0, most, down, along, wide, from, b + v, c + i * wide + v, 0);
     }
 }
 
@@ -309,22 +318,25 @@ void augment(long from, long to, long N, long R, long nx, long ny, long nw, long
     free(X);
 }
 
-/* covariance pass; returns 0, or 1 when an innovation's covariance is not positive definite */
+/* covariance pass, all records of a sample before the next; returns 0, or 1 when an innovation's covariance is not
+   positive definite */
 int covariance(long from, long to, long N, long R, long n, long ny, const double *A, const double *C, const double *Q,
                const double *M, const double *shared, const double *P0, double *gain, double *root, double *kept,
                double *log_determinant)
 {
     long wide = (n + WIDTH - 1) / WIDTH, wide_y = (ny + WIDTH - 1) / WIDTH, w = wide * WIDTH;
-    V *P = aligned_alloc(sizeof(V), (3 * n + 2 * ny) * (wide + wide_y) * sizeof(V));
-    V *AP = P + n * wide, *turned = AP + n * wide, *turned_C = turned + n * wide, *K = turned_C + n * wide_y;
+    long all = n * wide, records = to - from, size = records * all + (3 * n + 2 * ny) * (wide + wide_y);
+    V *held = aligned_alloc(sizeof(V), size * sizeof(V)), *AP = held + records * all, *turned = AP + all;
+    V *turned_C = turned + all, *K = turned_C + n * wide_y;
     V *CP = K + n * wide_y, *G = CP + ny * wide, *S = G + ny * wide;
     int failed = 0;
-    zero((3 * n + 2 * ny) * (wide + wide_y), 1, P);
-    for (long r = from; r < to && !failed; r++) {
-        pack(n, n, wide, P0 + r * n * n, P);
-        for (long k = 0; k < N; k++) {
+    zero(size, 1, held);
+    for (long r = from; r < to; r++) pack(n, n, wide, P0 + r * n * n, held + (r - from) * all);
+    for (long k = 0; k < N && !failed; k++) {
+        for (long r = from; r < to; r++) {
             long at = k * R + r;
             const double *c = C + at * ny * n, *a = A + at * n * n, *q = Q + at * n * n;
+            V *P = held + (r - from) * all;
             int last = k == N - 1;
             unpack(n, n, wide, P, kept + at * n * n);
             zero(ny, wide, CP);
@@ -341,7 +353,7 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
             log_determinant[at] = inverse_root(ny, wide_y, wide, S, G);
             unpack(ny, ny, wide_y, S, root + at * ny * ny);
             if (isnan(log_determinant[at])) { failed = 1; break; }
-            if (last) break;
+            if (last) continue;
             zero(n, wide_y, K);
             product(n, ny, 1, w, wide_y, (double *)G, S, K, 0, 0);
             unpack(n, ny, wide_y, K, gain + at * n * ny);
@@ -355,7 +367,7 @@ int covariance(long from, long to, long N, long R, long n, long ny, const double
                 p[i * w + j] = p[j * w + i] = 0.5 * (p[i * w + j] + p[j * w + i]);
         }
     }
-    free(P);
+    free(held);
     return failed;
 }
 
