@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
+from scipy import special
 
 from casid.filtering.initial_state import read_start
 from casid.filtering.innovations import Linear, NoiseModel
@@ -40,7 +40,7 @@ class ChanceError:
 
     def most(self, probability: float) -> np.ndarray:
         """The mean square that is exceeded with a `probability`; infinite where the model is unstable."""
-        beyond = scipy.stats.chi2.isf(probability, self.freedom) / self.freedom
+        beyond = special.chdtri(self.freedom, probability) / self.freedom
         return np.where(np.isfinite(self.astray), self.noise + self.astray * beyond, np.inf)
 
 
