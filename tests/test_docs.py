@@ -100,7 +100,7 @@ SAME = {
     "error that is left": r"(\d\.\d) times the[\s>]+noise is left",
     "statistic of the lag": r"lag has (\d{5})\b",
     "statistic of the delay": r"delay (\d{5})\b",
-    "JSBSim, first": r"(\d+ of 48)\b",
+    "JSBSim, first": r"JSBSim\b[^.\n]*?(\d+ of 48)\b",
     "flights of others, first": r"(?:named first in|in\s+)(9) of 20|named first in (9)",
 }
 
