@@ -16,7 +16,7 @@ from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft
-from casid.diagnosis.engine.baseline import baseline_of
+from casid.diagnosis.engine.baseline import baseline_in_time
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
@@ -85,7 +85,7 @@ def diagnose_aircraft(
         if any(one.handled != "reported" for one in checked.findings):
             given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
         report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
-        state = search(baseline_of(flight, known, stages.begin), stages.begin)
+        state = search(baseline_in_time(flight, known, stages.begin), stages.begin)
 
         def diagnosed(
             kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], flown: Mapping[str, FlightValue]

@@ -82,8 +82,33 @@ class Baseline:
         return self.calm if of_structure and not self.turbulence.named else self.start
 
 
+def baseline_in_time(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
+    """`baseline_of` as far as there is time, or until Ctrl-C: without time for the kinematics, or for a fit in
+    turbulence, the air is taken to be calm."""
+    calm = _refitted(flight, known, say)
+    limit, found = calm.flight.limit, None
+    try:
+        with limit.cutting():
+            found = _kinematics_of(calm, known, say)
+            return baseline_from(calm, found)
+    except TimeIsUpError:
+        pass
+    except KeyboardInterrupt:
+        limit.interrupt(say)
+    if found is None or found.turbulence.named:  # the fit in turbulence takes long
+        found = no_kinematics(calm.flight)
+        limit.leave_out(_KINEMATICS)
+    return baseline_from(calm, found)
+
+
 def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
-    """The baseline of a flight with the effects that its file has.
+    """The baseline of a flight with the effects that its file has."""
+    calm = _refitted(flight, known, say)
+    return baseline_from(calm, _kinematics_of(calm, known, say))
+
+
+def _refitted(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> FlightFit:
+    """The re-estimated file.
 
     The noise is the one measured in the records. If neither the re-estimated file nor the kinematics come near the data
     under this noise, it is estimated with the model.
@@ -94,24 +119,17 @@ def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], 
         without = unread(flight)
         if without.noise_by_fit and not comes_near(flight, known):
             flight, calm = without, fit(without, known, without.noise(), extent="first")
-    calm = as_inputs_run(in_colour(without_outliers(calm)))
-    limit, found = calm.flight.limit, None
-    try:
-        say("kinematics")
-        offsets = demanded_offsets(calm)
-        calm.forget()
-        with limit.cutting():
-            found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
-            say("refit of the file")
-            return baseline_from(calm, found)
-    except TimeIsUpError:
-        pass
-    except KeyboardInterrupt:
-        limit.interrupt(say)
-    if found is None or found.turbulence.named:  # the fit in turbulence takes long
-        found = no_kinematics(calm.flight)
-        limit.leave_out(_KINEMATICS)
-    return baseline_from(calm, found)
+    return as_inputs_run(in_colour(without_outliers(calm)))
+
+
+def _kinematics_of(calm: FlightFit, known: Sequence[Attached], say: Callable[[str], None]) -> KinematicFindings:
+    """The result of the kinematic stage beside a re-estimated file."""
+    say("kinematics")
+    offsets = demanded_offsets(calm)
+    calm.forget()
+    found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
+    say("refit of the file")
+    return found
 
 
 def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
