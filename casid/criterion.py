@@ -38,7 +38,8 @@ class Criterion:
 def listed(group: object, within: str = "") -> Iterator[Criterion]:
     """All numbers of a group and of its groups, in the order of their definition."""
     for one in fields(group):  # pyright: ignore[reportArgumentType]
-        name, value = within + one.name, getattr(group, one.name)
+        name = within + one.name
+        value = getattr(group, one.name)
         if is_dataclass(value):
             yield from listed(value, f"{name}.")
         else:

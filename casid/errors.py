@@ -64,7 +64,8 @@ def nearest(name: str, valid: Iterable[str]) -> str | None:
 
 def unknown(what: str, name: str, valid: Iterable[str], where: str = "") -> InputError:
     """An InputError for a name that does not exist: `what` is e.g. "channel", `where` a file."""
-    pool, name = sorted(valid), str(name)
+    pool = sorted(valid)
+    name = str(name)
     near = nearest(name, pool)
     more = f" and {len(pool) - _MOST_NAMES} more" if len(pool) > _MOST_NAMES else ""
     hint = f"did you mean '{near}'?" if near else f"expected one of: {', '.join(pool[:_MOST_NAMES])}{more}"

@@ -55,7 +55,8 @@ def html_list(items: Iterable[str]) -> str:
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table of texts, the first column to the left, the others to the right; nothing for no rows."""
-    left, right = "text-align:left", "text-align:right"
+    left = "text-align:left"
+    right = "text-align:right"
     top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
     body = "".join(
         f"<tr><th style='{left}'>{escape(first)}</th>"

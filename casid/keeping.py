@@ -78,7 +78,8 @@ def plain(value: Any, names: str = "") -> Any:
 def save(result: Any, path: str | Path) -> None:
     """Write a result whole or not at all. Raises InputError when it cannot be written or holds what cannot be pickled,
     such as a function defined inside another one."""
-    kind, target = type(result).__name__, a_path(path, "save")
+    kind = type(result).__name__
+    target = a_path(path, "save")
     try:
         body = pickle.dumps(result, protocol=5)
     except (pickle.PicklingError, AttributeError, TypeError) as error:

@@ -90,7 +90,9 @@ FLIGHT_LIMITS = MappingProxyType(
 # Units outside SI in SI: rad in a degree, m in a foot, kg in a pound, a slug and a tonne, N in a pound, m/s2 in a g.
 DEGREE = 0.017453292519943295
 FOOT = 0.3048
-POUND, SLUG, TONNE = 0.45359237, 14.593902937206364, 1000.0
+POUND = 0.45359237
+SLUG = 14.593902937206364
+TONNE = 1000.0
 POUND_FORCE = 4.4482216152605
 GRAVITY = 9.80665
 # unit -> (SI unit, factor): SI = factor * value

@@ -17,7 +17,8 @@ from casid.model.dynamics import standard_density
 from casid.model.numbers import digits
 from casid.records.record import Record
 
-GIVEN, EXTENDED = "as given", "extended"
+GIVEN = "as given"
+EXTENDED = "extended"
 VERDICTS = {True: "pass", False: "fail", None: "not judged"}
 _ROUNDING = 1e-9  # of a limit: at the limit is within
 
@@ -160,7 +161,8 @@ def _history_check(row: Tolerance, window: Window, flight: Flight, simulated: np
     inside = span(row, flight.t, window) & np.isfinite(flight.samples[row.channel])
     if inside.sum() < 2:
         return Check(tolerance=row, passed=None, why="no samples lie in its span")
-    t, curve = flight.t[inside], flight.curves[row.channel][inside]
+    t = flight.t[inside]
+    curve = flight.curves[row.channel][inside]
     deviation = simulated[inside] - curve
     limit = row.limit(curve, float(np.abs(curve).max()))
     used = np.abs(deviation) / np.maximum(limit, 1e-300)

@@ -41,8 +41,10 @@ class Eigenmode:
 
     def numbers(self) -> dict[str, tuple[float, np.ndarray, str]]:
         """What is told of the mode: name -> value, derivatives by the parameters, unit."""
-        value, slope = self.eigenvalue, self.derivatives
-        sigma, dsigma = value.real, np.real(slope)
+        value = self.eigenvalue
+        slope = self.derivatives
+        sigma = value.real
+        dsigma = np.real(slope)
         found: dict[str, tuple[float, np.ndarray, str]] = {}
         if self.oscillates:
             size = abs(value)
@@ -68,8 +70,10 @@ def eigenmodes(A: np.ndarray, slopes: np.ndarray, states: Sequence[str]) -> list
     for k, value in enumerate(values):
         if value.imag < -_REAL * abs(value):
             continue
-        w, v = left[:, k].conj(), right[:, k]
-        shares, both = np.abs(w * v), w @ v
+        w = left[:, k].conj()
+        v = right[:, k]
+        shares = np.abs(w * v)
+        both = w @ v
         with np.errstate(divide="ignore", invalid="ignore"):  # of one eigenvector for two eigenvalues: no derivative
             derivative = np.einsum("i,ijp,j->p", w, slopes, v) / both
             shares = shares / shares.sum()

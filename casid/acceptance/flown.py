@@ -23,7 +23,9 @@ from casid.model.system import Model
 from casid.records.record import Record
 
 DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
-_ATTITUDE_GAIN, _RATE_GAIN = 0.3, 0.3  # surface [rad] per attitude [rad], and per rate [rad/s]
+# surface [rad] per attitude [rad], and per rate [rad/s]
+_ATTITUDE_GAIN = 0.3
+_RATE_GAIN = 0.3
 _LOOPS: Mapping[str, tuple[str | None, str]] = {
     "delta_e": ("theta", "q"),
     "delta_a": ("phi", "p"),
@@ -97,9 +99,11 @@ def _fly(
     applied: Applied, record: Record, followed: Record, measured: Sequence[str], window: Window, closed: bool
 ) -> Flown:
     """`followed`: the record made ready for the model, its `measured` channels smoothed."""
-    model, ready = applied.model, _part(followed, window)
+    model = applied.model
+    ready = _part(followed, window)
     begins = {name: float(ready[name][0]) for name in measured}
-    start, law = state_of_outputs(model, ready, begins, model.guess(ready)[0]), None
+    start = state_of_outputs(model, ready, begins, model.guess(ready)[0])
+    law = None
     try:
         if closed:
             model, ready, law = _with_controller(model, ready, start)
@@ -130,7 +134,8 @@ def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[M
     control = ca.Function("control", [model.x, model.u, model.p, model.w], [ca.jacobian(model.f, model.u)])
     at_start = record.matrix(model.inputs)[0]
     effect = control(start, at_start, model.nominal_vector(), np.zeros(len(model.disturbances))).full()
-    laws, corrected = [], ca.SX(model.u)
+    laws = []
+    corrected = ca.SX(model.u)
     for surface, (attitude, rate) in loops.items():
         most = TRIM_TOLERANCE[surface]
         column = model.inputs.index(surface)
@@ -156,7 +161,9 @@ def _corrections(law: ca.Function, model: Model, states: np.ndarray, record: Rec
 def calibrated_airspeed(V: np.ndarray, rho: np.ndarray, altitude: np.ndarray | None) -> np.ndarray:
     """(N,) calibrated airspeed [m/s] of true airspeed V: that of the same impact pressure at sea level. Without an
     altitude the pressure is that of the standard atmosphere with this density."""
-    p0, rho0, gamma = 101325.0, 1.225, 1.4
+    p0 = 101325.0
+    rho0 = 1.225
+    gamma = 1.4
     if altitude is None:
         altitude = _altitude_of_density(rho)
     pressure = p0 * (1.0 - 2.25577e-5 * altitude) ** 5.25588

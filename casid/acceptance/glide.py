@@ -51,7 +51,8 @@ def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quant
 
 def _told(flight: SteadyFlight) -> ca.SX:
     """Speed, glide ratio and rate of descent."""
-    V, climb = flight.setting["V"], flight.setting["climb_angle"]
+    V = flight.setting["V"]
+    climb = flight.setting["climb_angle"]
     return ca.vertcat(V, -1.0 / ca.tan(climb), -V * ca.sin(climb))
 
 
@@ -64,7 +65,9 @@ class _Flattest:
 
     def __init__(self, flight: SteadyFlight) -> None:
         equations = flight.equations(GLIDE)
-        z, R, V = equations.unknown, equations.residual, flight.setting["V"]
+        z = equations.unknown
+        R = equations.residual
+        V = flight.setting["V"]
         m = ca.SX.sym("multiplier", z.shape[0])
         towards = ca.DM.zeros(z.shape)
         towards[GLIDE.index("climb_angle")] = 1.0

@@ -259,7 +259,8 @@ def flight_point(aircraft: Aircraft, V: float | None, altitude: float | None, rh
     """V and rho as they were asked for, or as [trim] has them."""
     speed = aircraft.trim.get("V") if V is None else V
     if altitude is None and rho is None:
-        rho, altitude = aircraft.trim.get("rho"), aircraft.trim.get("altitude")
+        rho = aircraft.trim.get("rho")
+        altitude = aircraft.trim.get("altitude")
     if speed is None or (rho is None and altitude is None):
         raise InputError(f"modes: '{aircraft.name}' has no V, or neither altitude nor rho, under [trim]; give them")
     if rho is None and not _HEIGHTS[0] <= number(altitude, "modes: altitude") <= _HEIGHTS[1]:
@@ -283,8 +284,10 @@ def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]
     """Expressions of the static numbers, and their units: lift and drag by the balance of forces, margins as how far
     the c.g. may move back until a change of lift makes no moment (Etkin and Reid, Dynamics of Flight, 3rd ed., 2.3 and
     3.1)."""
-    s, a = flight.setting, flight.aircraft
-    W, length = flight.mass * a.gravity, a.moment_length_pitch
+    s = flight.setting
+    a = flight.aircraft
+    W = flight.mass * a.gravity
+    length = a.moment_length_pitch
     qS = 0.5 * s["rho"] * s["V"] ** 2 * a.area
     lift_by_alpha, moment_by_alpha = (flight.here(one) for one in flight.slopes("alpha"))
     lift_by_q, moment_by_q = (flight.here(one) for one in flight.slopes("q"))
@@ -354,7 +357,8 @@ def _far_from_trim(flight: SteadyFlight, solved: Mapping[str, float], p: np.ndar
     with suppress(InputError):
         at = flight_point(flight.aircraft, None, None, None) | {"climb_angle": 0.0}
         trim = flight.solve(LEVEL, at, p).values["alpha"]
-    alpha, beyond = math.degrees(solved["alpha"]), math.degrees(abs(solved["alpha"] - trim))
+    alpha = math.degrees(solved["alpha"])
+    beyond = math.degrees(abs(solved["alpha"] - trim))
     if beyond <= _LINEAR_DEG:
         return []
     return [

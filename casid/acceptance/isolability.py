@@ -208,7 +208,8 @@ def isolability(
     >>> found.causes["actuator_lag(delta_e)"].detection > 0.99
     True
     """
-    file, records = given_aircraft(aircraft, "isolability"), given_records(manoeuvres, "isolability")
+    file = given_aircraft(aircraft, "isolability")
+    records = given_records(manoeuvres, "isolability")
     criteria = require(criteria or Criteria(), Criteria, "isolability: criteria", "Criteria(...)")
     if not records:
         raise InputError("isolability: no manoeuvre is given; expected records of the surfaces")
@@ -265,7 +266,8 @@ class _Judged:
     def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
         """By name."""
         enough = criteria.significance.detectable
-        found, table = {}, self.confusion
+        found = {}
+        table = self.confusion
         for i, name in enumerate(self.names):
             rivals = {self.names[j]: float(table[i, j]) for j in np.argsort(-table[i], kind="stable")}
             found[name] = IsolableCause(
@@ -356,8 +358,10 @@ class _Shown:
 
     @classmethod
     def of(cls, fitted: FlightFit, effects: Sequence[Effect]) -> _Shown:
-        evidence, rows = weigh(fitted, discrepancy=False), tuple(_row(fitted, effect) for effect in effects)
-        grams, cross = [], []
+        evidence = weigh(fitted, discrepancy=False)
+        rows = tuple(_row(fitted, effect) for effect in effects)
+        grams = []
+        cross = []
         for r in range(len(fitted.batch.names)):  # one at a time: the responses to all causes are large
             own = replace(evidence, fit=fitted.of_records(slice(r, r + 1)))
             white = responses(own, rows)
@@ -368,12 +372,14 @@ class _Shown:
 
     def judged(self, records: Sequence[int]) -> _Judged:
         """The effects in some of the records, at the sizes that matter there."""
-        some, sums = list(records), weigh(self.fitted, discrepancy=False).sums
+        some = list(records)
+        sums = weigh(self.fitted, discrepancy=False).sums
         of_some = self.fitted if len(some) == len(self.grams) else self.fitted.of_records(some)
         sizes = np.array([_size(of_some, row) for row in self.rows])
         sized = np.flatnonzero(np.isfinite(sizes) & (sizes > 0.0))
         gram, cross = (each[some].sum(axis=0)[..., sized] for each in (self.grams, self.cross))
-        gram, kinds = gram[sized], [self.rows[i][0] for i in sized]
+        gram = gram[sized]
+        kinds = [self.rows[i][0] for i in sized]
         covariance = scaled_inverse(sums.grams[some].sum(axis=0) + np.diag(self.fitted.prior_weight))
         left = gram - cross.T @ covariance @ cross
         length = sigmas_shown(np.diag(left), np.diag(gram), self.fitted.criteria)
@@ -422,7 +428,8 @@ def _additions(
             told = _judged(flown, {**sigma, name: more}, effects, criteria).told(criteria)
             found.append(Addition(kind="channel", what=name, told=told))
     if further := further_manoeuvres(flown):  # all flown at once, each of them judged beside the given ones
-        given, records = range(len(flown.records)), (*flown.records, *further)
+        given = range(len(flown.records))
+        records = (*flown.records, *further)
         shown = _Shown.of(_fitted(replace(flown, records=records), sigma, criteria), effects)
         for i, one in enumerate(further, len(given)):
             told = shown.judged([*given, i]).told(criteria)

@@ -44,7 +44,9 @@ _STEP_S = 0.5  # in which a movement must become visible
 _SIGMAS = 6.0  # of noise, beyond which a change is a movement
 _SHARE = 0.1  # of the range of an input, likewise
 _OTHERS = 0.05  # of the largest range of a surface, likewise
-_POWER, _POWER_STEP_S = 0.1, 2.0  # of the thrust, likewise, within as many seconds
+# of the thrust, likewise, within as many seconds
+_POWER = 0.1
+_POWER_STEP_S = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +66,8 @@ class Window:
 def windows(record: Record, manoeuvre: str, before_s: float = 0.0) -> tuple[Window, ...]:
     """Find where a manoeuvre is flown: one input moves, and no other until the end. The simulation starts `before_s`
     before that, where the inputs rest for so long, and 1 s at least."""
-    how, runs = MANOEUVRES[manoeuvre], _runs(record)
+    how = MANOEUVRES[manoeuvre]
+    runs = _runs(record)
     shortest = max(_SHORTEST_S, _phugoid_period(record) if how.slow else 0.0)
     found = []
     for k, (name, first, last) in enumerate(runs):
@@ -111,10 +114,12 @@ def _runs(record: Record) -> list[tuple[str, float, float]]:
 def _movements(record: Record, name: str) -> list[tuple[str, float, float]]:
     """Spans in which an input leaves the value that it had a moment ago, by more than its noise, a part of its range
     and what `_least` asks."""
-    t, values = record.t, record[name]
+    t = record.t
+    values = record[name]
     if not np.isfinite(values).all() or np.ptp(values) == 0.0:
         return []
-    sigma, step_s = high_band_sigma(values), _POWER_STEP_S if name == "thrust" else _STEP_S
+    sigma = high_band_sigma(values)
+    step_s = _POWER_STEP_S if name == "thrust" else _STEP_S
     visible = max(_SHARE * float(np.ptp(values)), _SIGMAS * (sigma if np.isfinite(sigma) else 0.0))
     back = np.searchsorted(t, t - step_s)
     moving = np.abs(values - values[back]) > max(visible, _least(record, name))

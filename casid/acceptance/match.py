@@ -213,7 +213,8 @@ def _unfit(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], w
     if one.peak_from <= peak <= one.peak_to:
         return ""
     factor = si_factor(one.unit, "")
-    low, high = one.peak_from / factor, one.peak_to / factor
+    low = one.peak_from / factor
+    high = one.peak_to / factor
     return f"{told(one.channel)} peaks at {peak / factor:.3g} {one.unit}, the standard asks for {low:g} to {high:g}"
 
 

@@ -34,7 +34,8 @@ class Known:
 
 def known_by_file(flight: SteadyFlight) -> Known:
     """As the file says: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all independent."""
-    model, aircraft = flight.model, flight.aircraft
+    model = flight.model
+    aircraft = flight.aircraft
     of_effects = {effect_of(e).name: e.std for e in aircraft.effects if e.std > 0.0}
     std = {**model.prior_std, **aircraft.std, **of_effects}
     by_name = np.array([std.get(name, 0.0) for name in model.parameters])
@@ -50,7 +51,8 @@ def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
 def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
     """As a diagnosis says of its extended aircraft: the correlations of the extended model's fit, with the corrected
     standard deviations of the flight, or those of the prior where these are smaller."""
-    fitted, parameters = diagnosis.extended.fit, flight.model.parameters
+    fitted = diagnosis.extended.fit
+    parameters = flight.model.parameters
     # a minor cause that is a term stands in the file as such
     terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
     named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
@@ -75,7 +77,8 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
             f"modes: none of the estimates ({', '.join(names[:3])}, ...) is a parameter of '{flight.aircraft.name}'; "
             "give the aircraft that was estimated"
         )
-    of, at = [names.index(n) for n in shared], [model.parameters.index(n) for n in shared]
+    of = [names.index(n) for n in shared]
+    at = [model.parameters.index(n) for n in shared]
     whole = np.zeros((len(model.parameters), len(model.parameters)))
     whole[np.ix_(at, at)] = np.asarray(covariance)[np.ix_(of, of)]
     known = np.asarray(model.nominal_vector({name: values[name] for name in shared}), dtype=float)
@@ -86,7 +89,8 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
 def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
     """What an estimate.json says, which `where` names in errors; InputError when it is none."""
     try:
-        parameters, correlation = document["parameters"], document["correlation"]
+        parameters = document["parameters"]
+        correlation = document["correlation"]
         values = {name: float(one["value"]) for name, one in parameters.items()}
         key = "std_corrected" if document.get("schema") == "casid.estimate/1" else "std"
         std = np.array([_number(parameters[name][key]) for name in correlation["names"]])

@@ -76,7 +76,8 @@ class ProofOfMatch:
         for label in self.aircraft:
             outcomes = [one.sides[label].passed for one in self.tests]
             left = f", and {outcomes.count(None)} cannot be judged" if None in outcomes else ""
-            passed, failed = outcomes.count(True), outcomes.count(False)
+            passed = outcomes.count(True)
+            failed = outcomes.count(False)
             told_of.append(
                 f"{label} it is within tolerance in {passed} of {len(outcomes)} tests and out in {failed}{left}"
             )

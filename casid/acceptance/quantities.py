@@ -32,7 +32,9 @@ _ROUNDING = 1e-12  # of a response: what varies less is constant
 _LOCAL = 6  # fewest samples of a cubic
 _LOCAL_SHARE = 0.25  # of the rise, on either side, to which a cubic is fitted
 _SETTLED = 0.1  # last part of a response, whose mean is its final value
-_LOW, _HIGH = 0.1, 0.9  # of a rise
+# of a rise
+_LOW = 0.1
+_HIGH = 0.9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +86,13 @@ class Oscillation:
 def oscillation(t: np.ndarray, responses: Sequence[np.ndarray]) -> Oscillation | None:
     """The damped sinusoid that fits responses (N,) best, with one decay and frequency; None when none can be fitted."""
     there = np.all([np.isfinite(y) for y in responses], axis=0)
-    t, Y = t[there] - t[0], np.stack([y[there] for y in responses], axis=1)
+    t = t[there] - t[0]
+    Y = np.stack([y[there] for y in responses], axis=1)
     if len(t) < _FEWEST or not (Y.std(axis=0) > _ROUNDING * np.abs(Y).max(axis=0)).all():
         return None
     Y = Y / Y.std(axis=0)
-    duration, thin = t[-1] - t[0], slice(None, None, -(-len(t) // _MOST_SAMPLES))
+    duration = t[-1] - t[0]
+    thin = slice(None, None, -(-len(t) // _MOST_SAMPLES))
     start = _best_start(t[thin], Y[thin], duration)
     if start is None:
         return None
@@ -119,7 +123,8 @@ def _best_start(t: np.ndarray, Y: np.ndarray, duration: float) -> np.ndarray | N
 
 def _basis(t: np.ndarray, z: np.ndarray) -> np.ndarray:
     """(..., N, 4) what an oscillation of decay and frequency z (..., 2) is made of."""
-    decay, phase = z[..., :1], z[..., 1:] * t
+    decay = z[..., :1]
+    phase = z[..., 1:] * t
     envelope = np.exp(np.clip(-decay * t, -50.0, 50.0))
     columns = np.broadcast_arrays(np.ones_like(t), t, envelope * np.cos(phase), envelope * np.sin(phase))
     return np.stack(columns, axis=-1)
@@ -136,7 +141,9 @@ def _with_covariance(t: np.ndarray, Y: np.ndarray, decay: float, frequency: floa
     """The oscillation with the covariance of decay, frequency and phases under coloured residuals."""
     B = _basis(t, np.array([decay, frequency]))
     coefficients = np.linalg.lstsq(B, Y, rcond=None)[0]
-    channels, cos, sin = Y.shape[1], B[:, 2], B[:, 3]
+    channels = Y.shape[1]
+    cos = B[:, 2]
+    sin = B[:, 3]
     information = np.zeros((2 + 4 * channels, 2 + 4 * channels))
     score = np.zeros_like(information)
     for i in range(channels):
@@ -178,7 +185,8 @@ def _score(J: np.ndarray, left: np.ndarray, variance: float) -> np.ndarray:
             total += cross + cross.T
         return total
 
-    total, taken = form(window * _lagged(left[:, None], lags)), form(window * _lagged(Q, lags))
+    total = form(window * _lagged(left[:, None], lags))
+    taken = form(window * _lagged(Q, lags))
     share = float(np.trace(np.linalg.pinv(J.T @ J, hermitian=True) @ taken)) / Q.shape[1]
     total /= max(1.0 - share, 0.1)
     least = variance * J.T @ J
@@ -215,10 +223,12 @@ def _time_between_peaks(o: Oscillation) -> Quantity:
 def time_constant(t: np.ndarray, response: np.ndarray) -> Quantity:
     """Of an exponential approach to a constant [s]."""
     there = np.isfinite(response)
-    t, y = t[there] - t[0], response[there]
+    t = t[there] - t[0]
+    y = response[there]
     if len(t) < _FEWEST or np.ptp(y) == 0.0:
         return UNKNOWN
-    y, duration = y / y.std(), float(t[-1])
+    y = y / y.std()
+    duration = float(t[-1])
 
     def basis(rate: float) -> np.ndarray:
         return np.stack([np.ones_like(t), np.exp(np.clip(-rate * t, -50.0, 50.0))], axis=1)
@@ -296,7 +306,8 @@ class _Step:
 
 
 def _rise(step: _Step) -> np.ndarray:
-    low, high = step.crossing(_LOW), step.crossing(_HIGH)
+    low = step.crossing(_LOW)
+    high = step.crossing(_HIGH)
     if not math.isfinite(high - low):
         return np.full(step.samples.shape[1], math.nan)
     half = _LOCAL_SHARE * (high - low)
@@ -304,7 +315,8 @@ def _rise(step: _Step) -> np.ndarray:
     times = []
     for level, at in ((_LOW, low), (_HIGH, high)):
         c, scale = step.local(at, half)
-        aim, z = first + level * (final - first), np.zeros(step.samples.shape[1])
+        aim = first + level * (final - first)
+        z = np.zeros(step.samples.shape[1])
         for _ in range(4):  # Newton's method
             z = z - (c[0] + z * (c[1] + z * (c[2] + z * c[3])) - aim) / (c[1] + z * (2.0 * c[2] + 3.0 * z * c[3]))
         times.append(at + scale * z)
@@ -312,7 +324,8 @@ def _rise(step: _Step) -> np.ndarray:
 
 
 def _beyond(step: _Step) -> np.ndarray:
-    low, high = step.crossing(_LOW), step.crossing(_HIGH)
+    low = step.crossing(_LOW)
+    high = step.crossing(_HIGH)
     if not math.isfinite(high - low):
         return np.full(step.samples.shape[1], math.nan)
     half = _LOCAL_SHARE * (high - low)

@@ -37,7 +37,9 @@ def smooth(t: np.ndarray, values: np.ndarray) -> Smooth:
         curve = np.interp(t, t[there], values[there]) if there.any() else np.full(len(t), np.nan)
         return Smooth(curve=curve, sigma=0.0)
     level = values[there].mean()  # taken off for the accuracy of the solution
-    data, weight, penalty = np.where(there, values - level, 0.0), there.astype(float), _penalty(t)
+    data = np.where(there, values - level, 0.0)
+    weight = there.astype(float)
+    penalty = _penalty(t)
     eigenvalues = (2.0 - 2.0 * np.cos(np.pi * np.arange(len(t)) / len(t))) ** 2
 
     def curve_of(log_weight: float) -> np.ndarray:
@@ -61,7 +63,8 @@ def smooth(t: np.ndarray, values: np.ndarray) -> Smooth:
 def _penalty(t: np.ndarray) -> np.ndarray:
     """(3, N) upper bands of the sum of squared second differences, divided ones where sampling is not uniform."""
     step = np.diff(t) / np.median(np.diff(t))
-    before, after = step[:-1], step[1:]
+    before = step[:-1]
+    after = step[1:]
     total = before + after
     rows = np.stack([2.0 / (before * total), -2.0 / (before * after), 2.0 / (after * total)])
     bands = np.zeros((3, len(t)))

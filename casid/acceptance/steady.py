@@ -167,13 +167,15 @@ class SteadyFlight:
         """(2, 2) CX and CZ by a unit of lift and drag (wind axes) or of CX and CZ (body axes)."""
         if self.aircraft.force_axes == "body":
             return ca.SX.eye(2)
-        sine, cosine = ca.sin(self.setting["alpha"]), ca.cos(self.setting["alpha"])
+        sine = ca.sin(self.setting["alpha"])
+        cosine = ca.cos(self.setting["alpha"])
         return ca.vertcat(ca.horzcat(sine, -cosine), ca.horzcat(-cosine, -sine))
 
     def by(self, name: str) -> ca.SX:
         """(3 + further,) derivatives of the balanced accelerations by an input, a state or a disturbance of the model,
         or by "alpha" (of the air, airspeed and attitude held)."""
-        m, s = self.model, self.setting
+        m = self.model
+        s = self.setting
         if name == "alpha":
             u, w = (self.here(ca.jacobian(self.accelerations, m.x[m.states.index(n)])) for n in ("u", "w"))
             return s["V"] * (w * ca.cos(s["alpha"]) - u * ca.sin(s["alpha"]))
@@ -189,7 +191,8 @@ class SteadyFlight:
         Increments of the force coefficients hold the accelerations, so that the rate of the angle of attack is zero.
         Their own moment about a shifted centre of gravity is taken off again.
         """
-        s, a = self.setting, self.aircraft
+        s = self.setting
+        a = self.aircraft
         forces = ("CL", "CD") if self.aircraft.force_axes == "wind" else ("CX", "CZ")
         change = self.by(name)
         own = ca.horzcat(*(self.by(station.coefficient(c)) for c in forces))

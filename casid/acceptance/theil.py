@@ -88,7 +88,8 @@ def theil(
     >>> round(found.bias + found.variance + found.covariance, 9)
     1.0
     """
-    file, read = given_aircraft(aircraft, "theil"), given_records(records, "theil")
+    file = given_aircraft(aircraft, "theil")
+    read = given_records(records, "theil")
     applied = apply_effects(file, read, axes)
     found: dict[str, dict[str, Theil]] = {}
     for original, record in zip(read, applied.records, strict=True):
@@ -111,12 +112,14 @@ def theil_of(measured: np.ndarray, simulated: np.ndarray) -> Theil:
     """Theil's coefficient of a channel of (N,) samples; missing ones (NaN) take no part. InputError when none is in
     both."""
     there = np.isfinite(measured) & np.isfinite(simulated)
-    z, y = measured[there], simulated[there]
+    z = measured[there]
+    y = simulated[there]
     if not len(z):
         raise InputError("theil: no sample is there in both histories")
     square = float(np.mean((z - y) ** 2))
     size = float(np.sqrt(np.mean(z**2)) + np.sqrt(np.mean(y**2)))
-    bias, variance = float(z.mean() - y.mean()) ** 2, float(z.std() - y.std()) ** 2
+    bias = float(z.mean() - y.mean()) ** 2
+    variance = float(z.std() - y.std()) ** 2
     parts = [bias, variance, max(square - bias - variance, 0.0)]
     shares = [part / square if square > 0.0 else 0.0 for part in parts]
     return Theil(

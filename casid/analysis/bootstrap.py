@@ -111,7 +111,8 @@ def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
 
 def drawn_records(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> tuple[Record, ...]:
     """The records of a `drawn_problem`."""
-    problem, outputs = fit.problem, fit.problem.model.outputs
+    problem = fit.problem
+    outputs = fit.problem.model.outputs
     if isinstance(problem.cost, EquationError):
         raise EstimationError("bootstrap: EquationError predicts no measurements that could be drawn; use OutputError")
     check_known("input", input_noise, problem.model.inputs, "bootstrap: input_noise")
@@ -119,7 +120,8 @@ def drawn_records(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
     records = []
     for record in problem.records:
         predicted = fit.predictions[record.name]
-        drawn, white = {}, np.zeros((len(record), len(outputs)))
+        drawn = {}
+        white = np.zeros((len(record), len(outputs)))
         for i, name in enumerate(outputs):
             if name in record:
                 white[:, i] = rng.standard_normal(len(record))

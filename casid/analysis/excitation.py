@@ -24,7 +24,9 @@ _RESTING = 0.05  # of the largest excursion of any control: less is noise or tri
 _RESOLVED = 1.2  # over the record's resolution: 80 % of the power of a single sine lies within less
 _UNITS_S = (0.25, 0.5, 1.0, 2.0)  # duration of the shortest pulse of a manoeuvre tried
 _FORMS = {"doublet": ((1, 1.0), (1, -1.0)), "3-2-1-1": ((3, 1.0), (2, -1.0), (1, 1.0), (1, -1.0))}
-_LONGEST_S, _FARTHEST = 20.0, 3.0  # of a manoeuvre; times the range of the states in the records
+# of a manoeuvre; times the range of the states in the records
+_LONGEST_S = 20.0
+_FARTHEST = 3.0
 _WORTH = 1.2  # factor that a suggested manoeuvre must gain
 
 
@@ -94,7 +96,8 @@ def excitations(records: Sequence[Record], controls: Sequence[str]) -> tuple[Exc
     """How each control moved in the records together."""
     moves = {name: max(_excursion(record[name]) for record in records) for name in controls}
     largest = max(moves.values(), default=0.0)
-    resolution, found = 1.0 / max(record.duration for record in records), []
+    resolution = 1.0 / max(record.duration for record in records)
+    found = []
     for name, move in moves.items():
         low, high = _band(records, name) if move > _RESTING * largest else (math.nan, math.nan)
         found.append(Excitation(control=name, move=move, low=low, high=high, resolution=resolution))
@@ -107,7 +110,8 @@ def _excursion(values: np.ndarray) -> float:
 
 def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
     """Frequencies [Hz] below which a tenth and nine tenths of the power of a channel's motion lie."""
-    frequency, power = [], []
+    frequency = []
+    power = []
     for record in records:
         t = np.arange(record.t[0], record.t[-1], record.dt)
         values = np.interp(t, record.t, record[name])
@@ -115,7 +119,8 @@ def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
         frequency.append(np.fft.rfftfreq(count, record.dt)[1:])
         power.append(np.abs(np.fft.rfft(values - values.mean(), count)[1:]) ** 2 * record.dt / count)
     order = np.argsort(np.concatenate(frequency))
-    at, total = np.concatenate(frequency)[order], np.cumsum(np.concatenate(power)[order])
+    at = np.concatenate(frequency)[order]
+    total = np.cumsum(np.concatenate(power)[order])
     low, high = np.searchsorted(total, [0.1 * total[-1], 0.9 * total[-1]])
     return float(at[low]), float(at[min(high, len(at) - 1)])
 
@@ -172,7 +177,8 @@ def best_manoeuvre(found: Sequence[TriedInput], information: np.ndarray, coordin
 
 def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[tuple[str, str, float, float, Simulation]]:
     """Manoeuvres from the first sample of the first record that stay near the states of all records."""
-    problem, model = fit.problem, fit.problem.model
+    problem = fit.problem
+    model = fit.problem.model
     first = problem.records[0]
     t = np.arange(0.0, min(first.duration, _LONGEST_S) + 0.5 * first.dt, first.dt)
     start = fit.states[first.name].trajectory[0]
@@ -200,7 +206,8 @@ def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[tuple[str, str, float,
 
 
 def _pulses(t: np.ndarray, unit: float, pulses: Sequence[tuple[int, float]]) -> np.ndarray:
-    out, begin = np.zeros(len(t)), 0.0
+    out = np.zeros(len(t))
+    begin = 0.0
     for length, sign in pulses:
         end = begin + length * unit
         out[(t >= begin - 1e-9) & (t < end - 1e-9)] = sign
@@ -211,7 +218,8 @@ def _pulses(t: np.ndarray, unit: float, pulses: Sequence[tuple[int, float]]) -> 
 def _information(fit: Fit, motion: Simulation) -> np.ndarray:
     """(shared, shared) information of a simulated flight of which the same channels are measured; what the record has
     of its own is eliminated."""
-    problem, model = fit.problem, fit.problem.model
+    problem = fit.problem
+    model = fit.problem.model
     seen = {o for r in problem.records for o in model.outputs if o in r and np.isfinite(r[o]).any()}
     flown = motion.as_record().without(*(o for o in model.outputs if o not in seen))
     values = {name.split("[")[0]: value for name, value in reversed(fit.values.items())}
@@ -233,5 +241,7 @@ def _information(fit: Fit, motion: Simulation) -> np.ndarray:
     point = Point(theta=alone.start_vector, nodes=nodes, noise=still)
     hessian = objective.linearise(point, objective.value(point)).hessian
     shared = len(alone.shared)
-    inner, cross, own = hessian[:shared, :shared], hessian[:shared, shared:], hessian[shared:, shared:]
+    inner = hessian[:shared, :shared]
+    cross = hessian[:shared, shared:]
+    own = hessian[shared:, shared:]
     return inner - cross @ np.linalg.pinv(own, hermitian=True) @ cross.T if len(own) else inner

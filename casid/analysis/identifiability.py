@@ -26,7 +26,9 @@ from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
 _DEFAULT_METHOD = MultipleShooting()
-_INDEX, _STRONG = 10.0, 30.0  # condition index from which collinearity is worth a word, and is strong (Belsley)
+# condition index from which collinearity is worth a word, and is strong (Belsley)
+_INDEX = 10.0
+_STRONG = 30.0
 _PROPORTION = 0.5  # of a parameter's variance in a direction: it takes part (Belsley)
 _NOTHING = 1e-12  # eigenvalue of the scaled information that is rounding
 _SURPRISE = 3.0  # standard deviations between a-priori value and data that are worth a word
@@ -296,7 +298,8 @@ class _Weak:
 def _direction(fit: Fit, weak: _Weak, size: np.ndarray, moves: Sequence[Excitation]) -> Direction:
     # A weak direction of unit columns has two members at least. Directions of like singular values share variance out
     # among them, so that the partner of a single one is what its estimate is most correlated with.
-    part, along = weak.part, weak.along
+    part = weak.part
+    along = weak.along
     ranked = [int(i) for i in np.argsort(-part)]
     members = [i for i in ranked if part[i] > _PROPORTION] or ranked[:1]
     if len(members) < 2:

@@ -141,12 +141,16 @@ class _ProfileSearch:
     """The search for the ends of one parameter's interval; `along` (parameters,) says how the others follow it."""
 
     def __init__(self, fit: Fit, name: str, method: Transcription, solver: Solver) -> None:
-        self.fit, self.name, self.method, self.solver = fit, name, method, solver
+        self.fit = fit
+        self.name = name
+        self.method = method
+        self.solver = solver
         index = list(fit.parameters).index(name)
         variance = float(fit.covariance[index, index])
         if not variance > 0.0:
             raise EstimationError(f"profile: '{name}' has no variance; it is held by a limit, or nothing moves it")
-        self.std, self.along = math.sqrt(variance), fit.covariance[:, index] / variance
+        self.std = math.sqrt(variance)
+        self.along = fit.covariance[:, index] / variance
         self.best = negative_log_posterior(fit)
         constraints = fit.problem.constraints
         own = [c for c in constraints if isinstance(c, LinearConstraint) and set(c.coefficients) == {name}]
@@ -170,10 +174,12 @@ class _ProfileSearch:
 
     def _end(self, sign: float, reach: float) -> tuple[float, str]:
         """(end, what is wrong with it); distances are in standard errors from the estimate."""
-        centre, limit = self.fit[self.name].value, self.limits[1 if sign > 0 else 0]
+        centre = self.fit[self.name].value
+        limit = self.limits[1 if sign > 0 else 0]
         room = min(sign * (limit - centre) / self.std, _FARTHEST)
         theta = np.array(list(self.fit.values.values()))
-        known, distance = [(0.0, 0.0)], reach
+        known = [(0.0, 0.0)]
+        distance = reach
         for _ in range(_SOLVES):
             distance = min(distance, room)
             value = centre + sign * distance * self.std

@@ -40,7 +40,9 @@ class Together:
         solved = end.objective.problem
         shooting = SingleShooting(substeps=fit.substeps, implicit=fit.implicit).dynamics(solved)
         assert isinstance(shooting, Shooting)
-        self.problem, self.tolerance, self.layout = solved, tolerance, shooting.layout
+        self.problem = solved
+        self.tolerance = tolerance
+        self.layout = shooting.layout
         self.one = Objective(solved, shooting)
         names = [record.name for record in solved.records]
         assert end.linear is not None
@@ -56,8 +58,10 @@ class Together:
         objective = end.objective
         if objective is None or end.linear is None:  # it was read from a file
             return False
-        problem, levels = objective.problem, end.value.noise.levels
-        posed, same = fit.problem, all(a is b for a, b in zip(problem.records, fit.problem.records, strict=True))
+        problem = objective.problem
+        levels = end.value.noise.levels
+        posed = fit.problem
+        same = all(a is b for a, b in zip(problem.records, fit.problem.records, strict=True))
         in_turns = posed.spread or posed.noise_formulas or posed.sigma_channels or not same
         in_turns = in_turns or isinstance(posed.noise, StudentT | Huber) or getattr(method, "process_noise", None)
         plain = type(problem.cost) is OutputError and isinstance(levels, NoiseLevels) and not levels.proportional
@@ -83,8 +87,11 @@ class _Runs:
 
     def __init__(self, common: Together, runs: Sequence[Sequence[Record]]) -> None:
         self.common, self.shape = common, (len(runs), len(common.problem.records))
-        problem, model, layout = common.problem, common.problem.model, common.layout
-        z, self.centre = np.zeros((len(runs), *layout.z.shape)), np.empty((*self.shape, len(model.states)))
+        problem = common.problem
+        model = common.problem.model
+        layout = common.layout
+        z = np.zeros((len(runs), *layout.z.shape))
+        self.centre = np.empty((*self.shape, len(model.states)))
         flat = z.reshape(len(runs), -1, layout.z.shape[2])
         for b, records in enumerate(runs):
             for r, record in enumerate(records):
@@ -97,16 +104,19 @@ class _Runs:
     def iterated(self) -> np.ndarray:
         """(B, parameters)."""
         common, (B, R) = self.common, self.shape
-        theta, nodes = np.tile(common.theta, (B, 1)), np.tile(common.nodes, (B, 1, 1))
+        theta = np.tile(common.theta, (B, 1))
+        nodes = np.tile(common.nodes, (B, 1, 1))
         exact = np.broadcast_to(common.one.exact, nodes.shape)
         nodes = np.where(exact, self.centre, nodes)
-        sigma, done = np.tile(common.one.noise.levels.sigma, (B, 1)), np.zeros(B, dtype=bool)
+        sigma = np.tile(common.one.noise.levels.sigma, (B, 1))
+        done = np.zeros(B, dtype=bool)
         for _ in range(_ITERATIONS):
             parameters = np.concatenate([common.problem.model_parameters(one) for one in theta])
             trajectory = self.shooting.trajectory(nodes.reshape(B * R, -1), parameters)
             off = self.layout.residuals(trajectory.y)
             squares = (off**2).reshape(B, -1, off.shape[2]).sum(axis=1)
-            before, sigma = sigma, self._levels(sigma, squares)
+            before = sigma
+            sigma = self._levels(sigma, squares)
             # one noise for each run, whose patterns follow those of the run before
             weights = self.layout.seen.reshape(B, -1, len(sigma[0]), 1) * (np.eye(len(sigma[0])) / sigma[:, None, None])
             blocks = self.shooting.blocks(trajectory, parameters, weights.reshape(-1, *weights.shape[2:]))
@@ -116,7 +126,8 @@ class _Runs:
             done = settled & (length < common.tolerance * noise)
             if done.all():
                 break
-            theta, nodes = theta + change, nodes + moved
+            theta = theta + change
+            nodes = nodes + moved
         return np.where(done[:, None], theta, np.nan)
 
     def _levels(self, sigma: np.ndarray, squares: np.ndarray) -> np.ndarray:
@@ -128,7 +139,8 @@ class _Runs:
         """Changes of the parameters (B, parameters) and of the initial states (B, R, n), and the length (B,) of both in
         standard deviations."""
         common, (B, R), n, problem = self.common, self.shape, nodes.shape[2], self.common.problem
-        exact, weight = common.one.exact, common.one.initial_precision**2
+        exact = common.one.exact
+        weight = common.one.initial_precision**2
         free = ~np.concatenate([exact, np.zeros((R, len(problem.free_index)), dtype=bool)], axis=1)
         hessian = blocks.hessian.reshape(B, R, *blocks.hessian.shape[1:]) * (free[:, :, None] & free[:, None])
         gradient = blocks.gradient.reshape(B, R, -1) * free
@@ -156,7 +168,8 @@ class _Runs:
 def _repeated(layout: Layout, runs: int, z: np.ndarray) -> Layout:
     """The segments of a layout once for every run, with other measurements z (runs, K, L, o), and each run with
     patterns of its own, so that it can have a noise of its own."""
-    count, patterns = layout.segments, len(layout.seen)
+    count = layout.segments
+    patterns = len(layout.seen)
     first = (np.arange(runs)[:, None] * count + layout.first).ravel()
     number = patterns * np.repeat(np.arange(runs, dtype=np.int32), count)
     same = ("record", "start", "guess", "u0", "u1", "dt", "present", "live", "jump")

@@ -36,7 +36,8 @@ def convert(
     if len(paths) < 2:
         raise InputError("SOURCE or TARGET is missing; expected: convert SOURCE ... TARGET.csv, or a folder as target")
     *sources, last = paths
-    target, files = Path(last), files_of(sources)
+    target = Path(last)
+    files = files_of(sources)
     one = target.suffix.lower() == ".csv"
     if one and len(files) > 1:
         raise InputError(f"{target}: {len(files)} records are to be converted; name a folder as the target")

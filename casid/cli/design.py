@@ -179,7 +179,8 @@ def document(experiment: Experiment, designs: dict[str, InputDesign]) -> dict[st
 
 def table(designs: dict[str, InputDesign], shape: str) -> str:
     """Cramer-Rao bounds of both manoeuvres, one line per derivative."""
-    standard, own = designs["3-2-1-1"], designs[shape]
+    standard = designs["3-2-1-1"]
+    own = designs[shape]
     lines = [
         f"Least 1-sigma of each derivative (Cramer-Rao bound) with either manoeuvre; search: {own.status}",
         f"{'derivative':16} {'3-2-1-1':>12} {shape:>12} {'ratio':>7}",

@@ -42,7 +42,8 @@ def isolate(
     maps
         Column map: delta_e=DE:deg, or a TOML file.
     """
-    file, records = aircraft_of(aircraft), records_of(manoeuvre, maps or [])
+    file = aircraft_of(aircraft)
+    records = records_of(manoeuvre, maps or [])
     made_with = provenance()
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         stage("responses of the causes" if only_this else "responses of the causes, further channels and manoeuvres")

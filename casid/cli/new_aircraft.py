@@ -165,7 +165,8 @@ _FLAT = 0.8  # (Izz - larger) / smaller of roll and pitch: 0.65 Cessna 172, 0.80
 def inertia_of(mass: float, span: float, length: float) -> dict[str, float]:
     """Moments of inertia [kg m2] by typical radii of gyration (Raymer, Aircraft Design, table 16.1); that in yaw is
     nearly the sum of both others, as of a flat body, and so above each, however long or wide the aircraft is."""
-    roll, pitch = mass * (0.25 * span / 2.0) ** 2, mass * (0.38 * length / 2.0) ** 2
+    roll = mass * (0.25 * span / 2.0) ** 2
+    pitch = mass * (0.38 * length / 2.0) ** 2
     return {"Ixx": roll, "Iyy": pitch, "Izz": max(roll, pitch) + _FLAT * min(roll, pitch), "Ixz": 0.0}
 
 

@@ -8,7 +8,11 @@ from casid.errors import InputError
 
 # of two quadrotors that are known in full (Crazyflie, Hummingbird): inertia over mass times arm squared, torque per
 # thrust over the arm; a motor's time constant [s]; command in hover, from 0 to 1
-_ROLL, _YAW, _TORQUE, _LAG, _HOVER = 0.25, 0.46, 0.14, 0.05, 0.5
+_ROLL = 0.25
+_YAW = 0.46
+_TORQUE = 0.14
+_LAG = 0.05
+_HOVER = 0.5
 _GRAVITY = 9.80665
 # rotors of the X frames of PX4 and ArduPilot, whose logs number the motors so: angle from the front to the right [deg],
 # and sign of the reaction torque about z, 1 for a propeller that turns counterclockwise from above
@@ -48,7 +52,8 @@ def multirotor_text(name: str, count: int, mass: float, arm: float) -> str:
         "# the motors of an X frame as PX4 and ArduPilot number them; other firmware: move the names",
     ]
     for i, (degrees, spin) in enumerate(_FRAMES[count], start=1):
-        x, y = arm * math.cos(math.radians(degrees)), arm * math.sin(math.radians(degrees))
+        x = arm * math.cos(math.radians(degrees))
+        y = arm * math.sin(math.radians(degrees))
         lines += [
             "",
             "[[rotors.each]]",

@@ -83,7 +83,8 @@ def between(begin: float | None, end: float | None) -> tuple[float, float] | Non
     """The part of records [s] that ``--from`` and ``--to`` name; None where neither is given."""
     if begin is None and end is None:
         return None
-    low, high = -math.inf if begin is None else begin, math.inf if end is None else end
+    low = -math.inf if begin is None else begin
+    high = math.inf if end is None else end
     if not low < high:
         raise InputError(f"--from {low:g} --to {high:g}: no time lies between them; --from must be the earlier one")
     return low, high

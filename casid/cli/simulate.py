@@ -73,7 +73,8 @@ def simulate(
     applied = {label: apply_effects(one, read, axes) for label, one in files.items()}
     made_with = provenance()
     with whole_folder(out) as folder:
-        results, pictures = {}, []
+        results = {}
+        pictures = []
         for i, record in enumerate(read):
             flown, results[record.name] = _fly_all(applied, i, record, folder)
             drawn = picture(record, flown)

@@ -15,7 +15,8 @@ from itertools import permutations, product
 from casid.data_check.reading import FORCES, Reading
 from casid.data_check.response import Alternative
 
-_RATES, _TURNING = ("p", "q", "r"), ("pdot", "qdot", "rdot")
+_RATES = ("p", "q", "r")
+_TURNING = ("pdot", "qdot", "rdot")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +60,8 @@ ACCELERATION = "acceleration without gravity"
 def frames(channels: Iterable[str]) -> Iterator[Alternative]:
     """All frames that records with these channels may have, each once; none that changes a single channel but the
     heading, which is a sign or a unit of that channel."""
-    there, had = frozenset(channels), list[Reading]()
+    there = frozenset(channels)
+    had = list[Reading]()
     for body in _BODIES:
         follows = product((True, False) if body.attitude else (False,), (True, False) if body.air else (False,))
         usual = body.name in ("FRD", "FLU")
@@ -85,7 +87,8 @@ def _reading(
     """How records in a frame are taken; None where they lack what that needs."""
     if force == ACCELERATION and not there >= {"phi", "theta", "az"}:
         return None
-    factor, source = dict[str, float](), dict[str, str]()
+    factor = dict[str, float]()
+    source = dict[str, str]()
     for triad, sign in ((_RATES, body.rotation), (_TURNING, body.rotation), (FORCES, _FORCE_SIGNS.get(force, 1.0))):
         for i, name in enumerate(triad):
             column = triad[body.along[i]]

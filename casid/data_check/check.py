@@ -282,7 +282,8 @@ def _no_input(records: Sequence[Record]) -> list[Finding]:
     if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
         return []
     sentence = words.of_no_input(surfaces, [record.name for record in records])
-    target, names = "+".join(surfaces), tuple(record.name for record in records)
+    target = "+".join(surfaces)
+    names = tuple(record.name for record in records)
     return [Finding(kind="data_stuck", target=target, records=names, handled="reported", sentence=sentence)]
 
 

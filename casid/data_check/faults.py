@@ -169,11 +169,13 @@ class Weighing:
         speaks, with the odds of them all."""
         if self._aircraft is None or self._response is None:
             return 0.0, []
-        by, reads = self._criteria, self._all_read(AS_RECORDED, ())
+        by = self._criteria
+        reads = self._all_read(AS_RECORDED, ())
         as_it_stands = self._response.likelihood(reads)
         odds: dict[str, list[tuple[float, FileMeaning]]] = {}
         for meaning in other_meanings(self._aircraft, _mean_alpha(reads)):
-            kind, prior = meaning.said, by.fault
+            kind = meaning.said
+            prior = by.fault
             if isinstance(meaning, MomentPoint):
                 kind = meaning.parameter
                 prior += float(scipy.stats.norm.logpdf(meaning.chords, scale=by.point)) + math.log(POINTS_APART)
@@ -212,7 +214,8 @@ class Weighing:
 
     def _in_trim(self, aircraft: Aircraft) -> float:
         """Log likelihood of lift and pitching moment in the trim of a file, where they are the weight and nothing."""
-        ratio, moment = lift_in_trim(aircraft), moment_in_trim(aircraft)
+        ratio = lift_in_trim(aircraft)
+        moment = moment_in_trim(aircraft)
         found = 0.0 if moment is None else -0.5 * (moment / self._criteria.balance) ** 2
         if ratio is not None and ratio <= 0.0:
             return self._criteria.impossible
@@ -257,7 +260,8 @@ class Weighing:
     def _flies(self, alternative: Alternative) -> bool:
         """Whether no channel that becomes larger, or that is read in the place of another, leaves the limits of readers
         and models."""
-        factor, source = alternative.reading.factor, alternative.reading.source
+        factor = alternative.reading.factor
+        source = alternative.reading.source
         changed = {*source, *(name for name, by in factor.items() if abs(by) > 1.0)}
         return all(abs(factor.get(n, 1.0)) * self._largest(source.get(n, n)) <= _most(n) for n in changed)
 
@@ -331,7 +335,8 @@ class Weighing:
         """The factor that most relations agree on."""
         if len(factors) < 2:
             return None
-        middle, spread = float(np.median(factors)), float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
+        middle = float(np.median(factors))
+        spread = float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
         far = abs(middle) > np.log(self._criteria.own_scale)
         return float(np.exp(middle)) if far and spread < self._criteria.one_factor else None
 
@@ -357,7 +362,8 @@ class Weighing:
     def _gain(self, j: int, alternative: Alternative, terms: Sequence[tuple[bool, Term, float, float]]) -> float:
         """Log likelihood ratio in one record; of a hopeless alternative, a bound of it."""
         other = self.readings[j].then(alternative.reading)
-        gain, hope = 0.0, sum(room for *_, room in terms)
+        gain = 0.0
+        hope = sum(room for *_, room in terms)
         for slow, term, now, room in terms:
             hope -= room
             gain += (term(self._read(j, slow, other)) or 0.0) - now
@@ -455,7 +461,8 @@ def _of_motion(one: Weighed) -> bool:
 def _clash(one: Weighed, other: Weighed) -> bool:
     """Whether two faults of different kinds concern one channel of a record, or two turn or exchange channels of the
     motion: that is other axes, which are not corrected channel by channel."""
-    a, b = one.alternative, other.alternative
+    a = one.alternative
+    b = other.alternative
     if not set(one.records) & set(other.records):
         return False
     turned = {a.kind, b.kind} <= _TURNED and _of_motion(one) and _of_motion(other)
@@ -482,7 +489,8 @@ def _same(one: Alternative, other: Alternative, near: float) -> bool:
     """Whether two alternatives take the same channels by factors whose logarithms are `near`."""
     if one.kind != other.kind or one.reading.source or other.reading.source:
         return False
-    a, b = one.reading.factor, other.reading.factor
+    a = one.reading.factor
+    b = other.reading.factor
     if one.reading.time != 1.0 or other.reading.time != 1.0:
         return abs(np.log(one.reading.time / other.reading.time)) < near
     return a.keys() == b.keys() and all(a[n] * b[n] > 0.0 and abs(np.log(a[n] / b[n])) < near for n in a)

@@ -151,14 +151,16 @@ class MomentPoint:
 
     def corrected(self, aircraft: Aircraft) -> Aircraft:
         """The aircraft with moments about the c.g.: M + r x F with the force at the point of the file."""
-        pitch, yaw = self.ahead / aircraft.moment_length_pitch, self.ahead / aircraft.moment_length_lateral
+        pitch = self.ahead / aircraft.moment_length_pitch
+        yaw = self.ahead / aircraft.moment_length_lateral
         lift, by = ("CL", pitch) if aircraft.force_axes == "wind" else ("CZ", -pitch)
         return _with_more(aircraft, {lift: ("Cm", by), "CY": ("Cn", yaw)})
 
 
 def _with_more(aircraft: Aircraft, more: Mapping[str, tuple[str, float]]) -> Aircraft:
     """The aircraft with a part of one coefficient added to another: `more` has coefficient -> other, part."""
-    derivatives, terms = dict(aircraft.derivatives), {c: dict(row) for c, row in aircraft.terms.items()}
+    derivatives = dict(aircraft.derivatives)
+    terms = {c: dict(row) for c, row in aircraft.terms.items()}
     for name, value in aircraft.derivatives.items():
         coefficient, _, variable = name.partition("_")
         if coefficient in more:
@@ -182,7 +184,8 @@ class StabilityAxes:
 
     def corrected(self, aircraft: Aircraft) -> Aircraft:
         """The aircraft in body axes: moments and rates turned by the angle."""
-        c, s = math.cos(self.alpha), math.sin(self.alpha)
+        c = math.cos(self.alpha)
+        s = math.sin(self.alpha)
         old = aircraft.derivatives
         new = dict(old)
         for term in {name.partition("_")[2] for name in old if name.startswith(("Cl_", "Cn_"))}:

@@ -39,7 +39,8 @@ def _mean(record: Read, name: str) -> float:
 
 def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
     """The mean vertical force equals the weight, apart from the change of the rate of climb."""
-    phi, theta = c.value("phi"), c.value("theta")
+    phi = c.value("phi")
+    theta = c.value("theta")
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
     attitude = 0.0 if c.has("theta") else criteria.unknown_attitude
@@ -75,10 +76,15 @@ def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) 
     zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if aircraft.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
     if not {zero, slope} <= aircraft.derivatives.keys():
         return 0.0
-    known, spread, at = sign * aircraft.derivatives[zero], criteria.derivative, 0.0
-    trim, area = aircraft.trim, aircraft.area
+    known = sign * aircraft.derivatives[zero]
+    spread = criteria.derivative
+    at = 0.0
+    trim = aircraft.trim
+    area = aircraft.area
     if {"V", "rho", "alpha"} <= trim.keys():
-        known, spread, at = _balanced(aircraft, trim["rho"], trim["V"], g), criteria.trim_lift, trim["alpha"]
+        known = _balanced(aircraft, trim["rho"], trim["V"], g)
+        spread = criteria.trim_lift
+        at = trim["alpha"]
     wanted = (_mean(c, "fz") - _mean(c, "az") * aircraft.mass) / (
         0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0
     )
@@ -97,10 +103,13 @@ def _least_errors(
     """Log likelihood of the smallest errors by which `known` and `slope` times `angle` are `wanted`; `sigmas` of the
     logarithms of `known` and `slope`, of the angle, and of the logarithm of `wanted`."""
     of_known, of_slope, of_angle, of_wanted = sigmas
-    errors, largest = np.zeros(4), math.sqrt(-2.0 * criteria.impossible)
+    errors = np.zeros(4)
+    largest = math.sqrt(-2.0 * criteria.impossible)
     for _ in range(criteria.error_steps):
-        here, steep = known * math.exp(of_known * errors[0]), slope * math.exp(of_slope * errors[1])
-        there, turned = wanted * math.exp(of_wanted * errors[3]), angle + of_angle * errors[2]
+        here = known * math.exp(of_known * errors[0])
+        steep = slope * math.exp(of_slope * errors[1])
+        there = wanted * math.exp(of_wanted * errors[3])
+        turned = angle + of_angle * errors[2]
         off = here + steep * turned - there
         along = np.array([of_known * here, of_slope * steep * turned, of_angle * steep, -of_wanted * there])
         errors = along * (along @ errors - off) / max(along @ along, 1e-300)
@@ -139,7 +148,9 @@ def thrust_over_drag(
     known = _drag_of_trim(aircraft) if trimmed is None else trimmed()
     if known is None:
         return None
-    V, weight, at = max(_mean(c, "V"), 1e-3), aircraft.mass * g, aircraft.trim["V"]
+    V = max(_mean(c, "V"), 1e-3)
+    weight = aircraft.mass * g
+    at = aircraft.trim["V"]
     drag = known.drag * _mean(c, "rho") * V**2 / (known.rho * at**2)
     measured = c.has("altitude")
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
@@ -164,7 +175,8 @@ class _TrimDrag:
 def _drag_of_trim(aircraft: Aircraft) -> _TrimDrag | None:
     """The thrust that the trim of a file states, or else the drag of its aerodynamics there, which is as uncertain as
     its derivatives; None where the file has no trim point, or is itself in doubt."""
-    trim, density = aircraft.trim, trimmed_density(aircraft)
+    trim = aircraft.trim
+    density = trimmed_density(aircraft)
     if density is None or "V" not in trim:
         return None
     if "thrust" in trim:
@@ -249,7 +261,9 @@ def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: 
     made = _made_by_air(c, "ay", aircraft)
     if c.has("beta") or made is None:
         return 0.0
-    alpha, phi, theta = c.value("alpha"), c.value("phi"), c.value("theta")
+    alpha = c.value("alpha")
+    phi = c.value("phi")
+    theta = c.value("theta")
     across = (c.value("ay") + g * np.sin(phi) * np.cos(theta)) / np.maximum(c.value("V"), 1.0)
     rate = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha) + across
     decay = math.exp(-c.step / criteria.sideslip_time)

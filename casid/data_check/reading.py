@@ -49,7 +49,9 @@ def smooth(record: Record, window: float, criteria: DataCriteria, density: float
     weights = np.hanning(count + 2)[1:-1]
     weights /= weights.sum()
     t = np.arange(record.t[0], record.t[-1] + 0.5 * dt, dt)
-    values, rates, known = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, np.ndarray]()
+    values = dict[str, np.ndarray]()
+    rates = dict[str, np.ndarray]()
+    known = dict[str, np.ndarray]()
     for name, series in record.channels.items():
         good = np.isfinite(series)
         if good.sum() < max(criteria.fewest, len(series) // 10) or len(t) < 2 * count:
@@ -61,7 +63,8 @@ def smooth(record: Record, window: float, criteria: DataCriteria, density: float
         own = max(dt, float(np.median(np.diff(record.t[good]))))  # of a slower channel
         nearest = np.abs(t - record.t[good][_nearest(record.t[good], t)]) < 0.75 * own
         known[name] = np.ones(len(t), dtype=bool) if name in INPUTS else _share(nearest, count) >= criteria.present
-        known[name][: count // 2], known[name][len(t) - count // 2 :] = False, False
+        known[name][: count // 2] = False
+        known[name][len(t) - count // 2 :] = False
     every = slice(None, None, max(1, count // criteria.fewest))
     kept = ({name: series[every] for name, series in table.items()} for table in (values, rates, known))
     values, rates, known = kept
@@ -143,7 +146,8 @@ class Read:
     """A smooth record under a reading. Channels that are not there are zero where a relation allows that."""
 
     def __init__(self, record: Smooth, reading: Reading = AS_RECORDED) -> None:
-        self._record, self._reading = record, reading
+        self._record = record
+        self._reading = reading
 
     @property
     def recorded(self) -> Mapping[str, np.ndarray]:

@@ -85,7 +85,8 @@ Parts = Mapping[str, Squares]
 
 def squares_of(y: np.ndarray, X: np.ndarray, at: np.ndarray) -> Squares | None:
     """Sums over the samples `at`; None of too few, or of what is not finite or does not vary."""
-    y, X = y[at], X[at]
+    y = y[at]
+    X = X[at]
     if len(at) < 2 * X.shape[1] or not (np.isfinite(X).all() and np.isfinite(y).all() and np.ptp(y) > 0.0):
         return None
     sums, (y, X) = (float(y.sum()), X.sum(axis=0)), (y - y.mean(), X - X.mean(axis=0))

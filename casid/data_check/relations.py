@@ -36,7 +36,8 @@ class Relation:
 
 
 def _bank(c: Read, g: float) -> Pair:
-    phi, theta = c.value("phi"), c.value("theta")
+    phi = c.value("phi")
+    theta = c.value("theta")
     return c.rate("phi"), c.value("p") + np.tan(theta) * (c.value("q") * np.sin(phi) + c.value("r") * np.cos(phi))
 
 
@@ -52,7 +53,8 @@ def _heading(c: Read, g: float) -> Pair:
 
 def _gravity(c: Read, g: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Acceleration [m/s2] of the aircraft along body axes: specific force and gravity."""
-    phi, theta = c.value("phi"), c.value("theta")
+    phi = c.value("phi")
+    theta = c.value("theta")
     return (
         c.value("ax") - g * np.sin(theta),
         c.value("ay") + g * np.sin(phi) * np.cos(theta),
@@ -61,20 +63,23 @@ def _gravity(c: Read, g: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _speed(c: Read, g: float) -> Pair:
-    alpha, beta = c.value("alpha"), c.value("beta")
+    alpha = c.value("alpha")
+    beta = c.value("beta")
     x, y, z = _gravity(c, g)
     return c.rate("V"), np.cos(beta) * (np.cos(alpha) * x + np.sin(alpha) * z) + np.sin(beta) * y
 
 
 def _attack(c: Read, g: float) -> Pair:
-    alpha, beta = c.value("alpha"), c.value("beta")
+    alpha = c.value("alpha")
+    beta = c.value("beta")
     x, _, z = _gravity(c, g)
     turned = c.value("q") - np.tan(beta) * (c.value("p") * np.cos(alpha) + c.value("r") * np.sin(alpha))
     return c.rate("alpha"), turned + (np.cos(alpha) * z - np.sin(alpha) * x) / (c.value("V") * np.cos(beta))
 
 
 def _sideslip(c: Read, g: float) -> Pair:
-    alpha, beta = c.value("alpha"), c.value("beta")
+    alpha = c.value("alpha")
+    beta = c.value("beta")
     x, y, z = _gravity(c, g)
     turned = c.value("p") * np.sin(alpha) - c.value("r") * np.cos(alpha)
     across = np.cos(beta) * y - np.sin(beta) * (np.cos(alpha) * x + np.sin(alpha) * z)
@@ -112,7 +117,9 @@ def _static_port(c: Read, by: DataCriteria) -> list[np.ndarray]:
     return [by.static_port * c.value("V") * c.rate("alpha")] if c.has("V", "alpha") else []
 
 
-_ATTITUDE, _RATES, _FORCES = ("phi", "theta"), ("p", "q", "r"), ("ax", "ay", "az")
+_ATTITUDE = ("phi", "theta")
+_RATES = ("p", "q", "r")
+_FORCES = ("ax", "ay", "az")
 RELATIONS: tuple[Relation, ...] = (
     Relation(name="phi", needs=("phi", "p"), uses=(*_ATTITUDE, *_RATES), sides=_bank),
     Relation(name="theta", needs=("theta", "q"), uses=("theta", "phi", "q", "r"), sides=_pitch),
@@ -175,7 +182,9 @@ class Agreement:
         return (1.0, self.scale, 1.0 / self.scale)
 
     def _at(self, gain: float) -> float:
-        left, right, both = self.left, gain**2 * self.right, gain * self.both
+        left = self.left
+        right = gain**2 * self.right
+        both = gain * self.both
         if both <= 0.0 or left <= 0.0 or right <= 0.0:
             return 1.0
         if both <= min(left, right):

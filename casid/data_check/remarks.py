@@ -55,7 +55,8 @@ def _density(read: Read, by: DataCriteria) -> Iterator[str]:
     """Density beside altitude."""
     if not read.has("altitude") or "rho" not in read.recorded:
         return
-    rho, altitude = _mean(read, "rho"), _mean(read, "altitude")
+    rho = _mean(read, "rho")
+    altitude = _mean(read, "altitude")
     expected = float(standard_density(np.array(min(max(altitude, -1000.0), 19000.0))))
     if rho > 0.0 and abs(math.log(rho / expected)) > 3.0 * by.atmosphere:
         yield f"rho is {rho:.3g} kg/m3 at {altitude:.0f} m, where air has about {expected:.3g}: is it of another place?"

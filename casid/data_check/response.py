@@ -61,7 +61,8 @@ def _by_surfaces(record: Record, aircraft: Aircraft, coefficient: str) -> np.nda
 
 def _pressure(record: Record, aircraft: Aircraft) -> np.ndarray | None:
     """(N,) dynamic pressure [Pa] by what is recorded, or else by the trim."""
-    V, rho = _filled(record, "V", aircraft.trim.get("V")), _filled(record, "rho", None)
+    V = _filled(record, "V", aircraft.trim.get("V"))
+    rho = _filled(record, "rho", None)
     for otherwise in (None, aircraft.trim.get("altitude")):
         altitude = _filled(record, "altitude", otherwise)
         if rho is None and altitude is not None:
@@ -217,7 +218,8 @@ class Response:
 
     def __init__(self, aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft | None = None) -> None:
         """`stated`: the file whose values were added up to those of `aircraft`, which have their errors."""
-        self._aircraft, self._criteria = aircraft, criteria
+        self._aircraft = aircraft
+        self._criteria = criteria
         self._rows = _rows(aircraft, criteria, stated or aircraft)
 
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
@@ -275,7 +277,8 @@ class Response:
         sums = {c: together(plain, c) for c in noise}
         found = 0.0
         for c, s in sums.items():
-            row, count = self._rows[c], len(self._rows[c].prior)
+            row = self._rows[c]
+            count = len(self._rows[c].prior)
             free = np.linalg.pinv(s.XX[:count, :count], rcond=1e-10, hermitian=True) @ s.Xy[:count]
             own = replace(row, prior=free, sizes=np.maximum(np.abs(free), 1e-12))
             found += log_evidence(s, own, noise[c], self._criteria, self._criteria.minor)
@@ -293,8 +296,10 @@ class Response:
         by = self._criteria
         if total is None or "Cm_0" not in self._aircraft.derivatives:
             return 0.0
-        row, zero = self._rows["Cm"], self._aircraft.derivatives["Cm_0"]
-        slopes, means = row.prior, total.X[: len(row.prior)] / total.samples
+        row = self._rows["Cm"]
+        zero = self._aircraft.derivatives["Cm_0"]
+        slopes = row.prior
+        means = total.X[: len(row.prior)] / total.samples
         left = total.y / total.samples - zero - float(slopes @ means)
         angles = [by.angle * value for value, term in zip(slopes, row.terms, strict=True) if term in _ANGLES]
         spread = float(np.linalg.norm([by.balance, by.derivative * zero, *by.derivative * slopes * means, *angles]))
@@ -349,7 +354,8 @@ class Response:
             return None
         plane = self._aircraft
         regressors = _regressors(c, plane, Reading(), self._criteria)
-        alpha, values = c.value("alpha"), self._along_x()
+        alpha = c.value("alpha")
+        values = self._along_x()
         turned = {"CL": np.sin(alpha), "CD": -np.cos(alpha), "CX": np.ones(len(alpha))}
         columns = [turned[k] * parse_term(t).evaluate(regressors) for _, t, k, _ in values]
         columns.append((alpha - alpha.mean()) ** 2)
@@ -363,10 +369,12 @@ class Response:
         derivatives free, and its 1-sigma."""
         parts = self._plain(records)
         for coefficient, noise in self._noise(parts).items():
-            row, squares = self._rows[coefficient], together(parts, coefficient)
+            row = self._rows[coefficient]
+            squares = together(parts, coefficient)
             known = np.append(np.zeros(len(row.prior)), [spread**-2 for _, spread in row.errors])
             covariance = np.linalg.pinv(squares.XX / noise**2 + np.diag(known), rcond=1e-12, hermitian=True)
-            free, std = covariance @ squares.Xy / noise**2, np.sqrt(np.diag(covariance))
+            free = covariance @ squares.Xy / noise**2
+            std = np.sqrt(np.diag(covariance))
             part = np.abs(free) * np.sqrt(np.diag(squares.XX) / squares.yy)
             std = np.hypot(std, self._by_vanes(row))
             for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
@@ -376,7 +384,8 @@ class Response:
 
     def _by_vanes(self, row: Row) -> np.ndarray:
         """(columns,) what vanes away from the c.g., which sense rotation, add to the derivatives by rates."""
-        by, plane = self._criteria, self._aircraft
+        by = self._criteria
+        plane = self._aircraft
         slopes = dict(zip(row.terms, np.abs(row.prior), strict=True))
         pitch, yaw = (slopes.get(angle, 0.0) * by.vane_ahead for angle in ("alpha", "beta"))
         roll = max(slopes.get(angle, 0.0) for angle in ("alpha", "beta")) * by.vane_across
@@ -392,7 +401,8 @@ class Response:
             return self._evidence([other[j] if j in chosen else plain[j] for j in range(count)], noise) - base
 
         count = len(plain)
-        best, most = list(range(count)), gain(range(count))
+        best = list(range(count))
+        most = gain(range(count))
         grown: list[int] = []
         reached = 0.0
         for _ in range(count - 1):
@@ -400,9 +410,11 @@ class Response:
             j = max(trials, key=lambda one: trials[one])
             if trials[j] <= reached:
                 break
-            grown, reached = [*grown, j], trials[j]
+            grown = [*grown, j]
+            reached = trials[j]
         if reached > most:
-            best, most = grown, reached
+            best = grown
+            most = reached
         return [most / len(best) if j in best else min(-most, 0.0) for j in range(count)]
 
     def _file_signs(self, plain: Sequence[Parts], noise: Mapping[str, float]) -> list[tuple[Alternative, list[float]]]:
@@ -513,7 +525,8 @@ def _regressors(c: Read, aircraft: Aircraft, reading: Reading, criteria: DataCri
         if c.has(source := reading.source.get(s, s))
     }
     place = criteria.accelerometer * aircraft.moment_length_lateral
-    alpha, levers = c.value("alpha"), place * c.levers() * aircraft.mass / _pressure_area(c, aircraft)
+    alpha = c.value("alpha")
+    levers = place * c.levers() * aircraft.mass / _pressure_area(c, aircraft)
     across = {"CY": levers[:, 1], "CZ": levers[:, 2], "CL": np.sin(alpha) * levers[:, 0] - np.cos(alpha) * levers[:, 2]}
     found = {
         "alpha": alpha,
@@ -541,15 +554,21 @@ def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
     p, q, r = (c.value(name) for name in "pqr")
     pdot, qdot, rdot = (c.rate(name) if c.has(name) else np.zeros(len(p)) for name in "pqr")
     inertia = aircraft.inertia
-    Ixx, Iyy, Izz, Ixz = inertia.Ixx, inertia.Iyy, inertia.Izz, inertia.Ixz
+    Ixx = inertia.Ixx
+    Iyy = inertia.Iyy
+    Izz = inertia.Izz
+    Ixz = inertia.Ixz
     qS = _pressure_area(c, aircraft)
     roll = Ixx * pdot - Ixz * rdot + (Izz - Iyy) * q * r - Ixz * p * q
     pitch = Iyy * qdot + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2)
     yaw = Izz * rdot - Ixz * pdot + (Iyy - Ixx) * p * q + Ixz * q * r
     if not inertia.symmetric:
         more = unsymmetric_moment({"Ixy": inertia.Ixy, "Iyz": inertia.Iyz}, (p, q, r), (pdot, qdot, rdot))
-        roll, pitch, yaw = roll + more[0], pitch + more[1], yaw + more[2]
-    alpha, m = c.value("alpha"), aircraft.mass
+        roll = roll + more[0]
+        pitch = pitch + more[1]
+        yaw = yaw + more[2]
+    alpha = c.value("alpha")
+    m = aircraft.mass
     x, y, z = (m * c.made(name, m) / qS for name in FORCES)
     turned = c.pulled()[1]
     return {

@@ -59,14 +59,17 @@ def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
     thrust, force = (
         np.convolve(np.pad(x, count // 2, "edge"), np.ones(count) / count, "valid") for x in (thrust, force)
     )
-    thrust, force = thrust[: len(record)], force[: len(record)]
+    thrust = thrust[: len(record)]
+    force = force[: len(record)]
     in_flight = thrust > 0.5 * np.max(thrust)
     by_force = float(np.median(thrust[in_flight] / np.maximum(force[in_flight], 1.0)))
     carried = force - thrust / max(by_force, 1e-12) < _CARRIED * GRAVITY
-    at, ratio = np.flatnonzero(carried), thrust / np.maximum(force, 1.0) / max(by_force, 1e-12)
+    at = np.flatnonzero(carried)
+    ratio = thrust / np.maximum(force, 1.0) / max(by_force, 1e-12)
     if len(at) <= 2 * count:
         return whole
-    first, last = int(at[0]), int(at[-1])
+    first = int(at[0])
+    last = int(at[-1])
     if _follows(ratio[:first]):
         first = 0
     if _follows(ratio[last + 1 :]):
@@ -136,13 +139,15 @@ def _numbering(record: Record, rotors: Rotors) -> Iterator[Finding]:
     """Another assignment of channels to rotors, if the angular accelerations follow it and not that of the file."""
     if not all(name in record for name in ("p", "q", *rotors.names)):
         return
-    names, count = rotors.names, max(1, round(0.1 / record.dt))
+    names = rotors.names
+    count = max(1, round(0.1 / record.dt))
     whole = len(record) // count * count
 
     def means(series: np.ndarray) -> np.ndarray:
         return series[:whole].reshape(-1, count).mean(axis=1)
 
-    t, rates = means(record.t), [means(record[axis]) for axis in "pq"]
+    t = means(record.t)
+    rates = [means(record[axis]) for axis in "pq"]
     turning = [np.gradient(rate, t) for rate in rates]
     used = np.isfinite(turning[0]) & np.isfinite(turning[1])
     thrusts = np.array(

@@ -22,7 +22,8 @@ def _where(records: Sequence[str], every: bool) -> str:
 
 def of_channel(kind: str, target: str, records: Sequence[str], every: bool, share: float, level: str) -> str:
     """A fault that one channel shows alone; `share` of the samples of the records concerned, `level` of a rail."""
-    where, part = _where(records, every), _part(share)
+    where = _where(records, every)
+    part = _part(share)
     label = named(target)
     if kind == "data_stuck":
         return f"The recorded {label} is frozen{level} in {where}: {part} are left out."
@@ -46,7 +47,8 @@ def of_alternative(
         usual = "FRD: forward, right, down" if target == "body" else "NED: north, east, down"
         heading = "; a constant of the heading does not show" if unit and ("NWU" in unit or "ENU" in unit) else ""
         return f"The {target} axes of {_where(records, every)} are {unit}, not the usual ones ({usual}{heading})"
-    where, label = _where(records, every), named(target)
+    where = _where(records, every)
+    label = named(target)
     plural = "+" in target
     if target in SURFACES and kind == "data_sign":
         return f"{target}: sign convention opposite to the file in {where}"

@@ -34,7 +34,9 @@ _UNITS_S = np.geomspace(0.2, 3.0, 16)  # units of the standard 3-2-1-1 tried
 _FIRST_ITERATIONS = 24  # by BFGS from each start, of which the best goes on; after 12 the order still changes
 _COARSE = 3  # samples from one that is taken in these first steps to the next, at most
 _PER_CYCLE = 10  # samples in a cycle of the fastest sine, at least
-_ITERATIONS, _EXACT_ITERATIONS = 150, 300  # by BFGS from the best of these; with the exact Hessian from its end
+# by BFGS from the best of these; with the exact Hessian from its end
+_ITERATIONS = 150
+_EXACT_ITERATIONS = 300
 _MOST_EXACT = 20  # unknowns for which exact Hessians are made: one of 32 takes a second, as 65 steps of BFGS do
 _TOLERANCE = 1e-5  # of IPOPT's optimality conditions; the criterion is a logarithm
 _STANDS = 1e-5  # relative change of the criterion by a step of BFGS that counts as none
@@ -123,7 +125,8 @@ def design_input(
     _check(experiment, shape, criterion)
     whole(starts, "design_input: starts", least=0)
     search = _InputSearch(experiment, shape, criterion)
-    rng, guesses = np.random.default_rng(whole(seed, "design_input: seed", least=0)), []
+    rng = np.random.default_rng(whole(seed, "design_input: seed", least=0))
+    guesses = []
     if isinstance(shape, StepInput) and shape.pulses >= 4:
         guesses.append(_standard_unknowns(search, shape))
     for _ in range(starts):
@@ -179,7 +182,8 @@ def _by_first_steps(search: _InputSearch, guesses: Sequence[np.ndarray]) -> list
 
     These are taken at every few samples, as edges and sines allow: the order of the starts needs no more.
     """
-    experiment, shape = search.experiment, search.shape
+    experiment = search.experiment
+    shape = search.shape
     finest = shape.rise_s if isinstance(shape, StepInput) else experiment.duration / (_PER_CYCLE * shape.lines)
     every = min(int(finest / experiment.dt), _COARSE)
     if every > 1 and len(experiment.t) > 10 * every * every:
@@ -199,8 +203,10 @@ def _check(experiment: Experiment, shape: Shape, criterion: str) -> None:
 
 def _standard_unknowns(search: _InputSearch, shape: StepInput) -> np.ndarray:
     """Unknowns of the best 3-2-1-1: surfaces follow each other, one unit for all, as large as the limits allow."""
-    duration, count = search.experiment.duration, len(search.experiment.surfaces)
-    best, least = None, math.inf
+    duration = search.experiment.duration
+    count = len(search.experiment.surfaces)
+    best = None
+    least = math.inf
     for unit in _UNITS_S:
         if unit < shape.shortest_s or 0.5 + count * (7 * unit + 0.5) + shape.shortest_s * (shape.pulses - 4) > duration:
             continue
@@ -210,7 +216,8 @@ def _standard_unknowns(search: _InputSearch, shape: StepInput) -> np.ndarray:
         trial = search.within_limits(parts, shape)
         cost = search.cost(trial)
         if cost < least:
-            best, least = trial, cost
+            best = trial
+            least = cost
     if best is None:
         raise EstimationError(f"standard 3-2-1-1: none fits into {duration:g} s for {count} surfaces")
     return best
@@ -231,7 +238,9 @@ class _InputSearch:
     """The problem of a design as CasADi functions of the vector of unknowns of all surfaces."""
 
     def __init__(self, experiment: Experiment, shape: Shape, criterion: str) -> None:
-        self.experiment, self.shape, self.criterion = experiment, shape, criterion
+        self.experiment = experiment
+        self.shape = shape
+        self.criterion = criterion
         low, high = shape.bounds(experiment.duration)
         self.count = len(low)
         self.low, self.high = (np.tile(b, len(experiment.surfaces)) for b in (low, high))
@@ -273,7 +282,8 @@ class _InputSearch:
         return [z[i * self.count : (i + 1) * self.count] for i in range(len(self.experiment.surfaces))]
 
     def _moves(self, z: Any) -> dict[str, Any]:
-        limits, t = self.experiment.surfaces, self.experiment.t
+        limits = self.experiment.surfaces
+        t = self.experiment.t
         return {n: limits[n] * self.shape.samples(p, t) for n, p in zip(limits, self._parts(z), strict=True)}
 
     def cost(self, z: np.ndarray) -> float:
@@ -303,7 +313,9 @@ class _InputSearch:
         """Largest factor, up to 1, on the sizes in z that keeps all limits, by bisection."""
         if self.worst(z) <= 1.0 + 1e-9:
             return 1.0
-        low, high, scaled = 0.0, 1.0, np.tile(sizes, len(z) // self.count)
+        low = 0.0
+        high = 1.0
+        scaled = np.tile(sizes, len(z) // self.count)
         for _ in range(12):
             middle = 0.5 * (low + high)
             inside = self.worst(np.where(scaled, middle * z, z)) <= 1.0
@@ -353,7 +365,9 @@ def _integrated(experiment: Experiment, moves: ca.MX) -> tuple[ca.MX, ca.MX]:
     """Return the information (n+f, n+f) of initial state and of parameters over their sizes, and the limited
     quantities (limits, N) over their limits, of deflections `moves` (surfaces, N)."""
     model = experiment.model
-    n, f, count = len(model.states), len(experiment.free), len(experiment.t)
+    n = len(model.states)
+    f = len(experiment.free)
+    count = len(experiment.t)
     p = model.nominal_vector(experiment.values)
     rest = np.array([experiment.rest[name] for name in model.inputs])
     place = np.zeros((len(rest), len(experiment.surfaces)))
@@ -374,22 +388,28 @@ def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Fun
     """([x; sensitivities], u0, u1, dt) -> the same after the step, information of the sample (its lower triangle by
     columns); and (x, u0, u1, dt) -> x after the step, limited quantities."""
     model = experiment.model
-    n, f = len(model.states), len(experiment.free)
-    step, output = step_function(model), output_function(model)
+    n = len(model.states)
+    f = len(experiment.free)
+    step = step_function(model)
+    output = output_function(model)
     symbols = [ca.SX.sym(name, *size) for name, size in zip(("x", "u0", "u1", "dt", "p"), _sizes_of(step), strict=True)]
     x, u0, u1, dt, q = symbols
     free = [model.parameters.index(name) for name in experiment.free]
-    after, y = step(*symbols), output(x, u0, q)
+    after = step(*symbols)
+    y = output(x, u0, q)
     size = ca.DM(np.diag(experiment.sizes))
-    a, b = ca.jacobian(after, x), ca.jacobian(after, q)[:, free] @ size
-    c, d = ca.jacobian(y, x), ca.jacobian(y, q)[:, free] @ size
+    a = ca.jacobian(after, x)
+    b = ca.jacobian(after, q)[:, free] @ size
+    c = ca.jacobian(y, x)
+    d = ca.jacobian(y, q)[:, free] @ size
     s = ca.SX.sym("s", n, n + f)
     following = a @ s + ca.horzcat(ca.SX.zeros(n, n), b)
     weight = np.array([1.0 / experiment.noise[o] if o in experiment.noise else 0.0 for o in model.outputs])
     rows = ca.diag(ca.DM(weight)) @ (c @ s + ca.horzcat(ca.SX.zeros(len(weight), n), d))
     gained = rows.T @ rows
     lower = ca.vertcat(*[gained[i, j] for j in range(n + f) for i in range(j, n + f)])
-    both, names = ca.vertcat(x, y), (*model.states, *model.outputs)
+    both = ca.vertcat(x, y)
+    names = (*model.states, *model.outputs)
     at_rest = ca.Function("rest", [x, u0, q], [both])(
         experiment.start, [experiment.rest[name] for name in model.inputs], p
     )
@@ -415,7 +435,8 @@ def _sizes_of(function: ca.Function) -> list[tuple[int, int]]:
 
 def _criterion(experiment: Experiment, criterion: str) -> ca.Function:
     """(n+f, n+f) information -> the cost of the parameters with the initial state eliminated."""
-    n, f = len(experiment.model.states), len(experiment.free)
+    n = len(experiment.model.states)
+    f = len(experiment.free)
     m = ca.SX.sym("m", n + f, n + f)
     # ordered (initial state, parameters), the lower right block of the Cholesky factor is that of the Schur complement
     root = ca.chol(0.5 * (m + m.T))[n:, n:]

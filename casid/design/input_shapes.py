@@ -66,7 +66,8 @@ class StepInput:
         """(N,) deflection at times `t` (N,) [s]; CasADi or numpy as the unknowns are."""
         tanh = np.tanh if isinstance(unknowns, np.ndarray) else ca.tanh
         width = 0.5 * self.rise_s
-        begin, total = unknowns[0], 0.0
+        begin = unknowns[0]
+        total = 0.0
         for i in range(self.pulses):
             end = begin + unknowns[1 + i]
             size = unknowns[1 + self.pulses + i]

@@ -23,7 +23,9 @@ from casid.records.thinning import thinned
 _RATE_HZ = 25.0
 _LONGEST = 10.0  # s
 _LIMITED = ("alpha", "beta", "az", "ay")
-_TRIED, _ASKED = 2, 6  # questions that a flight is sought for until one is found, and all: a search takes seconds
+# questions that a flight is sought for until one is found, and all: a search takes seconds
+_TRIED = 2
+_ASKED = 6
 _DEFLECTION = np.radians(3.0)  # rad, of a surface that the records did not move
 
 
@@ -104,7 +106,8 @@ class Setting:
 def next_flights(questions: Iterable[Question], unmoved: Sequence[Untold], setting: Setting) -> NextFlights:
     """Design a flight for the first question that a manoeuvre can answer, and for numbers that were not excited."""
     flown = [thinned(record, _RATE_HZ) for record in setting.records]
-    setting, limits = replace(setting, aircraft=_at_trim(setting.aircraft, flown)), _limits(flown)
+    setting = replace(setting, aircraft=_at_trim(setting.aircraft, flown))
+    limits = _limits(flown)
     found: list[Separating | Exciting] = []
     beyond: list[Question] = []
     for count, question in enumerate(islice(questions, _ASKED)):
@@ -113,7 +116,8 @@ def next_flights(questions: Iterable[Question], unmoved: Sequence[Untold], setti
             continue
         try:
             rivals, experiment = level_rivals(setting.aircraft, question.first, question.second, limits, setting.noise)
-            best, before = separating_manoeuvre(rivals, experiment), separation(rivals, flown).log_odds
+            best = separating_manoeuvre(rivals, experiment)
+            before = separation(rivals, flown).log_odds
         except CasidError as fault:
             beyond.append(replace(question, fault=str(fault)))
             continue

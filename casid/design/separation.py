@@ -75,7 +75,8 @@ class _Flights:
         name = effect_of(value).name
         if (name, value.value) not in self._made:
             aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
-            like, channels = self._models.get(name), tuple(self.rivals.noise)
+            like = self._models.get(name)
+            channels = tuple(self.rivals.noise)
             applied = apply_effects(aircraft, self.records, self.rivals.axes, channels, like)
             if like is not None:
                 share_cache(applied.model, like)
@@ -148,17 +149,20 @@ def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
     stays within the limits."""
     choice = list(flyable(experiment))
     sizes, flights = _within_limits(rivals, experiment, choice)
-    truth, other = flights.truth, flights.of(rivals.second)
+    truth = flights.truth
+    other = flights.of(rivals.second)
     plain = [_flown(other, r) for r in range(len(choice))]
     # an imitation only takes away: no manoeuvre separates better than without one
     most = [_half_square(a - b, flights.sigma) for a, b in zip(truth, plain, strict=True)]
-    best, found = -1, -1.0
+    best = -1
+    found = -1.0
     for k in sorted((k for k in range(len(choice)) if np.isfinite(most[k])), key=lambda k: -most[k]):
         if most[k] <= found:
             break
         told = _imitated(flights, truth, [k], steps=1).log_odds
         if told > found:
-            best, found = k, told
+            best = k
+            found = told
     if best < 0:
         raise EstimationError("no manoeuvre within these limits can be flown; widen them")
     record = flights.records[best]
@@ -172,8 +176,10 @@ def _half_square(left: np.ndarray, sigma: np.ndarray) -> float:
 
 def _within_limits(rivals: Rivals, experiment: Experiment, choice: Sequence[Manoeuvre]) -> tuple[list[float], _Flights]:
     """Amplitude and flight of every manoeuvre: as large as surface and limits allow, by the aircraft with the first."""
-    sizes, outputs = [experiment.surfaces[one.surface] for one in choice], list(rivals.noise)
-    rest, flights = experiment.record({}, "rest"), _Flights(rivals=rivals, records=())
+    sizes = [experiment.surfaces[one.surface] for one in choice]
+    outputs = list(rivals.noise)
+    rest = experiment.record({}, "rest")
+    flights = _Flights(rivals=rivals, records=())
     while True:
         flights = flights.flying(tuple(map(partial(_commanded, rest), choice, sizes)))
         used = [_used(experiment, outputs, flown) for flown in flights.truth]
@@ -215,8 +221,10 @@ def _trajectory(
     applied: Applied, r: int, p: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N, states) and (N, outputs) of a flight with the inputs of a record."""
-    model, record = applied.model, applied.records[r]
-    U, count = record.matrix(model.inputs), len(record)
+    model = applied.model
+    record = applied.records[r]
+    U = record.matrix(model.inputs)
+    count = len(record)
     x0 = _start(applied, r) if start is None else start
     run = compiled(model, step_function).accumulated(count - 1, 1)
     (after,) = run(x0, U[:-1], record.following(model.inputs), np.diff(record.t), np.tile(p, (count - 1, 1)))
@@ -227,9 +235,12 @@ def _trajectory(
 
 def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(N, outputs, states + free) derivatives of the outputs by initial state and free parameters."""
-    model, record = applied.model, applied.records[r]
+    model = applied.model
+    record = applied.records[r]
     states, _ = _trajectory(applied, r, p, start)
-    U, count, n = record.matrix(model.inputs), len(record), len(model.states)
+    U = record.matrix(model.inputs)
+    count = len(record)
+    n = len(model.states)
     after = np.vstack([record.following(model.inputs), U[-1:]])
     derivatives = compiled(model, sample_derivatives, tuple(free.tolist()), ()).mapped(count)
     found = derivatives(states, U, after, np.r_[np.diff(record.t), 0.0], np.tile(p, (count, 1)))
@@ -247,7 +258,9 @@ def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: n
 def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[int], steps: int = _STEPS) -> Separation:
     """What is left when the second imitates the `truth` in `which` of the records, by Gauss-Newton from its own size
     and its own starts; the best of all steps counts."""
-    second, values, best = flights.rivals.second, {}, None
+    second = flights.rivals.second
+    values = {}
+    best = None
     starts = {r: _start(flights.of(second), r) for r in which}
     for step in range(steps + 1):
         applied = flights.of(second)
@@ -288,10 +301,13 @@ def _step(flights: _Flights, second: EffectValue, at: _At) -> tuple[np.ndarray, 
     """Changes of (size of the second, derivatives, initial states of each record) that imitate best in the linear, and
     the sum of squares that they leave."""
     further = _DIFFERENCE * (second.value or 1.0)
-    applied, more = flights.of(second), flights.of(replace(second, value=second.value + further))
-    model, n = applied.model, len(applied.model.states)
+    applied = flights.of(second)
+    more = flights.of(replace(second, value=second.value + further))
+    model = applied.model
+    n = len(applied.model.states)
     index = np.array([model.parameters.index(name) for name in at.free], dtype=int)
-    p, blocks = model.nominal_vector(at.values), []
+    p = model.nominal_vector(at.values)
+    blocks = []
     for place, r in enumerate(at.starts):
         by_size = (_flown(more, r, at.values, at.starts[r]) - at.flown[r]) / further / flights.sigma
         by_rest = _columns(applied, r, p, at.starts[r], index) / flights.sigma[:, None]
@@ -301,7 +317,8 @@ def _step(flights: _Flights, second: EffectValue, at: _At) -> tuple[np.ndarray, 
         first = 1 + len(index) + n * place
         block[:, first : first + n] = by_rest[..., :n].reshape(by_size.size, -1)
         blocks.append(block)
-    J, left = np.vstack(blocks), np.concatenate([one.reshape(-1) for one in at.left.values()])
+    J = np.vstack(blocks)
+    left = np.concatenate([one.reshape(-1) for one in at.left.values()])
     size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
     scaled, *_ = np.linalg.lstsq(J / size, left, rcond=_RELATIVE)
     return scaled / size, float(np.sum((left - (J / size) @ scaled) ** 2))

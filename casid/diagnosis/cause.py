@@ -12,7 +12,11 @@ from casid.keeping import by_fields, plain
 from casid.model.effect import Effect
 from casid.model.vocabulary import title_of
 
-NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED = "named", "in a set", "minor", "refused", "not tried"
+NAMED = "named"
+IN_A_SET = "in a set"
+MINOR = "minor"
+REFUSED = "refused"
+NOT_TRIED = "not tried"
 OUTCOMES = (NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED)
 
 
@@ -87,7 +91,8 @@ class Gate:
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
         """The gate of an entry of ``gates`` in diagnosis.json. The outcome tells the sign of an infinite number."""
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
-        least, holds = entry.get("least", True), entry["passed"] and not any(other.passed for other in others)
+        least = entry.get("least", True)
+        holds = entry["passed"] and not any(other.passed for other in others)
         infinite = math.inf if holds == least else -math.inf
         return cls(
             gate=entry["gate"],
@@ -241,7 +246,8 @@ class Trace:
     @property
     def deciding(self) -> tuple[Decision, ...]:
         """One decision for each cause: that with its best outcome, and of several such the one with the most gates."""
-        best, outcome = {}, self.outcome
+        best = {}
+        outcome = self.outcome
         for one in self.decisions:
             before = best.get(one.cause)
             if one.outcome == outcome[one.cause] and (before is None or len(one.gates) > len(before.gates)):

@@ -43,7 +43,8 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
     final model. Structure that every aircraft has is minor unless it is unusually large. An effect that is expected of
     some aircraft is minor unless it is equivalent to another cause. `left` are latent inputs of the model.
     """
-    final, required = kept.evidence.fit, state.baseline.required
+    final = kept.evidence.fit
+    required = state.baseline.required
     told = [*_moving_air(state, kept)]
     told += [_of_round(one, state, kept) for one in state.named if not _is_structure(one, final)]
     causes, minor = ([cause for cause, named in told if named is wanted] for wanted in (True, False))
@@ -68,7 +69,8 @@ def _is_structure(round_: Round, final: FlightFit) -> bool:
 
 def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
     """Turbulence as a cause, and whether it is named; empty in calm air."""
-    air, fitted = state.baseline.turbulence, kept.fit
+    air = state.baseline.turbulence
+    fitted = kept.fit
     if not air.named:
         return []
     cause = turbulence_cause(air, of_aircraft(fitted.flight).aircraft, kept.air_gain)
@@ -78,9 +80,11 @@ def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
 
 def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
     """The cause of a round, and whether it is named."""
-    evidence, leader = kept.evidence, round_.leader
+    evidence = kept.evidence
+    leader = round_.leader
     name = leader.candidate.name
-    held, asked = kept.gains.get(name), tuple(gate for of, gate in kept.gates.items() if of == name)
+    held = kept.gains.get(name)
+    asked = tuple(gate for of, gate in kept.gates.items() if of == name)
     if name not in {one.name for one in evidence.fit.attached}:
         if name in {one.name for one in state.fit.attached}:
             return noted(cause_of(leader, state, (), held, asked), NOT_CONFIRMED), False
@@ -107,7 +111,8 @@ def trace_of_search(
     """
     final, small, out = ({one.key: one for one in some} for some in (causes, minor, refused))
     alike = {(o["kind"], o["target"], o["term"]) for one in causes for o in one.indistinguishable_from}
-    found, told = [], set[tuple[str, str, str | None]]()
+    found = []
+    told = set[tuple[str, str, str | None]]()
     for number, round_ in enumerate(state.rounds, 1):
         keys = {trial.candidate.name: trial.effect.key for trial in round_.trials}
         for one in round_.decisions(number):
@@ -163,7 +168,8 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
 
     The strongest come first. Of several that act at one place with similar fingerprints, only the first is returned.
     """
-    known, found = {c.key for c in seen}, []
+    known = {c.key for c in seen}
+    found = []
     for round_ in [r for r in state.rounds if not r.named][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
@@ -199,8 +205,11 @@ def cause_of(
     asked: tuple[Gate, ...] = (),
 ) -> Cause:
     """The cause to be reported for a trial."""
-    one, fit, names = trial.candidate.attached, state.evidence.fit, state.evidence.fit.batch.names
-    effect, values = one.effect, one.effect.in_words(one.values)
+    one = trial.candidate.attached
+    fit = state.evidence.fit
+    names = state.evidence.fit.batch.names
+    effect = one.effect
+    values = one.effect.in_words(one.values)
     dof, (value, std) = len(values), fit.flight.sizes.told(fit, one, trial.std)
     onsets = onset_intervals(state.evidence, one, state.intervals.get(one.name, {}))
     ends = end_intervals(state.evidence, one)
@@ -243,10 +252,14 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     It must be significant and matter, have more statistic than `required`, and not lose on the held-out records
     (`held`). At most a small part may still be missing at its coefficient (`left`), because that distorts it.
     """
-    fit, criteria = evidence.fit, evidence.criteria
+    fit = evidence.fit
+    criteria = evidence.criteria
     one = next(a for a in fit.attached if a.name == name)
-    effect, value, statistic = one.effect, fit[name], (fit[name] / fit.std(name)) ** 2
-    share, sentence = meaningful_share(fit, one), effect_sentence(*one.effect.key, value)
+    effect = one.effect
+    value = fit[name]
+    statistic = (fit[name] / fit.std(name)) ** 2
+    share = meaningful_share(fit, one)
+    sentence = effect_sentence(*one.effect.key, value)
     usual = one.nuisance or is_induced_drag(effect, value, fit)
     clear = gates.clear_gain(effect, criteria, fit.flight.noise_by_fit)
     asked = (
@@ -316,11 +329,15 @@ def turbulence_cause(turbulence: Turbulence, aircraft: Aircraft, held: float | N
 
 def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
     """Terms that are significant in the model discrepancy but too small to matter."""
-    fit, k, size = evidence.fit, len(evidence.fit.slots), variation(evidence.fit)
-    sigmas, matter = evidence.criteria.significance.detectable, evidence.criteria.size.share
+    fit = evidence.fit
+    k = len(evidence.fit.slots)
+    size = variation(evidence.fit)
+    sigmas = evidence.criteria.significance.detectable
+    matter = evidence.criteria.size.share
     found = []
     for i, (coefficient, term) in enumerate(evidence.terms):
-        mean, std = float(evidence.newton[k + i]), float(np.sqrt(evidence.covariance[k + i, k + i]))
+        mean = float(evidence.newton[k + i])
+        std = float(np.sqrt(evidence.covariance[k + i, k + i]))
         if abs(mean) < sigmas * std or (coefficient, term) in known:
             continue
         factor = evidence.factors[i]
@@ -360,7 +377,8 @@ def still_missing(
     input, the part of turbulence that is misfit (`required`), and what the approximate shapes of the `causes` leave.
     Its size must matter; `share` is another share of the variation at its port than that from which a cause matters.
     """
-    by, least = evidence.criteria.naming, 1.0 if share is None else share / evidence.criteria.size.share
+    by = evidence.criteria.naming
+    least = 1.0 if share is None else share / evidence.criteria.size.share
     rough = sum((by.approximate if one.onset_s else by.left_to_others) * one.statistic for one in causes)
     enough = max(evidence.criteria.verdict.missing, required, rough)
     if evidence.fit.noise.coloured:  # slow wind is part of turbulence, whatever its spectrum

@@ -57,7 +57,8 @@ def claims_of(facts: Facts) -> tuple[Claim, ...]:
 def not_flown(facts: Facts) -> str:
     """Return why the simulation as given does not fly the held-out records; empty if it stays within the noise, or
     where this may have led the right values."""
-    steps, limit = facts.budget.together, facts.criteria.refined
+    steps = facts.budget.together
+    limit = facts.criteria.refined
     if not math.isfinite(steps.as_given):
         return "it diverges"
     every = (steps, *facts.budget.channels.values())
@@ -74,7 +75,8 @@ def adequate(facts: Facts) -> bool:
 
 def grown(facts: Facts) -> str:
     """Return by how much the error on the held-out records grew; empty if it did not."""
-    steps, limit = facts.budget.together, facts.criteria.worse
+    steps = facts.budget.together
+    limit = facts.criteria.worse
     if steps.structure <= limit * max(steps.data_mended, steps.floor):  # true of NaN
         return ""
     return f"the error on held-out records grew from {times(steps.data_mended)} to {times(steps.structure)} the noise"
@@ -190,7 +192,8 @@ def records_that_differ(facts: Facts) -> Mapping[str, float]:
 
 def _worst(facts: Facts) -> str:
     """The two worst channels with their errors as given."""
-    labels, channels = facts.budget.labels, facts.budget.channels
+    labels = facts.budget.labels
+    channels = facts.budget.channels
     order = sorted(channels, key=lambda name: -channels[name].as_given)
     return ", ".join(f"{labels.get(n, n)} {times(channels[n].as_given)}" for n in order[:2])
 

@@ -61,13 +61,15 @@ def diagnose_aircraft(
 ) -> Diagnosis:
     """The diagnosis of an aircraft file; arguments and errors are those of `diagnose`."""
     aircraft = given_aircraft(aircraft, "diagnose")
-    records, hold_out = given_records(records, "diagnose"), given_records(hold_out, "diagnose: hold_out")
+    records = given_records(records, "diagnose")
+    hold_out = given_records(hold_out, "diagnose: hold_out")
     require_flight((*records, *hold_out), "diagnose")
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:
         return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, seconds)
-    stages, limit = Stages(report), TimeLimit(seconds)
+    stages = Stages(report)
+    limit = TimeLimit(seconds)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
@@ -151,7 +153,8 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
     missing -= known
     terms: dict[str, dict[str, float]] = {}
     known_std = dict(aircraft.std)  # of derivatives: the corrected ones are in the flight values, not in the fit
-    effects, tables = [], None
+    effects = []
+    tables = None
     for cause, named in (*((c, True) for c in causes), *((c, False) for c in minor)):
         if cause.key not in missing:
             continue

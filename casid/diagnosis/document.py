@@ -338,7 +338,8 @@ class Document:
     @property
     def gain(self) -> dict[str, Any]:
         """What the extended model gains on the held-out records, and by the information criterion."""
-        before, after = self.held_out_as_given, self.held_out_extended
+        before = self.held_out_as_given
+        after = self.held_out_extended
         per_sample = (after.log_likelihood - before.log_likelihood) / before.samples
         held_out = {"records": before.names, "rms_ratio": self.rms_ratio, "log_likelihood_per_sample": per_sample}
         return {"held_out": held_out, "bic": self.bic}

@@ -116,12 +116,14 @@ def changed_values(
 
     `least` is the relative uncertainty of a value without a stated one.
     """
-    units, found = fit.model.units, []
+    units = fit.model.units
+    found = []
     names = {one.name: one.effect.unit for one in fit.attached}
     for i, slot in enumerate(fit.slots):
         if slot.name not in given or slot.name not in flight:
             continue
-        weight, value = float(fit.prior_weight[i]), given[slot.name]
+        weight = float(fit.prior_weight[i])
+        value = given[slot.name]
         std = weight**-0.5 if weight > 0.0 else least * abs(value)
         by_records = flight[slot.name]  # with a term, the slope at the trim may be what the file states
         extended = fit[slot.name] + by_records.nearest(value).value - by_records.value
@@ -157,7 +159,8 @@ def determined_pairs(
     """
     index = {slot.name: i for i, slot in enumerate(fit.slots)}
     stated = {one.parameter: one.stated_std for one in changed if one.stated_std > 0.0}
-    covariance, unsure = _of_stated(fit, stated), 1.0 - criteria.from_records
+    covariance = _of_stated(fit, stated)
+    unsure = 1.0 - criteria.from_records
     found: dict[tuple[str, str], Combination] = {}
     for one in changed:
         if one.parameter not in stated or max(one.effect.values(), default=0.0) <= 1.0:
@@ -171,7 +174,8 @@ def determined_pairs(
         variance, name, along = min(pairs, key=lambda pair: pair[:2], default=(np.inf, "", np.zeros(2)))
         key = (min(one.parameter, name), max(one.parameter, name))
         if key not in found and variance < unsure:
-            both, std = np.array([stated[one.parameter], stated[name]]), math.sqrt(variance)
+            both = np.array([stated[one.parameter], stated[name]])
+            std = math.sqrt(variance)
             found[key] = _combined(one, (name, given[name], fit[name]), along, both, std, criteria.worse)
     return tuple(found.values())
 
@@ -192,7 +196,8 @@ def _combined(
     `worse` count as alike.
     """
     name, was, now = other
-    given, extended = np.array([one.given, was]), np.array([one.extended, now])
+    given = np.array([one.given, was])
+    extended = np.array([one.extended, now])
     powers = along / stated * extended  # of relative changes, where the records determine the direction
     unlike = np.abs(powers).max() / max(np.abs(powers).min(), 1e-300)
     if unlike < worse and (extended * given > 0.0).all():
@@ -202,7 +207,8 @@ def _combined(
         told = f"{what}: {with_deviation(ratio, ratio * std / abs(powers[0]))} times the value as given"
     else:
         weight = (along[1] / stated[1]) / (along[0] / stated[0])
-        before, after = given[0] + weight * given[1], extended[0] + weight * extended[1]
+        before = given[0] + weight * given[1]
+        after = extended[0] + weight * extended[1]
         what = f"{one.parameter} {'+' if weight > 0.0 else '-'} {digits(abs(weight))} {name}"
         by_records = with_deviation(after, std * stated[0] / abs(along[0]))
         told = f"{what}: {digits(before)} as given, {by_records} by the records"

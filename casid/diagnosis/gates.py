@@ -123,7 +123,8 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
 
 def possible(one: Attached) -> tuple[Gate, ...]:
     """Ask that the values of an effect are physically possible."""
-    effect, values = one.effect, one.values
+    effect = one.effect
+    values = one.values
     lowest = -effect.size.limit if effect.size.lowest is None else effect.size.lowest
     gates = (
         at_least("smallest possible value", values["value"], lowest),
@@ -195,7 +196,8 @@ def contradiction(predicted: float, achieved: float) -> float:
 
 def seen_by_kinematics(predicted: float, achieved: float, criteria: Criteria) -> tuple[Gate, ...]:
     """Ask the kinematics to find enough of a cause that they see clearly, or not to oppose its size."""
-    by, least = criteria.significance, criteria.kinematics.refuted
+    by = criteria.significance
+    least = criteria.kinematics.refuted
     if predicted > by.search:
         fits = at_most("contradicted size", contradiction(predicted, achieved), by.search, "significance.search")
         return (at_least("found by kinematics", achieved / predicted, least, "kinematics.refuted", [fits]),)

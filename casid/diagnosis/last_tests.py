@@ -54,7 +54,8 @@ def what_is_left(
     small = too_small(state, seen, unexplained)
     nuisance = [trial.candidate.attached for trial in minor_trials(state, seen)][:1]
     if small and (not unexplained or _nothing_left_with(kept, nuisance, state, causes, required)):
-        minor, unexplained = (*minor, *small), []
+        minor = (*minor, *small)
+        unexplained = []
     if not unexplained:
         unexplained = _missing_on_held(kept, nuisance, causes, begun)
     return minor, list(kept.fit.flight.sizes.told_at(kept.fit, unexplained))
@@ -102,7 +103,8 @@ def beside_slow_noise(
     """
     if not causes or kept.fit.noise.colour or state.baseline.fixed:
         return tuple(causes), tuple(minor)
-    slow, stay = as_slow_as_left(kept.fit, drifting(kept.fit, left)), list(causes)
+    slow = as_slow_as_left(kept.fit, drifting(kept.fit, left))
+    stay = list(causes)
     while stay and slow.noise.slow:
         shares = [_share_of_required(slow, state, cause) for cause in stay]
         found = [gates.beside_slow_noise(one) for one in shares]
@@ -215,7 +217,9 @@ def judged(
     stages: Stages,
 ) -> Diagnosis:
     """The causes and latent inputs of a search, tested on the held-out records, without verdict and sentences."""
-    begun, criteria, limit = state.baseline, state.criteria, state.baseline.flight.limit
+    begun = state.baseline
+    criteria = state.criteria
+    limit = state.baseline.flight.limit
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")
     kept = keep(held, state)
@@ -226,7 +230,8 @@ def judged(
     exact = _missing_in(kept.fit)
     stages.begin("verdict")
     belief, minor, refused, unexplained = _last_tests(kept, state, left)
-    causes, faint = belief.causes, belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
+    causes = belief.causes
+    faint = belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare = begun.without_causes({c.key for c in causes})
     air = in_other_air(kept.fit).lighter(filtered=False) if kept.fit.noise.coloured else None  # its values are asked
     flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))

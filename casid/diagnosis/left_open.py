@@ -46,7 +46,8 @@ def _value(cause: Cause) -> EffectValue:
 
 def _attached_value(one: Attached) -> EffectValue:
     """Of a cause that was fitted or scored."""
-    effect, values = one.effect, one.effect.in_words(one.values)
+    effect = one.effect
+    values = one.effect.in_words(one.values)
     further = {key: value for key, value in values.items() if key != "value"}
     return EffectValue(
         kind=effect.kind, target=effect.target, term=effect.term, value=values["value"], parameters=further

@@ -300,12 +300,18 @@ class Diagnosis:
         figures
             Whether it has the curves of figures and the design of next flights, which take some seconds.
         """
-        failed, most, of_aeroplane = list[str](), self.criteria.numerics.naming.listed, self.of_aeroplane
+        failed = list[str]()
+        most = self.criteria.numerics.naming.listed
+        of_aeroplane = self.of_aeroplane
         aircraft = self.aircraft if self.of_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
-        causes, gusts, shapes, next_ones, responses = [], None, tuple[Shape, ...](), NextFlights(), None
+        causes = []
+        gusts = None
+        shapes = tuple[Shape, ...]()
+        next_ones = NextFlights()
+        responses = None
         for number, cause in enumerate(self.causes):
             drawn = reported(cause)
             with noting(failed, cause.name):
@@ -364,7 +370,8 @@ class Diagnosis:
 
     def _shown(self, missing: MissingInput) -> Unexplained:
         """A latent input that no cause explains, with its time histories."""
-        fit, place = self.refitted.fit, missing.place
+        fit = self.refitted.fit
+        place = missing.place
         fitted = missing.concerns(fit.batch.names)
         by = self.extended.fit if fitted else self.held_out_extended.fit
         return Unexplained(
@@ -405,13 +412,16 @@ class Diagnosis:
     @property
     def bic(self) -> float:
         """Change of the Bayesian information criterion by the extension; negative is better."""
-        before, after = self.refitted.fit, self.extended.fit
+        before = self.refitted.fit
+        after = self.extended.fit
         return after.deviance - before.deviance + (_freedom(after) - _freedom(before)) * math.log(self.refitted.samples)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Every parameter of the file or model, effects of the file included: its value there, and its estimates."""
-        before, after, a_priori = self.refitted.fit, self.extended.fit, self.diagnosed.values
+        before = self.refitted.fit
+        after = self.extended.fit
+        a_priori = self.diagnosed.values
         names = [slot.name for slot in before.slots]
         units = {name: before.model.units.get(name, "") for name in before.derivatives}
         units |= {one.name: one.effect.unit for one in before.attached}
@@ -496,7 +506,8 @@ class Diagnosis:
         """Channel -> r.m.s. residual of the extended model over that of the file as given, on held-out records; worst
         first.
         """
-        before, after = self.held_out_as_given.channels, self.held_out_extended.channels
+        before = self.held_out_as_given.channels
+        after = self.held_out_extended.channels
         ratio = {o: after[o].rms / c.rms for o, c in before.items() if c.rms > 0 and o in after}
         return dict(sorted(ratio.items(), key=lambda item: -item[1]))
 

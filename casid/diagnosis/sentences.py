@@ -74,7 +74,8 @@ def noted(cause: Cause, remark: str) -> Cause:
 
 def thrust_curve(rotors: Rotors, weight: float) -> str:
     """The sentence of the mean thrust of rotors by their input, and of the input in hover."""
-    hover, shares = [], hover_thrusts(rotors, weight)
+    hover = []
+    shares = hover_thrusts(rotors, weight)
     factors = np.mean([one.effectiveness * np.array(one.thrust) for one in rotors.each], axis=0)
     for one in rotors.each:
         with suppress(InputError):  # no input hovers, by a curve that turns before
@@ -138,7 +139,8 @@ def file_impossible(numbers: Sequence[Contradiction], most: int) -> str:
 
 def flown(facts: Facts) -> str:
     """The sentence of the simulation as given on the held-out records."""
-    where, reason = ", ".join(facts.budget.records), claims.not_flown(facts)
+    where = ", ".join(facts.budget.records)
+    reason = claims.not_flown(facts)
     if reason:
         return f"The simulation as given does not fly {where}, which no fit has seen: {reason}."
     error = times(facts.budget.together.as_given)
@@ -147,7 +149,8 @@ def flown(facts: Facts) -> str:
 
 def so_far(given: AsGiven, data: Sequence[Finding], most: int) -> str:
     """The sentence of what is known before any fit: the data, and the simulation as given on the held-out records."""
-    found, view = several(data, most) or "no fault of the data was found", given.held
+    found = several(data, most) or "no fault of the data was found"
+    view = given.held
     ratios = {name: one.rms / one.noise for name, one in view.channels.items()}
     error = math.sqrt(math.fsum(one**2 for one in ratios.values()) / max(len(ratios), 1))
     worst = sorted(ratios, key=lambda name: -ratios[name])[:2]
@@ -194,7 +197,8 @@ def _listed(what: Sequence[str], most: int) -> str:
 
 def headline(facts: Facts, found: Diagnosis) -> str:
     """The sentences of the verdict: faults first, then causes, what is missing, and values."""
-    most, wrong = facts.listed, contradicted(facts)
+    most = facts.listed
+    wrong = contradicted(facts)
     if facts.at_fault:
         return data_at_fault(facts.at_fault, most)
     if facts.impossible:
@@ -235,7 +239,8 @@ def contradicted(facts: Facts) -> str:
     """The clause of common factors and single numbers that are inconsistent with the records; empty if none may be
     said.
     """
-    factors, numbers = claims.told_factors(facts), () if claims.no_values(facts) else facts.contradicted
+    factors = claims.told_factors(facts)
+    numbers = () if claims.no_values(facts) else facts.contradicted
     if not (factors or numbers):
         return ""
     counted = ((len(factors), "group{} of derivatives"), (len(numbers), "number{}"))

@@ -34,7 +34,8 @@ from casid.signals import SURFACES
 
 def simulated_of(view: View, figures: bool = True) -> Simulated:
     """The simulation of a view. Innovations and bands are for `figures`, and empty without."""
-    fit, model = view.fit, view.fit.model
+    fit = view.fit
+    model = view.fit.model
     records = tuple(fit.flight.records)
     fastest = 0.5 / max(record.dt for record in records)
     bands = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz, their edges; the records hold some of them
@@ -76,7 +77,8 @@ def drawn_cause(
     model, before any cause was named."""
     if cause.effect.stochastic:
         return reported(cause)
-    extended, there = views[1].fit, missing.get(cause.effect.enters or "")
+    extended = views[1].fit
+    there = missing.get(cause.effect.enters or "")
     named = None if there is None else named_series(bare, extended, there)
     return reported(
         cause,
@@ -153,7 +155,8 @@ def gusts_of(fit: FlightFit, sigma: float) -> Gusts | None:
     stations = [station for station in fit.noise.coloured if station in WIND]
     if not stations:
         return None
-    gusts, records = fit.motion.coloured[..., : len(stations)], fit.flight.records
+    gusts = fit.motion.coloured[..., : len(stations)]
+    records = fit.flight.records
     r = int(np.argmax([np.mean(gusts[: len(record), k] ** 2) for k, record in enumerate(records)]))
     velocity = {station: gusts[: len(records[r]), r, i] for i, station in enumerate(stations)}
     return Gusts(record=records[r], velocity=velocity, sigma=sigma)
@@ -192,7 +195,8 @@ def named_series(before: FlightFit, after: FlightFit, missing: MissingInput) -> 
     total = after.disturbances[..., after.model.disturbances.index(missing.station)].copy()
     if missing.place.kind == "wind":
         return total
-    coefficient, beside = missing.place.name, derivatives_beside(before, missing)
+    coefficient = missing.place.name
+    beside = derivatives_beside(before, missing)
     for name, value in after.derivatives.items():
         owner, _, term = name.partition("_")
         if owner == coefficient and name in beside and "dot" not in term:
@@ -221,7 +225,8 @@ def _term(fit: FlightFit, cause: Cause, missing: MissingInput, named: np.ndarray
     if cause.effect.regressor is None:
         return None
     others = named - cause.value * _series(fit, cause.effect.regressor)
-    variable, points = _variable(cause.effect.regressor), dict[str, np.ndarray]()
+    variable = _variable(cause.effect.regressor)
+    points = dict[str, np.ndarray]()
     x = _series(fit, variable)
     for r, name in enumerate(fit.batch.names):
         t, mean, sigma = missing.history[name]
@@ -249,7 +254,9 @@ def onset_profiles(base: FlightFit, attached: Attached) -> dict[str, tuple[np.nd
         effect = configuration_change(effect.members[0])
     effect = with_grid(effect, {key: attached.values[key] for key in effect.further.grid[0]})
     evidence = weigh(base)
-    judge, names, step = Screen(evidence), base.batch.names, base.criteria.numerics.events.gust_step
+    judge = Screen(evidence)
+    names = base.batch.names
+    step = base.criteria.numerics.events.gust_step
     longest = max(record.duration for record in base.flight.records)
     since = np.arange(step, longest, step)
     prints = fingerprints(evidence, [effect], since)

@@ -24,7 +24,9 @@ class TimeLimit:
 
     def __init__(self, seconds: float | None = None) -> None:
         self._seconds, self._begin = math.inf if seconds is None else seconds, time.perf_counter()
-        self._until, self._interrupted, self._cutting = self._begin + self._seconds / 2.0, False, False
+        self._until = self._begin + self._seconds / 2.0
+        self._interrupted = False
+        self._cutting = False
         self._fits, self._others = list[str](), list[str]()
 
     def begin_search(self) -> None:

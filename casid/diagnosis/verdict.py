@@ -56,13 +56,17 @@ def concluded(
     """
     found = replace(found, causes=tuple(_or_the_data(one, data) for one in found.causes))
     facts = facts_of(found, against, factors, not_judged, data, doubts)
-    verdict, account = verdict_of(facts), claims.account(facts)
+    verdict = verdict_of(facts)
+    account = claims.account(facts)
     if facts.at_fault:
-        found, doubted = _in_doubt(found, "the data are at fault"), True
+        found = _in_doubt(found, "the data are at fault")
+        doubted = True
     elif facts.impossible:
-        found, doubted = _in_doubt(found, "the aircraft file cannot be right"), True
+        found = _in_doubt(found, "the aircraft file cannot be right")
+        doubted = True
     elif sentences.failure(facts):
-        found, doubted = _in_doubt(found, "the extended model fails on held-out records"), True
+        found = _in_doubt(found, "the extended model fails on held-out records")
+        doubted = True
     else:
         doubted = False
     if claims.grown(facts):
@@ -107,7 +111,9 @@ def facts_of(
     factors = tuple(one for one in factors if names & set(one.derivatives))
     single = {name for one in factors for name in one.derivatives}
     causes = {(one.kind, one.target) for one in found.causes}
-    fit, given, criteria = found.extended.fit, found.diagnosed.values, found.criteria
+    fit = found.extended.fit
+    given = found.diagnosed.values
+    criteria = found.criteria
     changed = changed_values(fit, given, found.flight, criteria.prior.unstated)
     facts = Facts(
         source=found.diagnosed.source,
@@ -166,7 +172,8 @@ def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: C
 def of_air(one: Following, criteria: Criteria) -> Decision:
     """The decision on what was taken for moving air and follows an input: it is named if that is no chance."""
     gate = follows_inputs(one.statistic, criteria)
-    name, outcome = f"follows({one.input}:{one.output})", NAMED if gate.passed else REFUSED
+    name = f"follows({one.input}:{one.output})"
+    outcome = NAMED if gate.passed else REFUSED
     return Decision(cause=name, round=0, outcome=outcome, gates=(gate,))
 
 

@@ -19,9 +19,12 @@ from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import SingleShooting, Transcription, as_stepping, is_implicit
 
 _PULL = 0.005  # of -ln(likelihood), half of what its integration may be off
-_WIDER, _TIMES = 30.0, 8  # factor of a prior that pulls, and how often: twelve orders of magnitude
+# factor of a prior that pulls, and how often: twelve orders of magnitude
+_WIDER = 30.0
+_TIMES = 8
 _ROUNDS = 3  # of steps and priors, of which each moves the end on which the other is judged
-_LEAST_SECONDS, _MOST_SECONDS = 1e-3, 600.0
+_LEAST_SECONDS = 1e-3
+_MOST_SECONDS = 600.0
 
 
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
@@ -92,7 +95,8 @@ def check_part(value: object, verb: str, what: str, example: str) -> None:
 def as_motion(attempt: Attempt, substeps: int = 0) -> Attempt:
     """The same parameters and initial states simulated in one piece, with the noise of highest likelihood; by so many
     `substeps` per sample interval, or else as many as the attempt has."""
-    objective, point = attempt.objective, attempt.outcome.point
+    objective = attempt.objective
+    point = attempt.outcome.point
     layout = objective.layout
     method = SingleShooting(substeps=substeps or layout.substeps, implicit=is_implicit(attempt.method))
     whole = Objective(objective.problem, method.dynamics(objective.problem))

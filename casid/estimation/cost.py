@@ -152,7 +152,8 @@ class RangeWeights:
 
     def weights(self, measured: np.ndarray) -> np.ndarray:
         """(channels,) weights of the (samples, channels) measurements; NaN are missing samples."""
-        low, high = np.nanmin(measured, axis=0), np.nanmax(measured, axis=0)
+        low = np.nanmin(measured, axis=0)
+        high = np.nanmax(measured, axis=0)
         return np.minimum(1.0 / np.maximum(high - low, 1e-300), self.maximum)
 
 

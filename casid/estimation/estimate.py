@@ -144,25 +144,31 @@ def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
 
 def _ended(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> tuple[Problem, Ending]:
     """Solve a problem whose motion does not switch; of one that does the one that differs least and has a solution."""
-    solved, end, start = problem, None, {}
+    solved = problem
+    end = None
+    start = {}
     for one, remark in without_switching(problem):
         further = ending(replace(one, start=start or one.start), method, solver, clock)
         if end is not None and end.attempt.found and not further.attempt.found:
             break
-        solved, end = one, replace(further, remark="; ".join(filter(None, (remark, further.remark))))
+        solved = one
+        end = replace(further, remark="; ".join(filter(None, (remark, further.remark))))
         start = further.attempt.values if further.attempt.found else {}
     assert end is not None
     return solved, end
 
 
 def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> Fit:
-    objective, outcome, method = end.attempt.objective, end.attempt.outcome, end.attempt.method
+    objective = end.attempt.objective
+    outcome = end.attempt.outcome
+    method = end.attempt.method
     value = outcome.value
     (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
     likelihood = judged(end.attempt, end.coarse)
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))
-    names, levels = objective.channel_names, value.noise.levels
+    names = objective.channel_names
+    levels = value.noise.levels
     residuals = {record: measured[record] - predicted[record] for record in measured}
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     errors = _errors(objective, outcome)
@@ -204,7 +210,8 @@ def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
 
 def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """record -> (N, channels) measured and predicted."""
-    problem, value = objective.problem, outcome.value
+    problem = objective.problem
+    value = outcome.value
     measured: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
     predicted: dict[str, list[np.ndarray]] = {record.name: [] for record in problem.records}
     if value.trajectory is not None:
@@ -229,7 +236,8 @@ def _states(objective: Objective, outcome: Outcome) -> dict[str, StateHistory]:
     trajectory = outcome.value.trajectory
     if trajectory is None:
         return {}
-    layout, states = objective.layout, trajectory.states
+    layout = objective.layout
+    states = trajectory.states
     flat = states.reshape(-1, states.shape[2])
     return {
         record.name: StateHistory(

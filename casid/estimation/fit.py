@@ -132,7 +132,8 @@ class Fit:
         Positive where an upper limit holds a sample, negative where a lower one does, else zero. The sum over all
         samples is the rate at which the cost falls as the limit is raised. A soft limit holds no sample.
         """
-        problem, pressed = self.problem, self.uncertainty.solved.pressed
+        problem = self.problem
+        pressed = self.uncertainty.solved.pressed
         names = [record.name for record in problem.records]
         if pressed is None:
             pressed = [np.zeros((len(problem.path_constraints), len(record.t))) for record in problem.records]
@@ -198,7 +199,8 @@ class Fit:
         every = (self.uncertainty.honest, self.covariance, self.covariance_corrected)
         std, cramer_rao, corrected = (np.sqrt(np.maximum(np.diagonal(c), 0.0)) for c in every)
         below, above = self.uncertainty.sides
-        prior, prior_std = self.problem.nominal, self.problem.prior_std
+        prior = self.problem.nominal
+        prior_std = self.problem.prior_std
         return {
             name: Estimate(
                 name=name,
@@ -218,7 +220,8 @@ class Fit:
         """Record -> state -> Estimate of its value at the first sample, with the prior that `InitialState` gave (not a
         number and infinite where it gave none: the data alone decide). A state that the model's `initial` gives is no
         estimate and not listed."""
-        errors, posed = self.uncertainty.initial_std, self.problem
+        errors = self.uncertainty.initial_std
+        posed = self.problem
         found: dict[str, dict[str, Estimate]] = {}
         for r, record in enumerate(posed.records if self.states else ()):
             value, std = posed.initial_state.of(record.name)
@@ -249,7 +252,8 @@ class Fit:
     def correlation(self, first: str, second: str) -> float:
         """Correlation of the errors of two parameters; raises InputError for a name that was not estimated."""
         names = list(self.parameters)
-        i, j = names.index(self[first].name), names.index(self[second].name)
+        i = names.index(self[first].name)
+        j = names.index(self[second].name)
         return float(self.correlations[i, j])
 
     @property

@@ -221,17 +221,22 @@ def channel_fits(
     names: Sequence[str], measured: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]
 ) -> dict[str, ChannelFit]:
     """Of all channels with a sample, by record -> (N, channels) in the order of the names."""
-    z, y = np.concatenate([measured[record] for record in predicted]), np.concatenate(list(predicted.values()))
+    z = np.concatenate([measured[record] for record in predicted])
+    y = np.concatenate(list(predicted.values()))
     return {n: channel_fit(z[:, i], y[:, i]) for i, n in enumerate(names) if np.isfinite(z[:, i]).any()}
 
 
 def channel_fit(measured: np.ndarray, predicted: np.ndarray) -> ChannelFit:
     """Statistics of one channel over all its samples; NaN are missing, and of a channel that never changes R2 is."""
     good = np.isfinite(measured)
-    z, y = measured[good], predicted[good]
-    count, error, centred = len(z), z - y, z - z.mean()
+    z = measured[good]
+    y = predicted[good]
+    count = len(z)
+    error = z - y
+    centred = z - z.mean()
     with np.errstate(over="ignore"):  # of a simulation that diverges: infinite
-        rms, size = math.sqrt(error @ error / count), math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
+        rms = math.sqrt(error @ error / count)
+        size = math.sqrt(z @ z / count) + math.sqrt(y @ y / count)
     return ChannelFit(
         rms=rms,
         R2=1.0 - rms**2 * count / float(centred @ centred) if np.ptp(z) > 0 else math.nan,

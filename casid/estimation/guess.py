@@ -30,10 +30,15 @@ from casid.records.record import Record
 
 _NOISE = 0.05  # of a channel's range
 _WANDER = 10.0  # sizes of a state over a record
-_ITERATIONS, _SECONDS = 30, 600.0
-_RELATIVE, _ABSOLUTE = 1e-6, 1e-9  # tolerances of CVODES
+_ITERATIONS = 30
+_SECONDS = 600.0
+# tolerances of CVODES
+_RELATIVE = 1e-6
+_ABSOLUTE = 1e-9
 _MOTION = 1e-3  # sizes of a state that may be missing between two samples, noise and all
-_LARGER, _TIMES = 1e3, 5  # factors of the size of states, up to fifteen orders of magnitude
+# factors of the size of states, up to fifteen orders of magnitude
+_LARGER = 1e3
+_TIMES = 5
 _FOLLOWED = 1.0  # mean square of residuals in units of the assumed noise: a twentieth of the range
 
 
@@ -42,8 +47,10 @@ def with_guess(problem: Problem, inner: Problem, deadline: float = math.inf) -> 
     begins with what is known of their initial value."""
     if not problem.simulated or problem.feedback is not None or not unguessed_states(problem.model, problem.records):
         return inner
-    states, known = problem.model.states, inner.initial_knowledge[0]
-    missing, table = {}, {}
+    states = problem.model.states
+    known = inner.initial_knowledge[0]
+    missing = {}
+    table = {}
     for r, (posed, record) in enumerate(zip(problem.records, inner.records, strict=True)):
         own = [i for i, s in enumerate(states) if s not in posed or not np.isfinite(posed[s]).any()]
         missing[record.name], table[record.name] = own, inner.model.guess(record).copy()
@@ -73,13 +80,15 @@ def _guessed_states(problem: Problem, deadline: float) -> Mapping[str, np.ndarra
 def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | None:
     """Record -> (N, states) at the start values of a problem; None where the model has no motion there. With the
     smallest sizes of the states with which the readings are followed, or else those that come nearest."""
-    best, nearest = None, np.inf
+    best = None
+    nearest = np.inf
     for k in range(_TIMES + 1):
         if time.perf_counter() > deadline:
             break
         found, square = _smoothed_at(problem, _LARGER**k, deadline)
         if square < nearest:
-            best, nearest = found, square
+            best = found
+            nearest = square
         if nearest < _FOLLOWED or (best is not None and square > 0.99 * nearest and k > 1 and found is not best):
             break
     return best
@@ -109,7 +118,8 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
         outcome = GaussNewton(iterations=_ITERATIONS, seconds=seconds).minimise(objective)
     except np.linalg.LinAlgError:
         return None, np.inf
-    trajectory, levels = outcome.value.trajectory, outcome.value.noise.levels
+    trajectory = outcome.value.trajectory
+    levels = outcome.value.noise.levels
     if trajectory is None or not np.isfinite(trajectory.states).all():
         return None, np.inf
     if not outcome.value.worst() < _MOTION * larger:
@@ -121,7 +131,8 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
 
 def _with_sizes(problem: Problem, larger: float) -> InitialState:
     """What is known of the initial states, and of the others a deviation of so many sizes."""
-    given, model = problem.initial_state, problem.model
+    given = problem.initial_state
+    model = problem.model
     known = {name.split("[")[0] for name in given.std}
     sizes = {s: larger * model.state_scale[s] for s in model.states if s not in known}
     return replace(given, std={**given.std, **sizes})
@@ -133,7 +144,8 @@ def _simulated(problem: Problem) -> Mapping[str, np.ndarray] | None:
     if model.period is not None:
         return None
     step = cached(model, ("implicit step",), lambda: cvodes_step(model, _RELATIVE, _ABSOLUTE))
-    known, run = problem.initial_knowledge[0], steps_of(step)
+    known = problem.initial_knowledge[0]
+    run = steps_of(step)
     found = {}
     for r, (record, p) in enumerate(zip(problem.records, problem.start_parameters, strict=True)):
         start = np.where(np.isnan(known[r]), model.guess(record)[0], known[r])

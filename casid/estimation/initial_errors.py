@@ -43,8 +43,10 @@ def initial_errors(objective: Objective, linear: Linearised) -> InitialErrors | 
     blocks = linear.blocks
     if blocks is None:
         return None
-    n, records = len(objective.scale), len(objective.problem.records)
-    given, moved = np.zeros((records, n, n)), np.zeros((records, n, len(objective.problem.parameters)))
+    n = len(objective.scale)
+    records = len(objective.problem.records)
+    given = np.zeros((records, n, n))
+    moved = np.zeros((records, n, len(objective.problem.parameters)))
     for r in range(records):
         own = objective.layout.segments_of(r)
         inner = blocks.hessian.shape[1]

@@ -39,7 +39,9 @@ from casid.model.built import compiled
 _TOLERANCE = 0.1  # standard deviations that an estimate may be off
 _COST = 0.01  # that -ln(likelihood) may be off: one percent of a likelihood ratio, a fiftieth of a parameter's worth
 MET = 1e-6  # scaled constraint residuals of a point that is a motion of the model
-_SAMPLES, _CHECKED = 32, 4  # at which the motion's rates are looked at, and those of them where they are largest
+# at which the motion's rates are looked at, and those of them where they are largest
+_SAMPLES = 32
+_CHECKED = 4
 MOST_STEPS = 64  # per sample interval: what takes more is stiff
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _UNEVEN = 1.5  # times the shortest step
@@ -94,7 +96,8 @@ class Attempt:
     @property
     def values(self) -> dict[str, float]:
         """Name -> estimate, of the problem as it is solved."""
-        names, theta = self.objective.problem.parameters, self.outcome.point.theta
+        names = self.objective.problem.parameters
+        theta = self.outcome.point.theta
         return dict(zip(names, theta.tolist(), strict=True))
 
 
@@ -140,7 +143,8 @@ def _is_lower(one: Attempt, other: Attempt) -> bool:
 
 def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Timed) -> Attempt:
     """The solution with as many steps per sample interval as the data are worth; by collocation what is stiff."""
-    problem, end = objective.problem, Attempt(objective=objective, outcome=outcome, method=method)
+    problem = objective.problem
+    end = Attempt(objective=objective, outcome=outcome, method=method)
     if not is_judged(objective):
         return end
     steps = objective.layout.substeps
@@ -157,7 +161,8 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
         if steps > MOST_STEPS:
             if method.implicit:
                 break
-            near, steps = end.outcome.converged, _steps_at_start(end.objective, solver)
+            near = end.outcome.converged
+            steps = _steps_at_start(end.objective, solver)
             method = replace(method, implicit=True) if near else Collocation()
         coarse = end.objective.dynamics
         method = replace(method, substeps=steps)
@@ -210,10 +215,13 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
 
 def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
     """Of df/dx [1/s], at those of some samples of states (K, L, n) where it is largest; none where it is no number."""
-    model, layout = objective.problem.model, objective.layout
+    model = objective.problem.model
+    layout = objective.layout
     count, length, n = states.shape
-    which, scale = np.linspace(0, count * length - 1, _SAMPLES).astype(int), objective.scale
-    flat, inputs = states.reshape(-1, n), layout.u0[:, :length].reshape(count * length, -1)
+    which = np.linspace(0, count * length - 1, _SAMPLES).astype(int)
+    scale = objective.scale
+    flat = states.reshape(-1, n)
+    inputs = layout.u0[:, :length].reshape(count * length, -1)
     found = compiled(model, rates_function).mapped(_SAMPLES)(
         flat[which], inputs[which], parameters[layout.record[which // length]]
     )[0]
@@ -233,10 +241,13 @@ def _is_motion(outcome: Outcome) -> bool:
 def _stable_steps(objective: Objective, end: ObjectiveValue | None = None) -> int:
     """Steps per sample interval with which a decaying motion at the start, or along an end, does not grow by the method
     alone."""
-    interval, start = float(objective.layout.dt.max()) * objective.layout.substeps, objective.start()
-    states, parameters = start.nodes[:, None], objective.problem.model_parameters(start.theta)
+    interval = float(objective.layout.dt.max()) * objective.layout.substeps
+    start = objective.start()
+    states = start.nodes[:, None]
+    parameters = objective.problem.model_parameters(start.theta)
     if end is not None and end.trajectory is not None:
-        states, parameters = end.trajectory.states, end.parameters
+        states = end.trajectory.states
+        parameters = end.parameters
     eigenvalues = _eigenvalues(objective, states, parameters)
     rate = float(np.abs(eigenvalues[np.real(eigenvalues) < 0.0]).max(initial=0.0))
     return math.ceil(min(rate * interval / _STABLE, 1e6))
@@ -261,7 +272,8 @@ def _growing_steps(objective: Objective, outcome: Outcome) -> int:
 def _steps_at_start(objective: Objective, solver: Timed) -> int:
     """Steps of collocation per sample interval with which the motion at the start is right to a deviation of the data:
     a coarser mesh may have no solution, or one of its own."""
-    problem, steps = objective.problem, 1
+    problem = objective.problem
+    steps = 1
     sigma = objective.noise.levels.sigma[: len(problem.model.outputs)]
     first = np.cumsum([0] + [len(record) - 1 for record in problem.records])[:-1]
     coarse = _collocated(problem, steps)
@@ -275,7 +287,8 @@ def _steps_at_start(objective: Objective, solver: Timed) -> int:
         off = _held_by_data(carried, made, objective.scale)
         if np.linalg.norm((fine[2] @ off[..., None])[..., 0] / sigma) < 1.0:
             break
-        coarse, steps = fine, 2 * steps
+        coarse = fine
+        steps = 2 * steps
     return steps
 
 
@@ -311,10 +324,13 @@ def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> 
 def doubt_of_steps(end: Attempt) -> str:
     """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
     cannot be told."""
-    objective, outcome, method = end.objective, end.outcome, as_stepping(end.method)
+    objective = end.objective
+    outcome = end.outcome
+    method = as_stepping(end.method)
     if method is None or not is_judged(objective) or not _is_motion(outcome):
         return ""
-    steps, linear = objective.layout.substeps, linear_at(objective, outcome)
+    steps = objective.layout.substeps
+    linear = linear_at(objective, outcome)
     if linear is None:
         return ""
     if method.implicit and (needed := _growing_steps(objective, outcome)) > steps:
@@ -377,7 +393,8 @@ def _integration_error(
 
 def _with_half_steps(objective: Objective, outcome: Outcome, method: Stepping) -> tuple[np.ndarray, np.ndarray]:
     """y (K, L, o) and end (K, n) of segments from the same nodes; nothing else of the finer motion stays in memory."""
-    finer, point = method.dynamics(objective.problem), outcome.point
+    finer = method.dynamics(objective.problem)
+    point = outcome.point
     parameters = outcome.value.parameters[objective.layout.record]
     if point.points is None:
         better = finer.trajectory(point.nodes, parameters)
@@ -402,7 +419,9 @@ def _shift_of_nodes(objective: Objective, linear: Linearised, off: np.ndarray) -
     """(K, n) how far the errors `off` (K, n) at the ends of segments carry the nodes after them, and whether they do;
     otherwise each stays where it is made."""
     assert linear.blocks is not None
-    carried, alone, n = np.zeros_like(off), np.zeros_like(off), off.shape[1]
+    carried = np.zeros_like(off)
+    alone = np.zeros_like(off)
+    n = off.shape[1]
     with np.errstate(over="ignore", invalid="ignore"):
         for k in objective.layout.tied:
             carried[k + 1] = linear.blocks.transition[k, :, :n] @ carried[k] + off[k]

@@ -38,8 +38,11 @@ def judged(attempt: Attempt, coarse: bool) -> Judged:
     order. A motion that is there already is not: where it grows, the least difference at its begin would be all that is
     seen at its end. Noise that is estimated is that of the residuals of the motion.
     """
-    objective, value = attempt.objective, attempt.outcome.value
-    problem, levels, squares = objective.problem, value.noise.levels, value.squares
+    objective = attempt.objective
+    value = attempt.outcome.value
+    problem = objective.problem
+    levels = value.noise.levels
+    squares = value.squares
     plain = objective.dynamics is not None and objective.equations is None and not objective.soft
     solved = attempt.outcome.status.result in (Results.CONVERGED, Results.ANOTHER_MINIMUM)
     if solved or not plain or problem.feedback is not None or problem.model.period is not None:
@@ -63,7 +66,9 @@ def judged(attempt: Attempt, coarse: bool) -> Judged:
 
 def _simulated(objective: Objective, outcome: Outcome) -> tuple[np.ndarray, ...] | None:
     """Outputs per record (N, o) from the initial states; None where the motion is not finite."""
-    problem, layout, model = objective.problem, objective.layout, objective.problem.model
+    problem = objective.problem
+    layout = objective.layout
+    model = objective.problem.model
     run = steps_of(cvodes_step(model, _CLOSE, _CLOSE * float(objective.scale.min(initial=1.0))))
     output = ca.Function("h", [model.x, model.u, model.p, model.w], [ca.densify(model.h)])
     found = []
@@ -89,7 +94,8 @@ def _residuals(problem: Problem, outputs: tuple[np.ndarray, ...]) -> np.ndarray:
 def log_prior(objective: Objective, outcome: Outcome, given: np.ndarray) -> float:
     """ln of the normal densities of what has a prior: parameters, and initial states whose 1-sigma was `given`
     (records, states)."""
-    problem, point = objective.problem, outcome.point
+    problem = objective.problem
+    point = outcome.point
     known = np.isfinite(problem.prior_std)
     total = _log_normal((point.theta - problem.nominal)[known], problem.prior_std[known])
     if objective.dynamics is not None:

@@ -58,7 +58,8 @@ class Noise:
             return ca.SX.sym(self.sigma)
         if not callable(self.sigma):
             return ca.SX(self.sigma)
-        function, where = self.sigma, f"Problem: noise of '{output}'"
+        function = self.sigma
+        where = f"Problem: noise of '{output}'"
         named = {
             name: vector[i]
             for vector, names in ((model.p, model.parameters), (model.u, model.inputs), (model.x, model.states))

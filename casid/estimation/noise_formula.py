@@ -27,7 +27,8 @@ _LEAST = 1e-6  # of the smallest reading: what a log-normal output below is take
 _RANGE = 0.05  # of a channel's range: a 1-sigma where the formula has none at the start
 _LINE = "noise in units of its formula: {}"
 _SPREAD = "spread of the noise: {}"
-_READING, _REFERENCE = "reading of {}", "reference of {}"
+_READING = "reading of {}"
+_REFERENCE = "reference of {}"
 
 
 def solved_with_formulas(problem: Problem, solved: Callable[[Problem], Fit], again: Callable[[Problem], Fit]) -> Fit:
@@ -45,7 +46,8 @@ def solved_with_formulas(problem: Problem, solved: Callable[[Problem], Fit], aga
     if not ended.converged:
         return found
     better = closer.returned(ended)
-    iterations, seconds = fit.iterations + ended.iterations, fit.seconds + ended.seconds
+    iterations = fit.iterations + ended.iterations
+    seconds = fit.seconds + ended.seconds
     return replace(better, way=fit.way, iterations=iterations, seconds=seconds)
 
 
@@ -60,7 +62,8 @@ class _Squares:
 
     def sigma(self, fit: Fit) -> dict[str, dict[str, np.ndarray]]:
         """Record -> output -> (N,) 1-sigma at a fit of `problem`."""
-        outputs, found = self.problem.model.outputs, {}
+        outputs = self.problem.model.outputs
+        found = {}
         columns = [name for name in outputs if name in fit.channels]
         for record in self.posed.records:
             found[record.name] = {}
@@ -76,10 +79,16 @@ class _Squares:
 
     def returned(self, fit: Fit) -> Fit:
         """The fit of `problem` as one of `posed`: outputs, noise and likelihood of what was measured."""
-        posed, inner, sizes = self.posed, self.problem.model.outputs, self.sigma(fit)
-        predictions, residuals, cost, likelihood = {}, {}, fit.cost, fit.log_likelihood
+        posed = self.posed
+        inner = self.problem.model.outputs
+        sizes = self.sigma(fit)
+        predictions = {}
+        residuals = {}
+        cost = fit.cost
+        likelihood = fit.log_likelihood
         for record in self.posed.records:
-            own, whitened = fit.predictions[record.name], fit.residuals[record.name]
+            own = fit.predictions[record.name]
+            whitened = fit.residuals[record.name]
             measured = posed.outputs_of(record)
             columns = []
             for i, name in enumerate(posed.model.outputs):
@@ -87,7 +96,8 @@ class _Squares:
                 if noise is None:
                     columns.append(own[:, inner.index(name)])
                     continue
-                sigma, reference = sizes[record.name][name], self.reference[record.name][name]
+                sigma = sizes[record.name][name]
+                reference = self.reference[record.name][name]
                 reading, present = _reading(record, name, noise)
                 at = (own[:, inner.index(_LINE.format(name))] - reading / reference) * sigma + reading
                 columns.append(np.exp(at) if noise.logarithmic else at)
@@ -111,9 +121,11 @@ class _Squares:
     ) -> Fit:
         posed = self.posed
         measured = {record.name: posed.outputs_of(record) for record in posed.records}
-        channels, noise = channel_fits(posed.model.outputs, measured, predictions), {}
+        channels = channel_fits(posed.model.outputs, measured, predictions)
+        noise = {}
         for name in channels:
-            i, noise[name] = posed.model.outputs.index(name), fit.noise.get(name, math.nan)
+            i = posed.model.outputs.index(name)
+            noise[name] = fit.noise.get(name, math.nan)
             if name in posed.noise_formulas:
                 sigma = [sizes[record][name][np.isfinite(z[:, i])] for record, z in measured.items()]
                 noise[name] = float(np.sqrt(np.mean(np.concatenate(sigma) ** 2)))
@@ -142,7 +154,9 @@ def _reading(record: Record, name: str, noise: Noise) -> tuple[np.ndarray, np.nd
 def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
     """The problem where no noise begins beyond the range of its readings, and what was changed. There the readings tell
     nothing of any parameter, and an iteration has no way to go."""
-    model, start, said = problem.model, dict(problem.start), list[str]()
+    model = problem.model
+    start = dict(problem.start)
+    said = list[str]()
     in_motion = ca.vertcat(model.f, model.h, *model.events.values(), *model.initial.values())
     elsewhere = ca.which_depends(in_motion, model.p, 1, False)
     for name, noise in problem.noise_formulas.items():
@@ -156,7 +170,8 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
         for i in own:
             larger[i] = 2.0 * model.p[i]
         function = ca.Function("s", [model.x, model.u, model.p], [sigma, ca.substitute(sigma, model.p, larger)])
-        sizes, reads = [], []
+        sizes = []
+        reads = []
         for record, p in zip(problem.records, problem.start_parameters, strict=True):
             reading, present = _reading(record, name, noise)
             many = np.tile(p[:, None], len(record))
@@ -180,9 +195,11 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
 
 def _at_start(problem: Problem) -> _Squares:
     """With every 1-sigma as it is at the start values, at the readings."""
-    model, reference = problem.model, {}
+    model = problem.model
+    reference = {}
     for r, record in enumerate(problem.records):
-        states, inputs = model.guess(record), record.matrix(model.inputs)
+        states = model.guess(record)
+        inputs = record.matrix(model.inputs)
         reference[record.name] = {}
         for name, noise in problem.noise_formulas.items():
             reading, present = _reading(record, name, noise)
@@ -208,13 +225,15 @@ def _referred(
     start: Mapping[str, float],
 ) -> _Squares:
     """The sum of squares with these 1-sigma s0 and this c."""
-    formulas, model = problem.noise_formulas, problem.model
+    formulas = problem.noise_formulas
+    model = problem.model
     further = [_READING.format(n) for n in formulas] + [_REFERENCE.format(n) for n in formulas]
     channels = [n.sigma for n in formulas.values() if isinstance(n.sigma, str) and n.sigma not in model.inputs]
     inputs = (*model.inputs, *further, *dict.fromkeys(channels))
     u = ca.vertcat(model.u, ca.SX.sym("more", len(inputs) - len(model.inputs)))
     symbols = dict(zip(inputs, ca.vertsplit(u), strict=True)) if inputs else {}
-    rows, outputs = [], []
+    rows = []
+    outputs = []
     for i, name in enumerate(model.outputs):
         if name not in formulas:
             rows.append(model.h[i])
@@ -222,7 +241,8 @@ def _referred(
             continue
         noise = formulas[name]
         sigma = symbols[noise.sigma] if isinstance(noise.sigma, str) else noise.expression(model, name)
-        reading, size = symbols[_READING.format(name)], symbols[_REFERENCE.format(name)]
+        reading = symbols[_READING.format(name)]
+        size = symbols[_REFERENCE.format(name)]
         h = _logarithm(model.h[i], _least(problem, name)) if noise.logarithmic else model.h[i]
         # measured as reading / s0: the same residual as zero, and the channel keeps its range
         rows += [(h - reading) / sigma + reading / size, ca.sqrt(2.0 * ca.log(sigma / size) + room)]
@@ -243,7 +263,8 @@ def _with_readings(record: Record, problem: Problem, sigma: Mapping[str, np.ndar
     added = {}
     for name, noise in problem.noise_formulas.items():
         reading, present = _reading(record, name, noise)
-        added[_READING.format(name)], added[_REFERENCE.format(name)] = reading, sigma[name]
+        added[_REFERENCE.format(name)] = sigma[name]
+        added[_READING.format(name)] = reading
         added[_LINE.format(name)] = np.where(present, reading / sigma[name], np.nan)
         added[_SPREAD.format(name)] = np.where(present, 0.0, np.nan)
         if isinstance(noise.sigma, str):

@@ -37,7 +37,9 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
     names = tuple(problem.spread)
     scale = np.array([problem.spread[name] for name in names])
     mean = np.array([_start(problem, name) for name in names])
-    spread, fit, settled = scale, first(_given(problem, names, mean, scale)), False
+    spread = scale
+    fit = first(_given(problem, names, mean, scale))
+    settled = False
     for _ in range(_ROUNDS):
         seen = _Seen.of(problem, names, fit, (mean, spread))
         found = seen.most_likely_spreads(scale)
@@ -45,7 +47,8 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
         least = _LEAST * seen.size
         moved = np.abs(found - spread) > np.maximum(_SETTLED * found, least)
         settled = not moved.any() and bool((np.abs(means - mean) <= np.maximum(_SETTLED * errors, least)).all())
-        mean, spread = means, found
+        mean = means
+        spread = found
         if settled:
             break
         fit = again(replace(_given(problem, names, mean, np.maximum(spread, least)), start=dict(fit.values)))
@@ -65,7 +68,8 @@ def _start(problem: Problem, name: str) -> float:
 def _given(problem: Problem, names: tuple[str, ...], mean: np.ndarray, spread: np.ndarray) -> Problem:
     """The problem with known means and spreads, as a prior of the values; none where a spread is infinite."""
     model = problem.model
-    nominal, prior = dict(model.nominal), dict(model.prior_std) if problem.prior else {}
+    nominal = dict(model.nominal)
+    prior = dict(model.prior_std) if problem.prior else {}
     for name, m, s in zip(names, mean.tolist(), spread.tolist(), strict=True):
         by_log = name in problem.logarithmic
         prior.pop(name, None)
@@ -93,9 +97,11 @@ class _Seen:
         """By the linearisation of a fit with given means and spreads, in the coordinates of the solvers."""
         base = fit.uncertainty.solved
         assert base.linear is not None
-        inner, levels = base.objective.problem, base.value.noise.levels
+        inner = base.objective.problem
+        levels = base.value.noise.levels
         prior = np.diag(1.0 / inner.prior_std**2)
-        data, theta = base.linear.hessian - prior, base.linear.point.theta
+        data = base.linear.hessian - prior
+        theta = base.linear.point.theta
         pull = prior @ (theta - inner.nominal)  # of the prior, which the data balance at the estimates
         inverse = np.linalg.pinv(base.linear.hessian, hermitian=True)
         initial = initial_errors(base.objective, base.linear)
@@ -105,7 +111,8 @@ class _Seen:
             raise EstimationError("solve: as many unknowns as samples; a spread cannot be told with estimated noise")
         member = np.array([names.index(n.split("[")[0]) if n.split("[")[0] in names else -1 for n in inner.parameters])
         other = member < 0
-        hessian, slope = data / factor, (data @ theta + pull) / factor
+        hessian = data / factor
+        slope = (data @ theta + pull) / factor
         hessian[np.ix_(other, other)] += prior[np.ix_(other, other)]
         slope[other] += (prior @ inner.nominal)[other]
         size = np.array(
@@ -119,7 +126,8 @@ class _Seen:
     def _system(self, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(matrix, right, map) of the joint density of v: deviations from the mean in spreads, other parameters, means;
         theta = map v. It is well conditioned at a spread of zero, too."""
-        count, drawn = len(self.member), self.member >= 0
+        count = len(self.member)
+        drawn = self.member >= 0
         into = np.zeros((count, count + len(spread)))
         into[np.arange(count), np.arange(count)] = np.where(drawn, spread[self.member], 1.0)
         into[drawn, count + self.member[drawn]] = 1.0
@@ -158,7 +166,8 @@ class _Seen:
         matrix, right, into = self._system(spread)
         size = 1.0 / np.sqrt(np.diagonal(matrix))
         covariance = np.linalg.inv(matrix * size[:, None] * size) * size[:, None] * size
-        v, count = covariance @ right, len(self.member)
+        v = covariance @ right
+        count = len(self.member)
         return into @ covariance @ into.T, v[count:], np.sqrt(np.diagonal(covariance)[count:])
 
     def interval(self, spread: np.ndarray, scale: np.ndarray, which: int) -> tuple[float, float]:
@@ -169,7 +178,8 @@ class _Seen:
             moved[which] = value
             return self.misfit(moved, scale) - self.misfit(spread, scale) - _RISE
 
-        best, high = float(spread[which]), float(max(spread[which], self.size[which]))
+        best = float(spread[which])
+        high = float(max(spread[which], self.size[which]))
         low = scipy.optimize.brentq(above, 0.0, best) if best > 0.0 and above(0.0) > 0.0 else 0.0
         for _ in range(60):
             if above(high) > 0.0:

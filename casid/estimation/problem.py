@@ -178,7 +178,8 @@ class Problem:
     def weights(self) -> tuple[float, float]:
         """Weights of the output and of the equation part of the cost; the outputs of a model without states are its
         equations."""
-        output, equation = float(self.cost.output_weight), float(self.cost.equation_weight)
+        output = float(self.cost.output_weight)
+        equation = float(self.cost.equation_weight)
         return (output, equation) if self.model.states else (0.0, output + equation)
 
     @property
@@ -250,7 +251,8 @@ class Problem:
 
     @cached_property
     def _columns(self) -> np.ndarray:
-        shared, local = len(self.shared), len(self.local)
+        shared = len(self.shared)
+        local = len(self.local)
         own = shared + np.arange(len(self.records) * local).reshape(len(self.records), local)
         return np.concatenate([np.tile(np.arange(shared), (len(self.records), 1)), own], axis=1)
 
@@ -299,13 +301,16 @@ class Problem:
         A 1-sigma that is not given is wide: many times the largest magnitude of the state's readings or guess in any
         record, so that a motion within the readings is moved by less than a thousandth of its standard error.
         """
-        states, values, stds = self.model.states, [], []
+        states = self.model.states
+        values = []
+        stds = []
         for record in self.records:
             value, std = self.initial_state.of(record.name)
             values.append([value.get(s, np.nan) for s in states])
             stds.append([std.get(s, np.nan) for s in states])
         shape = (len(self.records), len(states))
-        known, given = np.reshape(values, shape).astype(float), np.reshape(stds, shape).astype(float)
+        known = np.reshape(values, shape).astype(float)
+        given = np.reshape(stds, shape).astype(float)
         if not np.isnan(given).any():
             return known, given
         size = np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)).max(axis=0))
@@ -344,7 +349,9 @@ class Problem:
     @cached_property
     def linear_rows(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(rows, lower, upper) of the linear constraints on the vector of parameters."""
-        rows, lower, upper = [], [], []
+        rows = []
+        lower = []
+        upper = []
         for constraint in self.constraints:
             if not isinstance(constraint, LinearConstraint):
                 continue
@@ -422,7 +429,8 @@ def _check_logarithmic(problem: Problem) -> None:
 
 def _check_combination(problem: Problem) -> None:
     """Raise EstimationError for initial states by formula and noise per sample where they have no meaning."""
-    model, both = problem.model, all(w > 0.0 for w in problem.weights)
+    model = problem.model
+    both = all(w > 0.0 for w in problem.weights)
     if problem.events and (problem.feedback is not None or problem.weights[1] > 0.0):
         raise EstimationError(
             f"Problem: events ({', '.join(problem.events)}) are those of a simulation, without a control law in the "
@@ -463,7 +471,8 @@ def _check_combination(problem: Problem) -> None:
 
 def _check_formulas(problem: Problem) -> None:
     """Raise InputError or EstimationError for noise by formula that cannot be as it is posed."""
-    formulas, model = problem.noise_formulas, problem.model
+    formulas = problem.noise_formulas
+    model = problem.model
     if not formulas:
         return
     if problem.feedback is not None or (model.states and problem.weights != (1.0, 0.0)):

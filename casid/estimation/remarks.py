@@ -86,13 +86,16 @@ def _readings(fit: Any) -> Iterator[str]:
     robust = isinstance(fit.problem.noise, StudentT | Huber)
     simulated = {n: r for n, r in fit.residuals.items() if fit.problem.simulated and not robust}
     for c, name in enumerate(names if simulated else ()):
-        found, squares, count = list[tuple[float, str, float]](), 0.0, 0
+        found = list[tuple[float, str, float]]()
+        squares = 0.0
+        count = 0
         every = np.concatenate([r[:, c] for r in simulated.values()])
         seen = every[np.isfinite(every)]
         if len(seen) < _FEW:
             continue
         limit = -_NORMAL * float(np.median(np.abs(seen))) * float(ndtri(0.5 * _CHANCE / len(seen)))
-        squares, count = float(seen @ seen), len(seen)
+        squares = float(seen @ seen)
+        count = len(seen)
         for record, residuals in simulated.items():
             own = residuals[:, c]
             where = np.flatnonzero(np.isfinite(own))
@@ -124,7 +127,8 @@ def _colour(coloured: Sequence[str], parameters: Mapping[str, Estimate]) -> Iter
 def _held(fit: Any) -> Iterator[str]:
     """Parameters of which a limit leaves an interval to one side."""
     for name, e in fit.parameters.items():
-        low, high = e.value - e.interval[0], e.interval[1] - e.value
+        low = e.value - e.interval[0]
+        high = e.interval[1] - e.value
         if min(low, high) < _ONE_SIDED * max(low, high):
             yield f"{name}: held by a limit; its 95 % interval is one-sided, {e.interval[0]:.4g} to {e.interval[1]:.4g}"
 
@@ -147,7 +151,8 @@ def _held_paths(fit: Any) -> Iterator[str]:
 
 def _noise(fit: Any) -> Iterator[str]:
     """Residuals that a given noise does not explain: the model is wrong, or the minimum is not the lowest."""
-    problem, misfit = fit.problem, fit.cost - fit.prior_cost
+    problem = fit.problem
+    misfit = fit.cost - fit.prior_cost
     samples = sum(channel.samples for channel in fit.channels.values())
     if problem.noise is None or isinstance(problem.noise, str | RangeWeights | StudentT | Huber):
         return
@@ -230,7 +235,8 @@ def jump_remarks(objective: Objective, theta: np.ndarray) -> Iterator[str]:
 def _jumps(record: Record, name: str) -> bool:
     if record.hold_of(name) != "linear" or name == "t" or len(record) < 3:
         return False
-    t, u = record.t, record[name]
+    t = record.t
+    u = record[name]
     share = (t[1:-1] - t[:-2]) / (t[2:] - t[:-2])
     off = np.abs(u[1:-1] - u[:-2] - share * (u[2:] - u[:-2]))
     return bool(off.max() > _JUMP * np.ptp(u) > 0.0)

@@ -130,7 +130,8 @@ def variance_scatter(
     The coefficients of a channel scatter with the covariance variance G^-1 / N, with the autocovariance G of the noise
     in as many lags, and the variance by its double square over N (Brockwell and Davis, Time Series, 1991, ch. 8).
     """
-    total, running = np.zeros(len(inverse)), {c: _Scatter(colours[c], own, inverse) for c, own in sums.items()}
+    total = np.zeros(len(inverse))
+    running = {c: _Scatter(colours[c], own, inverse) for c, own in sums.items()}
     for piece in pieces:
         running[piece.channel].add(piece)
     for own in running.values():
@@ -143,19 +144,24 @@ class _Scatter:
     v = u/A its part is variance sum v^2, and the slope of that in a_j is -2 variance sum v_k (v/A)_(k-j)."""
 
     def __init__(self, colour: Colour, own: ChannelSums, inverse: np.ndarray) -> None:
-        self.colour, self.own, self.inverse, self.record = colour, own, inverse, -1
+        self.colour = colour
+        self.own = own
+        self.inverse = inverse
+        self.record = -1
         self.squares, self.slopes = np.zeros(len(inverse)), np.zeros((len(colour.a) - 1, len(inverse)))
 
     def add(self, piece: WhitePiece) -> None:
         if piece.record != self.record:
             self._ring()
-            self.record, self._rows = piece.record, 0
+            self.record = piece.record
+            self._rows = 0
             self._blocks = _Blocks(self.own.block, len(piece.columns))
             self._once, self._twice, self._last = (np.zeros_like(self.slopes) for _ in range(3))
         self._along(self._blocks.add(piece.rows) @ self.inverse[piece.columns])
 
     def _along(self, u: np.ndarray) -> None:
-        a, order = self.colour.a, len(self.slopes)
+        a = self.colour.a
+        order = len(self.slopes)
         self._rows += len(u)
         once = u
         if order:
@@ -174,11 +180,15 @@ class _Scatter:
 
     def variance(self) -> np.ndarray:
         self._ring()
-        order, variance, count = len(self.slopes), self.colour.variance, self.own.count
+        order = len(self.slopes)
+        variance = self.colour.variance
+        count = self.own.count
         found = 2.0 * (variance * self.squares) ** 2 / count
         if order:
-            follow, first = np.eye(order, k=-1), np.zeros((order, order))
-            follow[0], first[0, 0] = -self.colour.a[1:], variance
+            follow = np.eye(order, k=-1)
+            first = np.zeros((order, order))
+            follow[0] = -self.colour.a[1:]
+            first[0, 0] = variance
             autocovariance = scipy.linalg.solve_discrete_lyapunov(follow, first)
             slopes = -2.0 * variance * self.slopes
             found += (slopes * np.linalg.solve(autocovariance, slopes)).sum(axis=0) * variance / count
@@ -190,7 +200,8 @@ class _Blocks:
     variance; what does not fill a block waits for more."""
 
     def __init__(self, size: int, width: int) -> None:
-        self._size, self._width = size, width
+        self._size = size
+        self._width = width
         self.restart()
 
     def restart(self) -> None:
@@ -211,7 +222,8 @@ class _Lagged:
     """Of streams (m, width): sums of rows_(i-k) rows_i' for the lags k, and the number of rows."""
 
     def __init__(self, width: int) -> None:
-        self.sums, self.count = np.zeros((ORDER + 1, width, width)), 0
+        self.sums = np.zeros((ORDER + 1, width, width))
+        self.count = 0
         self.restart()
 
     def restart(self) -> None:
@@ -248,7 +260,8 @@ class ChannelSums:
         self._squares: dict[int, np.ndarray] = {}  # record -> (sizes of block, width) sums
 
     def add(self, piece: WhitePiece) -> None:
-        own, key = np.column_stack([piece.rows, piece.residuals]), piece.columns.tobytes()
+        own = np.column_stack([piece.rows, piece.residuals])
+        key = piece.columns.tobytes()
         width = own.shape[1]
         if key not in self._streams:
             self._columns[key] = piece.columns
@@ -278,7 +291,8 @@ class ChannelSums:
         """Least share of a sensitivity's sum of squares in a record that is in the means of the blocks."""
         least = 1.0
         for squares in self._squares.values():
-            whole, means = squares[0, :-1], squares[level, :-1]
+            whole = squares[0, :-1]
+            means = squares[level, :-1]
             seen = whole > 0.0
             least = min(least, float((means[seen] / whole[seen]).min(initial=1.0)))
         return least
@@ -318,7 +332,8 @@ class ChannelSums:
         """(lags,) expected, of the noise of the blocks, for parameters off by `shift` with `covariance`."""
         found = np.zeros(ORDER + 1)
         for key, streams in self._streams.items():
-            columns, lagged = self._columns[key], streams[self._level][1].sums
+            columns = self._columns[key]
+            lagged = streams[self._level][1].sums
             off = np.append(-shift[columns], 1.0)
             found += lagged @ off @ off
             found += np.tensordot(lagged[:, :-1, :-1], covariance[np.ix_(columns, columns)], 2)
@@ -331,10 +346,12 @@ def noise_autocovariance(sums: Mapping[int, ChannelSums], prior: np.ndarray, fre
     prior   (parameters, parameters) information besides the data's
     free    (parameters, directions) in which the parameters can move
     """
-    unmoved, exact = np.zeros(len(prior)), np.zeros_like(prior)
+    unmoved = np.zeros(len(prior))
+    exact = np.zeros_like(prior)
     found = {c: own.autocovariance(unmoved, exact) for c, own in sums.items()}
     for _ in range(_ROUNDS):
-        information, gradient = prior.copy(), np.zeros(len(prior))
+        information = prior.copy()
+        gradient = np.zeros(len(prior))
         for c, own in sums.items():
             colour = autoregression(found[c], own.count)
             both_ways = np.correlate(colour.a, colour.a, "full")[len(colour.a) - 1 :]
@@ -352,7 +369,10 @@ def autoregression(autocovariance: np.ndarray, count: int) -> Colour:
     """The autoregression of least AIC for an autocovariance (lags,) of `count` samples, by Levinson and Durbin."""
     size = min(len(autocovariance) - 1, count // _SAMPLES_PER_ORDER)
     c = autocovariance.tolist()
-    a, variance, best, least = [1.0], c[0], ([1.0], max(c[0], 0.0)), math.inf
+    a = [1.0]
+    variance = c[0]
+    best = ([1.0], max(c[0], 0.0))
+    least = math.inf
     for order in range(size + 1):
         if order:
             reflection = -sum(a[j] * c[order - j] for j in range(order)) / variance
@@ -362,13 +382,15 @@ def autoregression(autocovariance: np.ndarray, count: int) -> Colour:
             break
         criterion = count * math.log(variance) + 2 * order
         if criterion < least:
-            best, least = (a, variance), criterion
+            best = (a, variance)
+            least = criterion
     return Colour(a=np.array(best[0]), variance=best[1])
 
 
 def gain(autocovariance: np.ndarray, count: int) -> float:
     """Twice the gain in ln(likelihood) of `autoregression` over white noise."""
-    whole, left = max(float(autocovariance[0]), 0.0), autoregression(autocovariance, count).variance
+    whole = max(float(autocovariance[0]), 0.0)
+    left = autoregression(autocovariance, count).variance
     return count * math.log(whole / left) if left > 0.0 else 0.0
 
 
@@ -411,8 +433,10 @@ class _Filter:
     Gram matrix of the rows run through 1/A, also of what rings on after the last."""
 
     def __init__(self, colour: Colour, columns: np.ndarray) -> None:
-        self.colour, self.columns = colour, columns
-        order, width = len(colour.a) - 1, len(columns)
+        self.colour = colour
+        self.columns = columns
+        order = len(colour.a) - 1
+        width = len(columns)
         self._memory = np.zeros((order, width))
         self._recent = np.zeros((order, width))
         self._gram = np.zeros((width, width))

@@ -61,11 +61,13 @@ def final_status(problem: Problem, status: Status, point: Point, errors: Uncerta
 
 def _undetermined(problem: Problem, errors: Uncertainty) -> Status:
     """For a step that does not exist: which parameters it is that the data do not determine."""
-    idle, remedy = idle_parameters(problem), "start elsewhere, fix one or give a prior"
+    idle = idle_parameters(problem)
+    remedy = "start elsewhere, fix one or give a prior"
     if idle:
         return _idle_status(idle)
     if errors.linear is not None and errors.confused:
-        reason, remedy = f"the data cannot tell {', '.join(errors.confused)} apart", "fix one or give a prior"
+        reason = f"the data cannot tell {', '.join(errors.confused)} apart"
+        remedy = "fix one or give a prior"
     elif weak := ", ".join(errors.weakest):
         reason = f"the data hardly tell {weak} near this point"
     else:
@@ -93,9 +95,11 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> St
     if idle:
         return _idle_status(idle)
     if len(confused) == 1:
-        reason, remedy = f"nothing in these data depends on {confused[0]}", "fix it or give a prior"
+        reason = f"nothing in these data depends on {confused[0]}"
+        remedy = "fix it or give a prior"
     else:
-        reason, remedy = f"the data cannot tell {', '.join(confused)} apart", "fix one or give a prior"
+        reason = f"the data cannot tell {', '.join(confused)} apart"
+        remedy = "fix one or give a prior"
     return Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
 
 
@@ -103,7 +107,8 @@ def ran_away(problem: Problem, value: ObjectiveValue, times: float = _BEYOND) ->
     """Judge whether simulated outputs are further from the readings than so many `times` their root mean square."""
     if not problem.simulated:
         return False
-    levels, squares = value.noise.levels, value.squares
+    levels = value.noise.levels
+    squares = value.squares
     if isinstance(levels, FullNoise):
         return not np.isfinite(squares).all()
     measured = np.sqrt(levels.magnitude / np.maximum(levels.present, 1))

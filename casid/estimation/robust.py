@@ -50,7 +50,8 @@ def _law(noise: StudentT | Huber) -> _Law:
             slope=lambda u: (v + 1) * (v - u**2) / (v + u**2) ** 2,
             log_density=lambda u: constant - 0.5 * (v + 1) * np.log1p(u**2 / v),
         )
-    k, tail = noise.threshold, float(ndtr(-noise.threshold))
+    k = noise.threshold
+    tail = float(ndtr(-noise.threshold))
     beside = math.exp(-0.5 * k**2)  # density of normal noise there over that at zero
     mass = math.sqrt(2 * math.pi) * (1 - 2 * tail) + 2 / k * beside
     expected = 1 - 2 * tail - 2 * k * beside / math.sqrt(2 * math.pi) + 2 * k**2 * tail  # of psi^2 under normal noise
@@ -67,18 +68,22 @@ def solved_robustly(
 ) -> Fit:
     """The fit of a problem with robust noise: `solved` as least squares, and `again` from there with weights."""
     known = None if noise.sigma is None else {n: number(s, "noise") for n, s in noise.sigma.items()}
-    fit, law = solved(replace(problem, noise=known)), _law(noise)
+    fit = solved(replace(problem, noise=known))
+    law = _law(noise)
     scale = known or _first_scale(problem, fit)
-    iterations, seconds = fit.iterations, fit.seconds
+    iterations = fit.iterations
+    seconds = fit.seconds
     for _ in range(_ROUNDS):
         if not fit.converged:
             break
-        before, former = fit, scale
+        before = fit
+        former = scale
         weights = _weights(law, fit, scale)
         if known is None:
             scale = _scale_of(problem, fit, law, scale)
         fit = again(_weighted(problem, weights, scale, fit))
-        iterations, seconds = iterations + fit.iterations, seconds + fit.seconds
+        iterations = iterations + fit.iterations
+        seconds = seconds + fit.seconds
         if _settled(before, fit, former, scale):
             break
     return _returned(problem, fit, law, scale, (iterations, seconds))
@@ -139,14 +144,17 @@ def _settled(before: Fit, after: Fit, former: Mapping[str, float], scale: Mappin
 
 
 def _returned(problem: Problem, fit: Fit, law: _Law, scale: Mapping[str, float], spent: tuple[int, float]) -> Fit:
-    u, likelihood = [], 0.0
+    u = []
+    likelihood = 0.0
     for name, i in _outputs(problem, fit).items():
         r = np.concatenate([residuals[:, i] for residuals in fit.residuals.values()])
         own = r[np.isfinite(r)] / scale[name]
         u.append(own)
         likelihood += float(law.log_density(own).sum()) - len(own) * math.log(scale[name])
-    every, count = np.concatenate(u), len(fit.values)
-    weight, slope = law.weight(every), float(law.slope(every).mean())
+    every = np.concatenate(u)
+    count = len(fit.values)
+    weight = law.weight(every)
+    slope = float(law.slope(every).mean())
     inflation = float(((weight * every) ** 2).mean() * weight.mean()) / max(slope, 1e-3) ** 2
     return replace(
         fit,

@@ -42,7 +42,8 @@ def _limits(problem: Problem) -> dict[str, tuple[float, float]]:
     for row, lower, upper in zip(*problem.linear_rows, strict=True):
         which = np.flatnonzero(row)
         if len(which) == 1:
-            name, factor = problem.parameters[which[0]], row[which[0]]
+            name = problem.parameters[which[0]]
+            factor = row[which[0]]
             low, high = sorted((lower / factor, upper / factor))
             before = found.get(name, (-math.inf, math.inf))
             found[name] = max(low, before[0]), min(high, before[1])
@@ -51,9 +52,11 @@ def _limits(problem: Problem) -> dict[str, tuple[float, float]]:
 
 def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float], float]:
     """A start from a share in (0, 1) of parameter i between its limits."""
-    name, start = problem.parameters[i], float(problem.start_vector[i])
+    name = problem.parameters[i]
+    start = float(problem.start_vector[i])
     bare = name.split("[")[0]
-    centre, std = float(problem.nominal[i]), float(problem.model.prior_std.get(bare, math.inf))
+    centre = float(problem.nominal[i])
+    std = float(problem.model.prior_std.get(bare, math.inf))
     if math.isfinite(low) and math.isfinite(high):
         if bare in problem.logarithmic and low > 0.0:
             return lambda u: float(low * (high / low) ** u)
@@ -68,7 +71,9 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
     return lambda u: float(np.clip(start * 10.0 ** (_DECADES * (2.0 * u - 1.0)), low, high))
 
 
-_SAME, _LIKELY = 0.5, 0.1  # standard deviations and ln(likelihood) between two ends that are one
+# standard deviations and ln(likelihood) between two ends that are one
+_SAME = 0.5
+_LIKELY = 0.1
 _ROUNDED = 1e-6  # of an estimate, likewise
 _DRAWS = 5  # times as many starts, where some are lost
 # readings per unknown: of 37 problems (`bench_ends.py`) those with a lower minimum within a decade have 2 and 20
@@ -89,7 +94,8 @@ def best_of(
     a minimum between bounds says nothing against it.
     Raises InputError for a parameter without a range.
     """
-    fits, lost = [solved(problem)], list[tuple[Problem, Fit]]()
+    fits = [solved(problem)]
+    lost = list[tuple[Problem, Fit]]()
     for start in drawn(problem, (starts - 1) * (_DRAWS if tried else 1), seed):
         if len(fits) == starts:
             break
@@ -126,7 +132,8 @@ def confirmed(problem: Problem, first: Fit, tried: Callable[[Problem], Fit | Non
 
 def _beyond(problem: Problem, fit: Fit) -> Iterator[dict[str, float]]:
     """Parameters at some standard deviations from estimates, along the main axis of their correlation."""
-    theta, std = np.array(list(fit.values.values())), np.sqrt(np.maximum(np.diagonal(fit.covariance), 0.0))
+    theta = np.array(list(fit.values.values()))
+    std = np.sqrt(np.maximum(np.diagonal(fit.covariance), 0.0))
     if not np.isfinite(fit.covariance).all() or not (std > 0.0).all():
         return
     sizes, axes = np.linalg.eigh(fit.covariance / np.outer(std, std))

@@ -45,7 +45,8 @@ from casid.estimation.transcriptions.transcription import (
 
 # evaluations for each iteration that Automatic() may take: of damped steps, and of Newton's by parameter, of which as
 # many as steps of Gauss-Newton are never needed
-_DAMPED, _NEWTON = 10, 10
+_DAMPED = 10
+_NEWTON = 10
 _TRIED = 60  # evaluations of an attempt from another start
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
 _NOWHERE = 1.0  # of the readings: a simulation further from them than zero follows nothing
@@ -67,7 +68,8 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
     """The solution of a problem, see above, with its integration checked, in the time of a `clock`. Raises as the
     solver does."""
     end = _ending(problem, method, solver, clock)
-    attempt, status = end.attempt, end.attempt.outcome.status
+    attempt = end.attempt
+    status = end.attempt.outcome.status
     if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
         attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
         end = replace(end, attempt=attempt)
@@ -77,11 +79,14 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
 
 
 def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
-    asked, usual = as_stepping(method), usual_of(solver)
+    asked = as_stepping(method)
+    usual = usual_of(solver)
     if asked is None or not problem.simulated or asked.process_noise:
         return Ending(attempt=attempted(problem, method, clock))
     # what judges and looks elsewhere is Gauss-Newton that gives up where it creeps
-    quick, automatic, most = clock.with_solver(usual or GaussNewton(patient=False)), usual is not None, math.inf
+    quick = clock.with_solver(usual or GaussNewton(patient=False))
+    automatic = usual is not None
+    most = math.inf
     if usual is not None:
         most = usual.iterations * (_DAMPED + _NEWTON * len(problem.parameters))
     first = attempted(problem, method, quick.allowed(most) if automatic else clock)
@@ -122,12 +127,14 @@ def _held(attempt: Attempt) -> bool:
 
 def _searched(problem: Problem, method: Stepping, first: Attempt, quick: Timed) -> tuple[Attempt, bool]:
     """The most likely of a first end and those from other starts, and whether another start came to the same."""
-    best, agreed = first, False
+    best = first
+    agreed = False
     for other, apart in _others(problem, method, first, quick):
         if first.found and _same(first, other):
             agreed |= apart
         elif other.found and (not best.found or other.misfit < best.misfit - _EQUAL):
-            best, agreed = other, False
+            best = other
+            agreed = False
         elif not best.found and other.misfit < best.misfit:
             best = other
         if best.found and (agreed or not best.doubtful) and not (_held(best) and best is first):
@@ -149,7 +156,8 @@ def _others(problem: Problem, method: Stepping, first: Attempt, quick: Timed) ->
             yield attempted(replace(problem, start=found.values), method, quick.allowed(_TRIED)), False
     if first.found and not first.doubtful:
         return
-    stretched, ended = first.stretches.theta, None if first.found else first.outcome.point.theta
+    stretched = first.stretches.theta
+    ended = None if first.found else first.outcome.point.theta
     for theta in (stretched, ended, problem.start_vector):
         if theta is not None and np.isfinite(theta).all() and quick.left > 0.0:
             start = dict(zip(problem.parameters, theta.tolist(), strict=True))
@@ -210,8 +218,10 @@ def _alike(begin: Attempt, end: Attempt) -> tuple[Attempt, Attempt]:
     """A start and an end as they compare: in steps that are halved as long as that changes the likelihood of either. A
     search that was cut short may have ended where long steps are wrong by as much as its data allow. An end that is
     another motion in one piece than in many, as of an unstable model, compares as it is."""
-    whole, steps = as_motion(end), max(begin.objective.layout.substeps, end.objective.layout.substeps)
-    start, reached = as_motion(begin, steps), end if np.isfinite(end.misfit) else whole
+    whole = as_motion(end)
+    steps = max(begin.objective.layout.substeps, end.objective.layout.substeps)
+    start = as_motion(begin, steps)
+    reached = end if np.isfinite(end.misfit) else whole
     chosen = getattr(end.method, "substeps", None) is None and is_judged(end.objective)
     if not (chosen and abs(whole.misfit - reached.misfit) <= _EQUAL):  # true of NaN
         return start, reached

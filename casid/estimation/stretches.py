@@ -28,7 +28,9 @@ _LAGS = 12  # samples
 _SLOW = 0.5  # autocorrelation of residuals of which half is no noise
 _LEFT = 0.5  # of the sum of squares: what short stretches leave of it where they contradict the whole
 _STRETCH = 10  # samples
-_STEPS, _SETTLED = 15, 1e-3  # of Gauss and Newton, and relative change of the sum of squares that ends them
+# of Gauss and Newton, and relative change of the sum of squares that ends them
+_STEPS = 15
+_SETTLED = 1e-3
 _RANK = 1e-8  # of the scaled information: less moves no parameter
 _PER_STATE = 5  # readings of a stretch per state, so that its initial state takes a fifth of them at most
 
@@ -43,14 +45,16 @@ def is_slow(objective: Objective, value: ObjectiveValue) -> bool:
 
 def _exact(objective: Objective, value: ObjectiveValue) -> bool:
     """Whether the outputs are met so well that what is left may be rounding and integration."""
-    layout, o = objective.layout, objective.layout.z.shape[2]
+    layout = objective.layout
+    o = objective.layout.z.shape[2]
     rms = value.noise.levels.rms(value.squares)[:o]
     return bool((rms <= EXACT * layout.ranges)[layout.present.any(axis=(0, 1))].all())
 
 
 def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> float:
     """Of the residuals of any output over some lags, in magnitude; those that are missing count as zero."""
-    trajectory, layout = value.trajectory, objective.layout
+    trajectory = value.trajectory
+    layout = objective.layout
     assert trajectory is not None
     o = layout.z.shape[2]
     off = layout.residuals(trajectory.y).reshape(-1, o)
@@ -93,8 +97,11 @@ def by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) ->
 
 
 def _by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -> Stretches:
-    problem, whole, n = objective.problem, objective.layout, len(objective.scale)
-    weights, trajectory = objective.whitening(value.noise.levels), value.trajectory
+    problem = objective.problem
+    whole = objective.layout
+    n = len(objective.scale)
+    weights = objective.whitening(value.noise.levels)
+    trajectory = value.trajectory
     assert trajectory is not None
     before = _squares(trajectory.y, whole.z, weights, whole.pattern)
     channels = max(int((whole.present.sum(axis=(0, 1)) > 0).sum()), 1)
@@ -104,12 +111,16 @@ def _by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -
     if before == 0.0:  # the whole leaves nothing
         return Stretches(left=1.0)
     dynamics = MultipleShooting(interval=length, substeps=whole.substeps, implicit=implicit).dynamics(problem)
-    layout, weak = dynamics.layout, np.diag(1.0 / objective.scale**2)
-    nodes, parameters = layout.start.copy(), value.parameters
+    layout = dynamics.layout
+    weak = np.diag(1.0 / objective.scale**2)
+    nodes = layout.start.copy()
+    parameters = value.parameters
     theta = np.zeros(len(problem.parameters))
     for r in range(len(problem.records)):
         theta[problem.columns(r)] = parameters[r, problem.free_index]
-    best, found, step = math.inf, (nodes, theta), (np.zeros_like(nodes), np.zeros_like(theta))
+    best = math.inf
+    found = (nodes, theta)
+    step = (np.zeros_like(nodes), np.zeros_like(theta))
     for iteration in range(_STEPS):
         motion = dynamics.trajectory(nodes, problem.model_parameters(theta)[layout.record])
         squares = _squares(motion.y, layout.z, weights, layout.pattern)
@@ -119,12 +130,14 @@ def _by_stretches(objective: Objective, value: ObjectiveValue, implicit: bool) -
             step = 0.5 * step[0], 0.5 * step[1]
         else:
             settled = squares > (1.0 - _SETTLED) * best
-            best, found = squares, (nodes, theta)
+            best = squares
+            found = (nodes, theta)
             if settled:
                 break
             blocks = dynamics.blocks(motion, problem.model_parameters(theta)[layout.record], weights)
             step = _stretched_step(problem, layout, blocks, weak, moving=iteration > 0)
-        nodes, theta = found[0] + step[0], found[1] + step[1]
+        nodes = found[0] + step[0]
+        theta = found[1] + step[1]
     states = layout.segments * n / max(float(layout.present.sum()), 1.0)
     return Stretches(left=float(best / (before * max(1.0 - states, 0.5))), theta=found[1])
 
@@ -133,13 +146,16 @@ def _stretched_step(
     problem: Problem, layout: Layout, blocks: Blocks, weak: np.ndarray, moving: bool
 ) -> tuple[np.ndarray, np.ndarray]:
     """Steps of the states (K, n) and, where they are `moving`, of the parameters (parameters,)."""
-    n, theta = len(weak), np.zeros(len(problem.parameters))
+    n = len(weak)
+    theta = np.zeros(len(problem.parameters))
     blocks.hessian[:, :n, :n] += weak
     solved, inner, left = without_starts(blocks.hessian, blocks.gradient, n)
     if moving:
-        information, slope = np.zeros((len(theta),) * 2), np.zeros(len(theta))
+        information = np.zeros((len(theta),) * 2)
+        slope = np.zeros(len(theta))
         for r in range(len(problem.records)):
-            own, columns = layout.segments_of(r), problem.columns(r)
+            own = layout.segments_of(r)
+            columns = problem.columns(r)
             information[np.ix_(columns, columns)] += inner[own].sum(axis=0)
             slope[columns] += left[own].sum(axis=0)
         scale = jacobi_scale(information)

@@ -22,7 +22,8 @@ _SHARES = (1e-2, 3e-3, 1e-3, 3e-4)  # of the size of an argument
 def without_switching(problem: Problem) -> Iterator[tuple[Problem, str]]:
     """List the problem with signs of its states made continuous, each time over a smaller part of their size, as far as
     its motion is a differential equation, with remarks; itself where there are none."""
-    model, arguments = problem.model, None
+    model = problem.model
+    arguments = None
     if problem.simulated and problem.feedback is None and model.period is None:
         arguments = cached(model, ("arguments of signs",), lambda: _arguments(model))
     sizes = np.zeros(1) if arguments is None else _sizes(problem, arguments)
@@ -70,9 +71,12 @@ def _rebuilt(model: Model, widths: np.ndarray) -> ca.SX:
 def _walked(function: ca.Function, model: Model, sign: Callable[[ca.SX], ca.SX]) -> ca.SX:
     """Take the dynamics with `sign(z)` in the place of each sign."""
     given = [model.x, model.u, model.p, model.w]
-    w, f = [ca.SX(0)] * function.sz_w(), ca.SX(*function.size_out(0))
+    w = [ca.SX(0)] * function.sz_w()
+    f = ca.SX(*function.size_out(0))
     for k in range(function.n_instructions()):
-        kind, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+        kind = function.instruction_id(k)
+        to = function.instruction_output(k)
+        of = function.instruction_input(k)
         if kind == ca.OP_INPUT:
             w[to[0]] = given[of[0]][of[1]]
         elif kind == ca.OP_OUTPUT:

@@ -116,7 +116,8 @@ class Uncertainty:
         noise that is given stands where the residuals are smaller."""
         if not self.is_coloured:
             return self.covariance
-        bound, found = np.diagonal(self.covariance), np.diagonal(self.corrected)
+        bound = np.diagonal(self.covariance)
+        found = np.diagonal(self.corrected)
         with np.errstate(divide="ignore", invalid="ignore"):
             grown = np.where((found > 0.0) & (found < bound), np.sqrt(bound / found), 1.0)
         return self.corrected * grown[:, None] * grown
@@ -131,7 +132,8 @@ class Uncertainty:
         """Channels whose residuals are coloured beyond chance."""
         if not self._in_time:
             return ()
-        names, chance = self.objective.channel_names, _CHANCE / max(len(self._scores.colours), 1)
+        names = self.objective.channel_names
+        chance = _CHANCE / max(len(self._scores.colours), 1)
         return tuple(names[c] for c, gain in self._scores.gains.items() if gain > chdtri(ORDER, chance))
 
     @property
@@ -155,13 +157,16 @@ class Uncertainty:
     def _freedom(self) -> np.ndarray:
         """(unknowns,) degrees of freedom of the variances for white noise, infinite where that is given."""
         assert self._inverse is not None
-        levels, inverse, unknowns = self.value.noise.levels, self._inverse, len(self._information)
+        levels = self.value.noise.levels
+        inverse = self._inverse
+        unknowns = len(self._information)
         if levels.fixed or not np.isfinite(self._more):
             return np.full(unknowns, np.inf)
         if not isinstance(levels, NoiseLevels) or levels.proportional:
             return np.full(unknowns, levels.count / (1.0 + self._more))  # one common factor
         free = np.diagonal(inverse) > 0.0
-        total, parts = np.zeros(unknowns), np.zeros(unknowns)
+        total = np.zeros(unknowns)
+        parts = np.zeros(unknowns)
         told = levels.count - levels.count / (1.0 + self._more)
         information = {c: spread(np.zeros_like(inverse), own.gram(1.0)) for c, own in self._scores.sums.items()}
         by_parameters = {c: float(np.trace(inverse @ h)) for c, h in information.items()}
@@ -170,7 +175,8 @@ class Uncertainty:
             own = np.diagonal(inverse @ h @ inverse)
             samples = float(levels.present[c])
             left = max(samples - by_parameters[c] - rest * samples / levels.count, 1e-9)
-            total, parts = total + own, parts + own**2 / left
+            total = total + own
+            parts = parts + own**2 / left
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(free & (parts > 0.0), total**2 / parts, np.inf)
 
@@ -181,7 +187,8 @@ class Uncertainty:
         levels = self.value.noise.levels
         if levels.fixed:
             return 0.0
-        data, further = self._data_information, len(self._information) - self._count
+        data = self._data_information
+        further = len(self._information) - self._count
         # initial states count in full; what path limits take from them is taken off again
         told = float(np.trace(self._inverse @ data)) if self._is_plain else self._free.shape[1]
         return freedom(self.objective, levels, told - further + self._initial_told) - 1.0
@@ -238,7 +245,8 @@ class Uncertainty:
         """(unknowns,) degrees of freedom of the coloured variances, whose autoregressions are estimated: twice the
         square over the variance of a variance (Satterthwaite, Biometrics Bull. 2, 1946)."""
         assert self._inverse is not None
-        scores, variance = self._scores, np.diagonal(self._coloured[0])
+        scores = self._scores
+        variance = np.diagonal(self._coloured[0])
         scatter = variance_scatter(scores.colours, scores.sums, self._pieces(), self._inverse)
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(scatter > 0.0, np.maximum(2.0 * variance**2 / scatter, 1.0), np.inf)
@@ -266,7 +274,9 @@ class Uncertainty:
         """Covariance of all unknowns within the limits that hold, and the covariance of the gradient that it comes
         from."""
         assert self._inverse is not None
-        levels, inverse, information = self.value.noise.levels, self._inverse, self._information
+        levels = self.value.noise.levels
+        inverse = self._inverse
+        information = self._information
         score = information if self._is_plain else self._scores.white
         covariance = inverse if self._is_plain else inverse @ score @ inverse
         if levels.fixed:
@@ -297,8 +307,10 @@ class Uncertainty:
     def _limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rows (limits, unknowns), multipliers and which are equations, of the limits of parameters and of the path."""
         assert self.linear is not None
-        limits, paths = self.objective.limits, self._paths
-        rows, equal = limits.at(self.linear.point.theta)[1], limits.lower == limits.upper
+        limits = self.objective.limits
+        paths = self._paths
+        rows = limits.at(self.linear.point.theta)[1]
+        equal = limits.lower == limits.upper
         if paths is None:
             return rows, self.limit_multipliers, equal
         wide = np.pad(rows, ((0, 0), (0, paths.rows.shape[1] - self._count)))
@@ -364,7 +376,8 @@ class Uncertainty:
 
     @cached_property
     def _scores(self) -> _Scores:
-        levels, squares = self.value.noise.levels, self.value.squares
+        levels = self.value.noise.levels
+        squares = self.value.squares
         return _score_covariances(levels, squares, self._pieces, self._information, self._free)
 
     def _pieces(self) -> Iterator[WhitePiece]:
@@ -415,7 +428,8 @@ class Rescaled:
         below, above = math.sqrt(self.inflation) * sides
         if self.added is not None:
             below, above = (np.sqrt(side**2 + _Z95**2 * np.diagonal(self.added)) for side in (below, above))
-        log, factor = self.factor != 1.0, self.factor
+        log = self.factor != 1.0
+        factor = self.factor
         with np.errstate(over="ignore"):
             low = np.where(log, -np.expm1(-below) * factor, below)
             return np.stack([low, np.where(log, np.expm1(above) * factor, above)])
@@ -464,7 +478,8 @@ def _score_covariances(
 ) -> _Scores:
     expected = levels.share * (levels.rms(squares) / levels.sigma) ** 2 if levels.proportional else levels.share
     sums = gathered(pieces())
-    white, prior = information.copy(), prior_information(information, sums)
+    white = information.copy()
+    prior = prior_information(information, sums)
     for channel, own in sums.items():
         spread(white, own.gram(expected[channel] - 1.0))
     noise = noise_autocovariance(sums, prior, free)
@@ -514,8 +529,11 @@ def _parts(
     part, piece by piece: the rows of all samples would take most of the memory."""
     outputs = 0
     if value.trajectory is not None and objective.dynamics is not None:
-        layout, n, weights = objective.layout, len(objective.scale), objective.whitening(value.noise.levels)
-        own, outputs = layout.segments_of(r), layout.z.shape[2]
+        layout = objective.layout
+        n = len(objective.scale)
+        weights = objective.whitening(value.noise.levels)
+        own = layout.segments_of(r)
+        outputs = layout.z.shape[2]
         motion = -linear.reduced[r].ds_p
         motion = motion if paths is None else np.concatenate([motion, paths.motion[r]], axis=2)
         for slab in objective.dynamics.slabs(value.trajectory, value.parameters[layout.record], weights, own):
@@ -524,7 +542,8 @@ def _parts(
             rows = slab.rows[..., :n] @ by_state
             rows[..., : slab.rows.shape[3] - n] += slab.rows[..., n:]
             residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
-            present, width = layout.present[at] > 0, rows.shape[3]
+            present = layout.present[at] > 0
+            width = rows.shape[3]
             yield (
                 0,
                 rows.reshape(residuals.size // outputs, outputs, width),
@@ -548,6 +567,7 @@ def freedom(objective: Objective, levels: Levels, told: float) -> float:
     """
     if levels.fixed:
         return 1.0
-    unknown, samples = told, levels.count
+    unknown = told
+    samples = levels.count
     unknown += objective.equations.eliminated if objective.equations is not None else 0
     return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf

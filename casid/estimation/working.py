@@ -60,7 +60,8 @@ class Working:
     def _size_of_limits(self, values: Mapping[str, float]) -> np.ndarray:
         """(rows,) change of what a limit holds as it was posed per change of what it holds here: bounds of parameters
         are bounds of their logarithms."""
-        by_log, names = _logarithmic(self.posed), self.posed.parameters
+        by_log = _logarithmic(self.posed)
+        names = self.posed.parameters
         which = ParameterLimits(self.posed).single
         return np.array([values[names[i]] if i is not None and names[i] in by_log else 1.0 for i in which])
 
@@ -155,7 +156,8 @@ def natural(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
 
 def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
     """(records, states) initial values by the model's formulae, zero where it has none; theta (parameters,)."""
-    model, found = problem.model, np.zeros((len(problem.records), len(problem.model.states)))
+    model = problem.model
+    found = np.zeros((len(problem.records), len(problem.model.states)))
     if model.initial and problem.simulated:
         values = cached(model, ("initial",), lambda: ca.Function("g", [model.p], [_offset(model, model.p)]))
         for i, p in enumerate(problem.model_parameters(theta)):

@@ -16,7 +16,9 @@ import scipy
 
 from casid.filtering.innovations import Linear
 
-_SHORTEST, _LONGEST = 0.05, 20.0  # correlation time: of the shortest interval between readings, of the record
+# correlation time: of the shortest interval between readings, of the record
+_SHORTEST = 0.05
+_LONGEST = 20.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,7 +59,8 @@ class Colouring:
 
 def colouring(linear: Linear, colour: Mapping[str, tuple[float, float]]) -> Colouring:
     """The colour `colour` (output -> 1-sigma, correlation time [s]) at the readings of a linearised model."""
-    found, total = [], np.zeros(linear.seen.shape)
+    found = []
+    total = np.zeros(linear.seen.shape)
     for name, (sigma, tau) in colour.items():
         channel = linear.model.outputs.index(name)
         for record in range(linear.seen.shape[1]):
@@ -77,7 +80,9 @@ def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]], longest: float 
     longest = max(min(_LONGEST * max(float(t[-1] - t[0]) for t, _ in read), longest), shortest)
 
     def variance(tau: float) -> tuple[float, float]:
-        squares, logs, count = 0.0, 0.0, 0
+        squares = 0.0
+        logs = 0.0
+        count = 0
         for t, values in read:
             told, unit = _told(t, tau)
             news = values.copy()

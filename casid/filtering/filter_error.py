@@ -39,12 +39,16 @@ from casid.records.noise import pooled_sigma
 
 _SMALL_STEP = 0.01  # of a standard error, and of a logarithm of a noise: converged
 _NEAR = 1.0  # standard errors: from here on the slope through the covariance is worth its cost
-_NOISE_RANGE, _NOISE_REACH = 1e4, 8.0  # factors a noise may be from its first guess, and from the last linearisation
+# factors a noise may be from its first guess, and from the last linearisation
+_NOISE_RANGE = 1e4
+_NOISE_REACH = 8.0
 _TIMES = 4  # a trajectory is linearised anew before the parameters move
 _KICK = 0.02  # first guess of process noise: its kick per sample, in units of the state's scale
 _NOISE_STEPS = 12  # quasi-Newton steps on the noise per relinearisation
 _HOPELESS = 1e12
-_SHRINK, _SHORTEST = 0.4, 1e-3  # parts of a step that are tried
+# parts of a step that are tried
+_SHRINK = 0.4
+_SHORTEST = 1e-3
 _FLAT = 0.1  # of the deviance: less is no loss
 
 
@@ -230,10 +234,13 @@ class _End:
 def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
     """From the parameters theta, with a first guess of noise and trajectory."""
     linear = system.linearise(theta, system.measured)
-    log_sigma, slope = _first_noise(system, linear), np.zeros(len(theta))
+    log_sigma = _first_noise(system, linear)
+    slope = np.zeros(len(theta))
     linear = _along_the_readings(system, theta, linear, system.noise(log_sigma))
     limits = log_sigma - math.log(_NOISE_RANGE), log_sigma + math.log(_NOISE_RANGE)
-    ended, near, done = out_of_steps(iterations), False, 0
+    ended = out_of_steps(iterations)
+    near = False
+    done = 0
     while done < iterations:
         done += 1
         before = log_sigma
@@ -264,7 +271,8 @@ def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
     if lost:
         values = zip(system.problem.parameters, theta, strict=True)
         where = ", ".join(f"{name} = {value:.3g}" for name, value in values if name in lost)
-        reason, remedy = f"the data say nothing of {where}", "start nearer, fix one, or give a prior"
+        reason = f"the data say nothing of {where}"
+        remedy = "start nearer, fix one, or give a prior"
         ended = Status(result=Results.NOT_IDENTIFIABLE, reason=reason, remedy=remedy)
     return _End(theta=theta, noise=noise, step=final, ended=ended, iterations=done, lost=lost)
 
@@ -340,7 +348,9 @@ def _along_the_readings(
 
 def _first_noise(system: FilterSystem, linear: Linear) -> np.ndarray:
     """Logarithms of a first guess: high band of the outputs, a small kick per sample for process noise."""
-    model, batch, tau = system.problem.model, system.batch, system.correlation_time
+    model = system.problem.model
+    batch = system.batch
+    tau = system.correlation_time
     guess = []
     if system.measurement is None:
         for i in range(len(model.outputs)):
@@ -377,7 +387,8 @@ def _best_noise(
         return 0.5 * now.expected, variance_score(now.filter, now.left, units) * np.exp(2.0 * trial)
 
     reach = math.log(_NOISE_REACH)
-    low, high = np.maximum(limits[0], log_sigma - reach), np.minimum(limits[1], log_sigma + reach)
+    low = np.maximum(limits[0], log_sigma - reach)
+    high = np.minimum(limits[1], log_sigma + reach)
     found = scipy.optimize.minimize(
         cost,
         log_sigma,
@@ -400,7 +411,8 @@ def _search(
 
     def tried(length: float) -> tuple[np.ndarray, Linear, float] | None:
         trial = theta + length * step.change
-        linear, after = system.linearise(trial, X + length * direction), _HOPELESS
+        linear = system.linearise(trial, X + length * direction)
+        after = _HOPELESS
         if np.isfinite(linear.residual).all() and np.isfinite(linear.defect).all():
             with suppress(np.linalg.LinAlgError):
                 after = evaluate_step(system, trial, linear, noise, none).deviance

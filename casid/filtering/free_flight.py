@@ -15,11 +15,14 @@ from casid.filtering.kalman import augmented_in_stretches
 def free_flight_sigma(linear: Linear, noise: NoiseModel) -> np.ndarray:
     """(N, R, ny) 1-sigma of measured minus simulated readings of the right model, its initial state known, without the
     updates of a filter; infinite where the model is unstable."""
-    known, variance, P = linear.X.shape[2], np.empty(linear.residual.shape), np.zeros(0)
+    known = linear.X.shape[2]
+    variance = np.empty(linear.residual.shape)
+    P = np.zeros(0)
     for first, (A, C, Q, M, _, begin) in augmented_in_stretches(linear, noise):
         if not first:
             P = begin
-            P[:, :known], P[:, :, :known] = 0.0, 0.0
+            P[:, :known] = 0.0
+            P[:, :, :known] = 0.0
         with np.errstate(over="ignore", invalid="ignore"):
             for k in range(len(C)):
                 variance[first + k] = np.einsum("rij,rjk,rik->ri", C[k], P, C[k]) + np.diagonal(M[k], axis1=1, axis2=2)
@@ -56,7 +59,8 @@ def chance_error(linear: Linear, noise: NoiseModel, beginning_s: float) -> Chanc
     count = np.maximum(linear.seen.sum((0, 1)), 1)
     C = np.where(linear.seen[..., None], C, 0.0)
     of_readings = np.where(linear.seen, np.diagonal(M, axis1=2, axis2=3), 0.0).sum((0, 1)) / count
-    P, known = parts[0][5], linear.X.shape[2]
+    P = parts[0][5]
+    known = linear.X.shape[2]
     state, variance = read_start(linear, noise, beginning_s)
     of_air = -state @ parts[0][1][0][:, :, known:]
     P[:, :known, known:] = of_air @ P[:, known:, known:]
@@ -70,7 +74,8 @@ def chance_error(linear: Linear, noise: NoiseModel, beginning_s: float) -> Chanc
             if k < len(A):
                 P = A[k] @ P @ A[k].swapaxes(1, 2) + Q[k]
         square = np.einsum("krij,krij->kri", C, shared)
-        spread, weight = (square**2).sum((0, 1)), np.zeros((*C.shape[1:3], *P.shape[1:]))
+        spread = (square**2).sum((0, 1))
+        weight = np.zeros((*C.shape[1:3], *P.shape[1:]))
         for k in range(len(A) - 1, -1, -1):
             through = A[k][:, None]
             weight = through.swapaxes(2, 3) @ (weight + C[k + 1][..., None] * C[k + 1][..., None, :]) @ through

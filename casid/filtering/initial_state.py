@@ -29,8 +29,10 @@ def fit_initial_state(
     part = record.between(record.t[0], record.t[0] + window_s)
     names = [o for o in model.outputs if o in part and np.isfinite(part[o]).any()]
     sigma = {o: 1.0 for o in model.outputs} | {o: _sigma(record[o]) for o in names}
-    batch, functions = make_batch(model, [part]), PointFunctions(model, ())
-    X, P = model.guess(part)[:, None], model.nominal_vector(values)[None]
+    batch = make_batch(model, [part])
+    functions = PointFunctions(model, ())
+    X = model.guess(part)[:, None]
+    P = model.nominal_vector(values)[None]
     sizes = zip(model.states, np.abs(X).max(axis=(0, 1)).tolist(), strict=True)
     noise = NoiseModel(measurement=sigma, initial={name: size for name, size in sizes if size > 0.0})
     for _ in range(_ITERATIONS):
@@ -55,7 +57,8 @@ def measured_start(
     through their first `beginning_s` seconds, of three samples or more. Fitted to a record, such a state would make up
     for what is wrong with the model. `parameters` (np,) are the nominal ones by default."""
     by_input = ca.which_depends(model.h, model.u, 1, True)
-    t, begins = record.t - record.t[0], {}
+    t = record.t - record.t[0]
+    begins = {}
     for name, depends in zip(model.outputs, by_input, strict=True):
         if depends or name not in record:
             continue
@@ -68,17 +71,20 @@ def measured_start(
 def read_start(linear: Linear, noise: NoiseModel, beginning_s: float = BEGINNING_S) -> tuple[np.ndarray, np.ndarray]:
     """(R, states, ny) change of a `measured_start` by where each reading begins, and (R, ny) variance of that by noise
     of the readings, which is white or a first-order process."""
-    model, scale = linear.model, linear.model.scale_vector()
+    model = linear.model
+    scale = linear.model.scale_vector()
     by_input = ca.which_depends(model.h, model.u, 1, True)
     R, ny = linear.seen.shape[1:]
-    state, variance = np.zeros((R, len(model.states), ny)), np.zeros((R, ny))
+    state = np.zeros((R, len(model.states), ny))
+    variance = np.zeros((R, ny))
     t = np.concatenate([np.zeros((1, R)), np.cumsum(linear.dt, axis=0)])
     for r in range(R):
         seen = linear.seen[:, r] & (t[:, r, None] <= beginning_s)
         rows = [i for i, depends in enumerate(by_input) if not depends and seen[:, i].sum() >= 3]
         state[r][:, rows] = scale[:, None] * np.linalg.pinv(linear.C[0, r, rows] * scale)
         for i in rows:
-            at, name = t[seen[:, i], r], model.outputs[i]
+            at = t[seen[:, i], r]
+            name = model.outputs[i]
             of_line = np.linalg.pinv(np.stack([np.ones(len(at)), at], axis=1))[0]
             size, time = noise.colour.get(name, (1.0, 0.0))
             apart = np.abs(at[:, None] - at)
@@ -102,8 +108,10 @@ def state_of_outputs(
     scale = model.scale_vector()
     function = cached(model, (_outputs_by_state, *rows), lambda: _outputs_by_state(model, rows))
     p = model.nominal_vector() if parameters is None else parameters
-    u, w = record.matrix(model.inputs)[0], np.zeros(len(model.disturbances))
-    x, z = np.array(start, dtype=float), np.array(list(outputs.values()))
+    u = record.matrix(model.inputs)[0]
+    w = np.zeros(len(model.disturbances))
+    x = np.array(start, dtype=float)
+    z = np.array(list(outputs.values()))
     for _ in range(_NEWTON):
         now, H = (one.full() for one in function(x, u, p, w))
         x = x + scale * np.linalg.lstsq(H * scale, z - now[:, 0], rcond=None)[0]

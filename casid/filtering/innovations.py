@@ -87,7 +87,8 @@ class Batch:
     def ends(self, series: np.ndarray, held: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """(N-1, R, n) values of (N, R, n) inputs, or of disturbances that are `held_at`, at the beginning and at the
         end of each interval."""
-        share, change = (self.held if held is None else held)[None], series[1:] - series[:-1]
+        share = (self.held if held is None else held)[None]
+        change = series[1:] - series[:-1]
         first = np.where(share < 0.0, series[:-1] - share * change, series[:-1])
         last = np.where(share > 0.0, series[1:] - share * change, series[1:])
         return first, np.where(share == 1.0, first, last)
@@ -98,9 +99,12 @@ def make_batch(model: Model, records: Sequence[Record]) -> Batch:
     inputs."""
     for name in cubic_inputs(model, records)[:1]:
         raise InputError(f"input '{name}' is cubic between samples, which is not taken here; write hold='linear'")
-    N, R = max(len(r) for r in records), len(records)
-    t, U = np.zeros((N, R)), np.zeros((N, R, len(model.inputs)))
-    Z, live = np.full((N, R, len(model.outputs)), np.nan), np.zeros((N, R), dtype=bool)
+    N = max(len(r) for r in records)
+    R = len(records)
+    t = np.zeros((N, R))
+    U = np.zeros((N, R, len(model.inputs)))
+    Z = np.full((N, R, len(model.outputs)), np.nan)
+    live = np.zeros((N, R), dtype=bool)
     for j, record in enumerate(records):
         n = len(record)
         t[:n, j], t[n:, j] = record.t, record.t[-1] + record.dt * np.arange(1, N - n + 1)
@@ -128,11 +132,16 @@ class PointFunctions:
     def __init__(self, model: Model, free: Sequence[str]) -> None:
         self.model, self.free = model, tuple(free)
         index = [model.parameters.index(name) for name in self.free]
-        x, u, p, w = model.x, model.u, model.p, model.w
+        x = model.x
+        u = model.u
+        p = model.p
+        w = model.w
         both = ca.vertcat(model.f, model.h)
         by_p = ca.jacobian(both, p)[:, index] if index else ca.SX(both.shape[0], 0)
         values = [ca.jacobian(both, x), by_p, ca.jacobian(both, w)]
-        u1, dt, w1 = ca.SX.sym("u1", u.shape[0]), ca.SX.sym("dt"), ca.SX.sym("w1", w.shape[0])
+        u1 = ca.SX.sym("u1", u.shape[0])
+        dt = ca.SX.sym("dt")
+        w1 = ca.SX.sym("w1", w.shape[0])
         f = ca.Function("f", [x, ca.vertcat(u, w), p], [model.f])
         after = rk4(f, x, ca.vertcat(u, w), ca.vertcat(u1, w1), dt, p)
         self._jacobians = Compilable(ca.Function("jacobians", [x, u, p, w], ca.cse([ca.densify(e.T) for e in values])))
@@ -176,8 +185,12 @@ class ParameterFunctions:
     def __init__(self, model: Model, free: Sequence[str]) -> None:
         self.model, self.free = model, tuple(free)
         index = [model.parameters.index(name) for name in self.free]
-        x, u, p, w = model.x, model.u, model.p, model.w
-        both, direction = ca.vertcat(model.f, model.h), ca.SX.sym("direction", len(index))
+        x = model.x
+        u = model.u
+        p = model.p
+        w = model.w
+        both = ca.vertcat(model.f, model.h)
+        direction = ca.SX.sym("direction", len(index))
         by_x = ca.densify(ca.jacobian(model.f, x).T)
         by_p = ca.densify(ca.jacobian(both, p)[:, index].T) if index else ca.SX(0, both.shape[0])
         among_all = ca.SX(p.shape[0], 1)
@@ -205,11 +218,13 @@ class ParameterFunctions:
         kernel = filter_kernel(nx, len(self.model.outputs))
         driven = _driven if kernel is None else kernel.driven
         function = self.along if along else self.each
-        seen, together = np.isfinite(batch.Z), max(_BLOCK // R - 1, 1)
+        seen = np.isfinite(batch.Z)
+        together = max(_BLOCK // R - 1, 1)
         for first in range(0, N, together):
             here = slice(first, min(first + together + 1, N))  # the last one is the end of an interval only
             by_x, by_p = at_points(function, X[here], batch.U[here], P, W[here], *along)
-            until, last = slice(first, here.stop - 1), (by_x[1:], by_p[1:])
+            until = slice(first, here.stop - 1)
+            last = (by_x[1:], by_p[1:])
             if ends is not None:
                 last = at_points(function, ends[0][until], batch.U[first + 1 : here.stop], P, ends[1][until], *along)
             by_x, by_p, end_x, end_p = (one.swapaxes(2, 3) for one in (by_x, by_p, *last))
@@ -229,7 +244,8 @@ def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
     room = -(-N * R // _BLOCK) * _BLOCK
     results = [np.empty((room, columns, rows)) for rows, columns in shapes]
     for first in range(0, room, _BLOCK):
-        here, again = slice(first, first + _BLOCK), slice(first % R, first % R + _BLOCK)
+        here = slice(first, first + _BLOCK)
+        again = slice(first % R, first % R + _BLOCK)
         if first + _BLOCK > N * R:  # the last point fills the block
             here = np.minimum(np.arange(first, first + _BLOCK), N * R - 1)
         given = [a[here] if len(a) == N * R else a[again] for a in flat]
@@ -295,7 +311,8 @@ def linearise(
 
     def jacobians(first: int, stop: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
         """The Jacobians at samples, and at the ends of the intervals between them."""
-        at, steps = slice(first, stop), slice(first, stop - 1)
+        at = slice(first, stop)
+        steps = slice(first, stop - 1)
         found = functions.jacobians(X[at], batch.U[at], P, W[at])
         if news is None:
             return found, [one[1:] for one in found]
@@ -330,25 +347,36 @@ def _interval(jacobians, sizes, dt, live, held, seen) -> tuple[np.ndarray, ...]:
     """(A, Bp, Bw0, Bw1, C, Dp, Dw) of `Linear`, as the compiled recursions compute them."""
     (by_x, by_p, by_w), (end_x, end_p, end_w) = jacobians(0, len(live))
     nx = sizes[0]
-    inside, h = live[1:, :, None, None], dt[..., None, None]
-    J, K = by_x[:-1, :, :nx], end_x[:, :, :nx]
+    inside = live[1:, :, None, None]
+    h = dt[..., None, None]
+    J = by_x[:-1, :, :nx]
+    K = end_x[:, :, :nx]
     S = K @ J
     A = np.eye(nx) + h / 2 * (J + K) + h**2 * (S / 2 + S @ (h / 12 * (J + K) + h**2 / 24 * S))
     Bp, Dp = _driven(by_x[:, :, :nx], by_p, K, end_p, dt, live, seen)
-    Fw0, Fw1 = by_w[:-1, :, :nx], end_w[:, :, :nx]
-    once, again = h**2 * (K @ Fw0), h**3 * (S @ Fw0)
-    Bw0, Bw1 = h / 2 * Fw0 + once / 3 + again / 8, h / 2 * Fw1 + once / 6 + again / 24
-    late, early = np.maximum(held, 0.0)[None, :, None], np.maximum(-held, 0.0)[None, :, None]
+    Fw0 = by_w[:-1, :, :nx]
+    Fw1 = end_w[:, :, :nx]
+    once = h**2 * (K @ Fw0)
+    again = h**3 * (S @ Fw0)
+    Bw0 = h / 2 * Fw0 + once / 3 + again / 8
+    Bw1 = h / 2 * Fw1 + once / 6 + again / 24
+    late = np.maximum(held, 0.0)[None, :, None]
+    early = np.maximum(-held, 0.0)[None, :, None]
     Bw0, Bw1 = (1.0 - early) * Bw0 + late * Bw1, (1.0 - late) * Bw1 + early * Bw0
-    A, Bw0, Bw1 = np.where(inside, A, np.eye(nx)), np.where(inside, Bw0, 0.0), np.where(inside, Bw1, 0.0)
+    A = np.where(inside, A, np.eye(nx))
+    Bw0 = np.where(inside, Bw0, 0.0)
+    Bw1 = np.where(inside, Bw1, 0.0)
     C, Dw = (np.where(seen[..., None], by[:, :, nx:], 0.0) for by in (by_x, by_w))
     return A, Bp, Bw0, Bw1, C, Dp, Dw
 
 
 def _driven(by_x, by_p, K, end_p, dt, live, seen) -> tuple[np.ndarray, np.ndarray]:
     """(Bp, Dp) of `Linear`, as the compiled recursions compute them."""
-    nx, inside, h = by_x.shape[3], live[1:, :, None, None], dt[..., None, None]
-    Fp0, Fp1 = by_p[:-1, :, :nx], end_p[:, :, :nx]
+    nx = by_x.shape[3]
+    inside = live[1:, :, None, None]
+    h = dt[..., None, None]
+    Fp0 = by_p[:-1, :, :nx]
+    Fp1 = end_p[:, :, :nx]
     Kp = K @ Fp0
     Bp = h / 2 * (Fp0 + Fp1) + h**2 * (Kp / 2 + K @ by_x[:-1] @ (h / 6 * Fp0 + h**2 / 24 * Kp))
     return np.where(inside, Bp, 0.0), np.where(seen[..., None], by_p[:, :, nx:], 0.0)

@@ -63,16 +63,19 @@ class Filter:
             return replace(kalman_filter(_held(linear, self.through), noise), linear=linear)
         through = _held(linear, self.through)
         A, C, *_ = augmented(through, noise)
-        own, names = _names(self.through, self.noise), _names(linear, noise)
+        own = _names(self.through, self.noise)
+        names = _names(linear, noise)
         into, of = _shared(names, own)
-        gain, P = np.zeros((*A.shape[:3], self.gain.shape[3])), np.zeros((*C.shape[:2], len(names), len(names)))
+        gain = np.zeros((*A.shape[:3], self.gain.shape[3]))
+        P = np.zeros((*C.shape[:2], len(names), len(names)))
         gain[:, :, into] = self.gain[:, :, of]
         P[:, :, into[:, None], into] = self.P[:, :, of[:, None], of]
         return replace(self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P)
 
     def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
         """Whether all that another model could change of it but the times of its readings is already in it."""
-        model, before = linear.model, self.through.model
+        model = linear.model
+        before = self.through.model
         same_model = model.states == before.states and model.disturbances == before.disturbances
         same_noise = (noise.coloured, noise.slow) == (self.noise.coloured, self.noise.slow)
         same_noise = same_noise and list(noise.inputs) == list(self.noise.inputs)
@@ -88,8 +91,10 @@ class Filter:
         begun = self._begun(first)
         white, states = self._columns(Y, F, None if begun is None else begun.copy(), keep=True)
         if self.through is not self.linear:
-            held, nx = self.through, self.linear.X.shape[2]
-            moved, coloured = states[..., :nx, :], states[..., nx : nx + len(self.noise.coloured), 0]
+            held = self.through
+            nx = self.linear.X.shape[2]
+            moved = states[..., :nx, :]
+            coloured = states[..., nx : nx + len(self.noise.coloured), 0]
             gusts = scattered(held.model, self.noise.coloured, coloured)[..., None]
             left = scattered(held.model, self.noise.coloured, _decay(held.dt, self.noise) * coloured[:-1])[..., None]
 
@@ -98,7 +103,8 @@ class Filter:
                 return linear.C @ moved + linear.Dw @ gusts, ahead
 
             (read, ahead), (read_held, ahead_held) = made(self.linear), made(held)
-            Y, F = Y + (read - read_held), F.copy()
+            Y = Y + (read - read_held)
+            F = F.copy()
             F[:, :, :nx] += ahead - ahead_held
             white, states = self._columns(Y, F, begun, keep=True)
         return self.colouring.taken_off(white).swapaxes(0, 1)[..., 0], -states[..., 0]
@@ -115,7 +121,8 @@ class Filter:
         """`whiten` of so many columns that are given as (samples, Y, F) of one stretch after the other, of which none
         is kept: F over the intervals between these samples and the next. There is `room` for further columns."""
         N, R, ny, n = self.C.shape
-        white, held = np.empty((R, N, ny, columns + room)), np.zeros((R, n, columns))
+        white = np.empty((R, N, ny, columns + room))
+        held = np.zeros((R, n, columns))
         for at, Y, F in stretches if columns else ():
             steps = slice(at.start, at.start + len(F))
             part = {
@@ -137,7 +144,8 @@ class Filter:
     ) -> np.ndarray:
         """`whiten` of time histories (N, R, nh) that enter at disturbance `stations` (nh indices): of each, or of sums,
         from history number `first` (nc,) of each sum to that of the next."""
-        linear, index = self.linear, np.asarray(stations, dtype=int)
+        linear = self.linear
+        index = np.asarray(stations, dtype=int)
         begin = np.arange(len(index)) if first is None else np.asarray(first, dtype=int)
         if self.kernel is not None:
             return self.colouring.taken_off(self.kernel.whiten_histories(self, index, begin, series)).swapaxes(0, 1)
@@ -190,7 +198,8 @@ class Filter:
             entering[:, :, k] += (through[..., index].swapaxes(1, 2) @ rows[:, : through.shape[1]]).swapaxes(0, 1)
 
         for k in range(N - 1, -1, -1):
-            u, before = self.inverse_root[k].swapaxes(1, 2) @ white[:, k], 0.0
+            u = self.inverse_root[k].swapaxes(1, 2) @ white[:, k]
+            before = 0.0
             if k < N - 1:
                 u -= self.gain[k].swapaxes(1, 2) @ costate
                 before = self.A[k].swapaxes(1, 2) @ costate
@@ -207,7 +216,8 @@ class Filter:
         (N, R, ni), given one column (Y, F) with nc = 1, by the Bryson-Frazier backward recursion and the disturbance
         smoother (Koopman, Biometrika 80, 1993)."""
         white, states = self._columns(Y, F, self._begun(first), keep=True)
-        through, found = self.through, self._costates if self.kernel is None else partial(self.kernel.costates, self)
+        through = self.through
+        found = self._costates if self.kernel is None else partial(self.kernel.costates, self)
         stations = [through.model.disturbances.index(name) for name in self.noise.inputs]
         costates, entering = found(stations, white)
         noise = entering * np.array([sigma**2 for sigma in self.noise.inputs.values()])
@@ -217,7 +227,8 @@ class Filter:
         return deviation[..., : deviation.shape[2] - len(slow_states(self.noise.slow))], noise
 
     def _costates(self, stations: Sequence[int], white: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        found, pulls = np.zeros(self.C.shape[:2] + self.C.shape[3:]), np.zeros(self.C.shape[:3])
+        found = np.zeros(self.C.shape[:2] + self.C.shape[3:])
+        pulls = np.zeros(self.C.shape[:3])
         turned = self.inverse_root.swapaxes(2, 3)
         for k in range(len(found) - 1, -1, -1):
             pull = turned[k] @ white[:, k]
@@ -227,7 +238,8 @@ class Filter:
                 found[k] = (self.A[k].swapaxes(1, 2) @ after)[..., 0]
             found[k] += (self.C[k].swapaxes(1, 2) @ pull)[..., 0]
             pulls[k] = pull[..., 0]
-        through, of_states = self.through, found[1:, :, : self.linear.X.shape[2], None]
+        through = self.through
+        of_states = found[1:, :, : self.linear.X.shape[2], None]
         entering = through.Dw.swapaxes(2, 3) @ pulls[..., None]
         entering[:-1] += through.Bw0.swapaxes(2, 3) @ of_states
         entering[1:] += through.Bw1.swapaxes(2, 3) @ of_states
@@ -311,7 +323,8 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
     by_state = (linear.A, linear.C) if n == nx else (np.empty((N - 1, R, n, n)), np.empty((N, R, ny, n)))
     made = gain, root, kept, log_determinant = [np.empty(shape) for shape in of_noise]
     for first, (A, C, Q, M, S, P) in augmented_in_stretches(linear, noise, kernel is None):
-        here, steps = slice(first, first + len(C)), slice(first, first + len(A))
+        here = slice(first, first + len(C))
+        steps = slice(first, first + len(A))
         given = A, C, Q, M, S, kept[first] if first else P
         to = gain[steps], root[here], kept[here], log_determinant[here]
         if kernel is not None:
@@ -319,7 +332,8 @@ def _covariances(linear: Linear, noise: NoiseModel, kernel: FilterKernel | None)
         else:
             _covariance_pass(*given, to)
         if n != nx:  # without further states the filter has those of the model
-            by_state[0][steps], by_state[1][here] = A, C
+            by_state[0][steps] = A
+            by_state[1][here] = C
     return (*by_state, *made)
 
 
@@ -337,7 +351,8 @@ def augmented_in_stretches(
 
 def _between(linear: Linear, first: int, stop: int) -> Linear:
     """A linearised model between two samples."""
-    at, steps = slice(first, stop), slice(first, stop - 1)
+    at = slice(first, stop)
+    steps = slice(first, stop - 1)
     by_step = {name: getattr(linear, name)[steps] for name in ("defect", "A", "Bp", "Bw0", "Bw1", "dt")}
     by_sample = {name: getattr(linear, name)[at] for name in ("X", "output", "residual", "seen", "C", "Dp", "Dw")}
     return replace(linear, **by_step, **by_sample)
@@ -354,9 +369,11 @@ def _held(linear: Linear, before: Linear) -> Linear:
     into, of = _shared(linear.model.states, before.model.states)
     A, C, Bw0, Bw1 = (part.copy() for part in (linear.A, linear.C, linear.Bw0, linear.Bw1))
     A[:, :, into[:, None], into] = before.A[:, :, of[:, None], of]
-    known, seen = before.seen[..., None], linear.seen[..., None]
+    known = before.seen[..., None]
+    seen = linear.seen[..., None]
     C[..., into] = np.where(known, before.C[..., of], C[..., into])
-    Bw0[:, :, into], Bw1[:, :, into] = before.Bw0[:, :, of], before.Bw1[:, :, of]
+    Bw0[:, :, into] = before.Bw0[:, :, of]
+    Bw1[:, :, into] = before.Bw1[:, :, of]
     Dw = np.where(known, before.Dw, linear.Dw)
     return replace(linear, A=A, Bw0=Bw0, Bw1=Bw1, C=np.where(seen, C, 0.0), Dw=np.where(seen, Dw, 0.0))
 
@@ -407,7 +424,8 @@ def residual_about(
         F = np.concatenate([F + entered, news[..., None]], axis=2)
     linear = through or linear
     if inputs is not None:
-        W, nx = scattered(linear.model, noise.inputs, inputs)[..., None], linear.X.shape[2]
+        W = scattered(linear.model, noise.inputs, inputs)[..., None]
+        nx = linear.X.shape[2]
         Y = Y + linear.Dw @ W
         F[:, :, :nx] += linear.Bw0 @ W[:-1] + linear.Bw1 @ W[1:]
     first = np.zeros((F.shape[1], F.shape[2], 1))
@@ -461,7 +479,8 @@ def augmented(linear: Linear, noise: NoiseModel, plain: bool = False) -> tuple[A
     """A, C, Q, M of the model with coloured disturbances and slow noise of readings as further states, S that state and
     outputs share (None without noise of inputs), and the initial covariance. `plain` in numpy, as without a compiler.
     """
-    model, ny = linear.model, linear.C.shape[2]
+    model = linear.model
+    ny = linear.C.shape[2]
     sources = _sources(linear, noise)
     n = len(model.states) + len(sources.coloured)
     kernel = None if plain else filter_kernel(n, ny)
@@ -482,7 +501,9 @@ def _augmented(linear: Linear, sources: _Sources) -> tuple[np.ndarray, ...]:
     The filter's state is the model's without what the noise of a recorded input at the sample has put into it over the
     interval before. So that noise enters one interval (`now`) and one sample (`out`), which share it.
     """
-    coloured, white, sigma = sources.coloured, sources.white, sources.sigma
+    coloured = sources.coloured
+    white = sources.white
+    sigma = sources.sigma
     N, records, ny, nx = linear.C.shape
     n = nx + len(coloured)
     phi = np.exp(-linear.dt[..., None] / sources.tau) if coloured else np.zeros((N - 1, records, 0))

@@ -22,7 +22,9 @@ _POINTS = 256  # in a stretch of a linearisation, whose Jacobians stay in the pr
 _SAMPLES = 8  # in such a stretch at least, as its last one is evaluated twice
 _TILE = 16  # columns that go through the filter side by side
 # in memory together: columns, samples of columns that stay in the cache, samples of records with all their columns
-COLUMNS, SAMPLES, WHOLE = 2 * _TILE, 64, 4096
+COLUMNS = 2 * _TILE
+SAMPLES = 64
+WHOLE = 4096
 _SOURCES = ("filter", "whiten", "step")
 _LOADING = threading.Lock()  # of several threads one compiles
 _FLAGS = (
@@ -42,9 +44,14 @@ class FilterKernel:
 
     def __init__(self, library: str) -> None:
         loaded = ctypes.CDLL(library)
-        self._covariance, self._whiten, self._costates = loaded.covariance, loaded.whiten, loaded.costates
-        self._interval, self._augment, self._entrances = loaded.interval, loaded.augment, loaded.entrances
-        self._whiten_one, self._whiten_histories = loaded.whiten_one, loaded.whiten_histories
+        self._covariance = loaded.covariance
+        self._whiten = loaded.whiten
+        self._costates = loaded.costates
+        self._interval = loaded.interval
+        self._augment = loaded.augment
+        self._entrances = loaded.entrances
+        self._whiten_one = loaded.whiten_one
+        self._whiten_histories = loaded.whiten_histories
         self._driven = loaded.driven
         without = self._whiten, self._whiten_one, self._whiten_histories, self._costates, self._interval, self._augment
         for function in (*without, self._entrances, self._driven):
@@ -60,7 +67,8 @@ class FilterKernel:
         (N, R, ny), (nx, n_p, nw) = seen.shape, sizes
         shapes = [(nx, nx), (nx, n_p), (nx, nw), (nx, nw), (ny, nx), (ny, n_p), (ny, nw)]
         made = [np.empty((N - (i < 4), R, *shape)) for i, shape in enumerate(shapes)]
-        flags, shares = (live.view(np.uint8), seen.view(np.uint8)), held.astype(float)
+        flags = (live.view(np.uint8), seen.view(np.uint8))
+        shares = held.astype(float)
         stretch = max(_POINTS // R - 1, _SAMPLES)
         for first in range(0, N, stretch):
             here = slice(first, min(first + stretch + 1, N))  # the last one is the end of an interval only
@@ -78,7 +86,8 @@ class FilterKernel:
         """(Bp, Dp) of `Linear` from Jacobians (N, R, nx, nx) of the state equation and (N, R, nx + ny, n_p) of both,
         and the same at the ends of the intervals."""
         (N, R, ny), nx, n_p = seen.shape, by_x.shape[3], by_p.shape[3]
-        Bp, Dp = np.empty((N - 1, R, nx, n_p)), np.empty((N, R, ny, n_p))
+        Bp = np.empty((N - 1, R, nx, n_p))
+        Dp = np.empty((N, R, ny, n_p))
         flags = live.view(np.uint8), seen.view(np.uint8)
         _call(self._driven, N, (N, R, nx, ny, n_p), by_x, by_p, end_x, end_p, dt, *flags, Bp, Dp)
         return Bp, Dp
@@ -135,9 +144,11 @@ class FilterKernel:
         self, of, stations, first, series, squares: bool = False, part: slice = slice(None), held=None
     ) -> np.ndarray:
         """`whiten_histories` of some samples; `held` (R, n, nc): states at the first one, then those at the last."""
-        C, Dw = of.C[part], of.linear.Dw[part]
+        C = of.C[part]
+        Dw = of.linear.Dw[part]
         (N, R, ny, n), nc = C.shape, len(first)
-        found, sizes = np.empty((R, nc) if squares else (R, N, ny, nc)), (N, R, n, of.linear.Bw0.shape[2], ny, nc)
+        found = np.empty((R, nc) if squares else (R, N, ny, nc))
+        sizes = (N, R, n, of.linear.Bw0.shape[2], ny, nc)
         begin = np.array([*first, series.shape[2]], dtype=ctypes.c_long)
         index = np.asarray(stations, dtype=ctypes.c_long)
         low, among = _range_of(index)
@@ -152,8 +163,11 @@ class FilterKernel:
         """(entering (ns, R, N, nc), read (ny, R, N, nc) or nothing of it) of `kalman.Filter.entrances`, from columns
         (R, N, ny, nc)."""
         (N, R, ny, n), nc, ns = of.C.shape, white.shape[3], len(stations)
-        Dw, B0, B1 = of.linear.Dw, of.linear.Bw0, of.linear.Bw1
-        entering, by_output = np.empty((ns, R, N, nc)), np.empty((ny if read else 0, R, N, nc))
+        Dw = of.linear.Dw
+        B0 = of.linear.Bw0
+        B1 = of.linear.Bw1
+        entering = np.empty((ns, R, N, nc))
+        by_output = np.empty((ny if read else 0, R, N, nc))
         index = np.asarray(stations, dtype=ctypes.c_long)
         low, among = _range_of(index)
         at = (*(ctypes.c_long(one) for one in (Dw.shape[3], low, among, ns)), index)
@@ -165,7 +179,9 @@ class FilterKernel:
         """Costates (N, R, n) of the predicted states, from innovations (R, N, ny, 1) `of` a `kalman.Filter`, and what
         these have in common with a unit at each sample of the disturbances `stations` (N, R, ns)."""
         N, R, ny, n = of.C.shape
-        through, found, entering = of.through, np.empty((N, R, n)), np.empty((N, R, len(stations)))
+        through = of.through
+        found = np.empty((N, R, n))
+        entering = np.empty((N, R, len(stations)))
         sizes = (ctypes.c_long(size) for size in (*through.Bw0.shape[2:], len(stations)))
         given = (of.A, of.C, of.gain, of.inverse_root, white, *sizes, np.asarray(stations, dtype=ctypes.c_long))
         _call(self._costates, R, (N, R, n, ny), *given, through.Dw, through.Bw0, through.Bw1, found, entering)
@@ -191,7 +207,9 @@ Argument = np.ndarray | ctypes.c_long | ctypes.c_void_p | None
 
 def _call(function, parts: int, sizes: tuple[int, ...], *arguments: Argument) -> bool:
     """Run the function on all its parts, shared out among threads; whether it returned 0 everywhere."""
-    given, kept, failed = [], [], []
+    given = []
+    kept = []
+    failed = []
     for argument in arguments:
         if isinstance(argument, np.ndarray):
             kept.append(np.ascontiguousarray(argument))

@@ -27,10 +27,12 @@ def most_likely_levels(
     sweeps   largest number of rounds with each step
     gained   decrease of the deviance below which a round is the last one
     """
-    levels, lowest = dict(start), deviance(start)
+    levels = dict(start)
+    lowest = deviance(start)
     for factor in factors:
         # of each group, the lower of the deviances to either side of its place, and the one there when they were found
-        beside, left = [-math.inf] * len(groups), [0.0] * len(groups)
+        beside = [-math.inf] * len(groups)
+        left = [0.0] * len(groups)
         for _ in range(sweeps):
             before = lowest
             for i, names in enumerate(groups):
@@ -48,7 +50,8 @@ def most_likely_levels(
                         lower = found < lowest
                         beside[i] = lowest if lower else min(beside[i], found)
                         if lower:
-                            levels, lowest = levels | moved, found
+                            levels = levels | moved
+                            lowest = found
                 left[i] = lowest
             if before - lowest < gained:
                 break

@@ -41,9 +41,13 @@ def unit_variances(linear: Linear, noise: NoiseModel, measurement: bool) -> list
 def variance_score(kalman: Filter, white: np.ndarray, units: list[UnitVariance]) -> np.ndarray:
     """(units,) derivative of -2 ln L in each variance, from white innovations (N, R, ny): r and N below for the state,
     u and D for the measurement, as in Koopman and Shephard, Biometrika 79 (1992), eq. 2.6."""
-    A, C, gain, root = kalman.A, kalman.C, kalman.gain, kalman.inverse_root
+    A = kalman.A
+    C = kalman.C
+    gain = kalman.gain
+    root = kalman.inverse_root
     steps, records, ny, n = C.shape
-    r, information = np.zeros((records, n, 1)), np.zeros((records, n, n))
+    r = np.zeros((records, n, 1))
+    information = np.zeros((records, n, n))
     state = np.empty((steps, records, n, n))  # r r' - N after the sample
     output = np.empty((steps, records, ny, ny))
     for k in range(steps - 1, -1, -1):

@@ -19,7 +19,8 @@ from casid.records.record import Record
 @singular_is("predict", "the initial state is not determined by what this record measures")
 def predict(fit: Fit, record: Record | str | Path, window_s: float) -> Simulation:
     """The open-loop simulation with the estimates; see `Fit.predict`."""
-    record, problem = given_record(record, "predict"), fit.problem
+    record = given_record(record, "predict")
+    problem = fit.problem
     number(window_s, "predict: window_s", positive=True)
     if problem.feedback is not None:
         raise EstimationError("predict: a control law in the loop cannot be simulated open-loop")

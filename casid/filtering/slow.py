@@ -17,8 +17,13 @@ import numpy as np
 from casid.filtering.innovations import Linear
 
 # shares of the variance that are slow, as odds: from what no record tells to what leaves next to nothing white
-_LEAST_ODDS, _MOST_ODDS, _ODDS = 0.02, 50.0, 9
-_SHORTEST, _LONGEST, _TIMES = 1.0, 0.5, 9  # correlation time: of the interval between readings, of the record
+_LEAST_ODDS = 0.02
+_MOST_ODDS = 50.0
+_ODDS = 9
+# correlation time: of the interval between readings, of the record
+_SHORTEST = 1.0
+_LONGEST = 0.5
+_TIMES = 9
 _MEDIAN_DEVIATION = 1.4826  # 1-sigma over the median absolute deviation, of a Gaussian
 _FINER = 3  # times that the search is repeated about the best, each with steps half as long
 
@@ -31,8 +36,10 @@ def with_slow_readings(
     A, C, Q, M, S, P = made
     channel = [linear.model.outputs.index(name) for name, parts in slow.items() for _ in parts]
     sigma, tau = np.array([part for parts in slow.values() for part in parts]).T
-    n, k = C.shape[3], len(channel)
-    inside, told = range(n, n + k), np.exp(-linear.dt[..., None] / tau)
+    n = C.shape[3]
+    k = len(channel)
+    inside = range(n, n + k)
+    told = np.exp(-linear.dt[..., None] / tau)
     A, Q, P = (np.pad(one, (*[(0, 0)] * (one.ndim - 2), (0, k), (0, k))) for one in (A, Q, P))
     C = np.pad(C, ((0, 0), (0, 0), (0, 0), (0, k)))
     A[..., inside, inside] = told
@@ -65,7 +72,8 @@ def white_and_slow(t: np.ndarray, values: np.ndarray, seen: np.ndarray) -> list[
     Nothing is known of the mean of a record (REML). The level follows from slow share and correlation time, looked for
     on grids."""
     intervals = np.diff(t, axis=0)
-    shortest, longest = _SHORTEST * float(np.median(intervals)), _LONGEST * float(np.max(t[-1] - t[0]))
+    shortest = _SHORTEST * float(np.median(intervals))
+    longest = _LONGEST * float(np.max(t[-1] - t[0]))
     odds = np.linspace(np.log(_LEAST_ODDS), np.log(_MOST_ODDS), _ODDS)
     times = np.linspace(np.log(shortest), np.log(max(longest, 2.0 * shortest)), _TIMES)
     ny = values.shape[2]
@@ -108,7 +116,8 @@ class _Tried:
 
     def best(self, i: int, points: np.ndarray, alone: float) -> WhiteAndSlow:
         at = int(np.argmin(self.deviance[i]))
-        slow, there = float(self.level[i, at] / (1.0 + np.exp(-points[at, 0]))), self.there[:, i]
+        slow = float(self.level[i, at] / (1.0 + np.exp(-points[at, 0])))
+        there = self.there[:, i]
         return WhiteAndSlow(
             white=(float(self.level[i, at]) - slow) ** 0.5,
             slow=slow**0.5,
@@ -123,16 +132,21 @@ def _at(intervals: np.ndarray, values: np.ndarray, seen: np.ndarray, points: np.
     """At logarithms (ny, points, 2) of the odds of a slow share and of its correlation time: a Kalman filter of one
     state, side by side, for the values and for an offset of one."""
     share = 1.0 / (1.0 + np.exp(-points[..., 0]))
-    white, rate, R = 1.0 - share, np.exp(-points[..., 1]), seen.shape[1]
-    P, x = np.broadcast_to(share, (R, *share.shape)).copy(), np.zeros((2, R, *share.shape))
-    sums, logs = np.zeros((3, R, *share.shape)), np.zeros((R, *share.shape))
+    white = 1.0 - share
+    rate = np.exp(-points[..., 1])
+    R = seen.shape[1]
+    P = np.broadcast_to(share, (R, *share.shape)).copy()
+    x = np.zeros((2, R, *share.shape))
+    sums = np.zeros((3, R, *share.shape))
+    logs = np.zeros((R, *share.shape))
     for k in range(len(values)):
         if k:
             told = np.exp(-intervals[k - 1][:, None, None] * rate)
             x *= told
             P = share + told**2 * (P - share)
         here = seen[k][..., None]
-        F, one = P + white, np.where(here, 1.0, 0.0)
+        F = P + white
+        one = np.where(here, 1.0, 0.0)
         news = np.stack([np.where(here, values[k][..., None], 0.0) - one * x[0], one * (1.0 - x[1])])
         sums += np.stack([news[0] ** 2, news[0] * news[1], news[1] ** 2]) / F
         logs += one * np.log(F)

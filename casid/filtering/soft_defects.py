@@ -25,8 +25,10 @@ _INCREMENTS = ("dCL", "dCD", "dCX", "dCZ", "dCY", "dCl", "dCm", "dCn")
 
 def _moving(problem: Problem, names: list[str]) -> list[str]:
     """The disturbances that drive some state."""
-    record, P = problem.records[0], problem.start_parameters
-    batch, X = make_batch(problem.model, [record]), problem.model.guess(record)[:, None]
+    record = problem.records[0]
+    P = problem.start_parameters
+    batch = make_batch(problem.model, [record])
+    X = problem.model.guess(record)[:, None]
     calm = np.zeros((*batch.live.shape, len(problem.model.disturbances)))
     by_w = PointFunctions(problem.model, ()).jacobians(X, batch.U, P[:1], calm)[2]
     states = np.abs(by_w[:, 0, : len(problem.model.states)]).max(axis=(0, 1))

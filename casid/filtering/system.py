@@ -41,7 +41,8 @@ class FilterSystem:
 
     def noise(self, log_sigma: np.ndarray) -> NoiseModel:
         """The noise model of a vector of unknowns: measurement (when not given), then process noise."""
-        sigma, tau = np.exp(log_sigma), self.correlation_time
+        sigma = np.exp(log_sigma)
+        tau = self.correlation_time
         outputs = self.problem.model.outputs
         count = 0 if self.measurement is not None else len(outputs)
         measurement = self.measurement or dict(zip(outputs, sigma[:count].tolist(), strict=True))
@@ -60,7 +61,8 @@ class FilterSystem:
         return self._exact(linearise(self.functions, self.batch, P, X), self.batch, P)
 
     def _exact(self, linear: Linear, batch: Batch, P: np.ndarray) -> Linear:
-        model, names = linear.model, tuple(self.correlation_time)
+        model = linear.model
+        names = tuple(self.correlation_time)
         index = np.array([model.parameters.index(n) for n in self.functions.free], dtype=int)
         key = ("compiled derivatives", tuple(index), names)
         kernel = cached(model, key, lambda: Compilable(sample_derivatives(model, index, names)))
@@ -79,7 +81,8 @@ class FilterSystem:
         """(Y, F) of the unknown parameters: shared ones act in all records, a per-record one in its own."""
         N, R, ny, _ = linear.Dp.shape
         count = len(self.problem.parameters)
-        Y, F = np.zeros((N, R, ny, count)), np.zeros((N - 1, R, linear.Bp.shape[2], count))
+        Y = np.zeros((N, R, ny, count))
+        F = np.zeros((N - 1, R, linear.Bp.shape[2], count))
         for r in range(R):
             Y[:, r][..., self.problem.columns(r)] = linear.Dp[:, r]
             F[:, r][..., self.problem.columns(r)] = linear.Bp[:, r]
@@ -89,7 +92,8 @@ class FilterSystem:
         """(parameters,) slope of -2 ln L through the covariance of the innovations, by differences along each
         parameter. Without it the estimate is that of highest joint density with the noise history, off by over a
         standard error in turbulence."""
-        residual, columns = residual_column(linear), self.columns(linear)
+        residual = residual_column(linear)
+        columns = self.columns(linear)
         Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
         white = kalman_filter(linear, noise).whiten(Y, F)
         curvature = np.einsum("krij,krij->j", white[..., 1:], white[..., 1:])
@@ -99,7 +103,8 @@ class FilterSystem:
             chosen = np.arange(first, min(first + _PARTS, len(theta)))
             shifted = [theta, *(theta + steps[i] * np.eye(len(theta))[i] for i in chosen)]
             P = np.concatenate([self.problem.model_parameters(one) for one in shifted])
-            many, repeated = _tiled(self.batch, len(shifted)), np.tile(linear.X, (1, len(shifted), 1))
+            many = _tiled(self.batch, len(shifted))
+            repeated = np.tile(linear.X, (1, len(shifted), 1))
             moved = self._exact(linearise(self.functions, many, P, repeated), many, P)
             kalman = kalman_filter(moved, noise)
             squares = (kalman.whiten(*residual_column(moved)) ** 2).sum(axis=(0, 2, 3))
@@ -135,10 +140,12 @@ def evaluate_step(
     """The step from theta; `slope` (parameters,) through the covariance, zero while far away. With `held` parameters
     the step is zero."""
     kalman = kalman_filter(linear, noise)
-    residual, columns = residual_column(linear), system.columns(linear)
+    residual = residual_column(linear)
+    columns = system.columns(linear)
     Y, F = (np.concatenate(pair, axis=3) for pair in zip(residual, columns, strict=True))
     white = kalman.whiten(Y, F)
-    J, v = white[..., 1:].reshape(-1, len(theta)), white[..., 0].reshape(-1)
+    J = white[..., 1:].reshape(-1, len(theta))
+    v = white[..., 0].reshape(-1)
     weight = 1.0 / system.problem.prior_std**2
     off = theta - system.problem.nominal
     information = J.T @ J + np.diag(weight)

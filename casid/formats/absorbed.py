@@ -45,7 +45,8 @@ class Absorbed:
 
 def absorbed(aircraft: Aircraft) -> Absorbed:
     """Mass, inertia and aerodynamic terms among the effects become numbers of the aircraft; the others are left."""
-    mass, inertia = aircraft.mass, {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz")}
+    mass = aircraft.mass
+    inertia = {n: getattr(aircraft.inertia, n) for n in ("Ixx", "Iyy", "Izz", "Ixz")}
     rows: dict[str, dict[str, float]] = {}
     for name, value in aircraft.derivatives.items():
         coefficient, term = derivative_term(name)
@@ -95,19 +96,24 @@ def in_wind_axes(plain: Absorbed) -> Absorbed:
     if plain.aircraft.force_axes == "wind":
         return plain
     at = _trim_alpha(plain.aircraft)
-    s, c = np.sin(at), np.cos(at)
+    s = np.sin(at)
+    c = np.cos(at)
     X, Z = (np.polynomial.Polynomial([plain.value(name, term) for term in _POWERS]) for name in ("CX", "CZ"))
     (x, dx, ddx), (z, dz, ddz) = ([float(one(at)), float(one.deriv()(at)), float(one.deriv(2)(at))] for one in (X, Z))
-    lift, lift_slope = x * s - z * c, dx * s + x * c - dz * c + z * s
-    drag, drag_slope = -x * c - z * s, -dx * c + x * s - dz * s - z * c
+    lift = x * s - z * c
+    lift_slope = dx * s + x * c - dz * c + z * s
+    drag = -x * c - z * s
+    drag_slope = -dx * c + x * s - dz * s - z * c
     bend = 0.5 * (-ddx * c + 2.0 * dx * s + x * c - ddz * s - 2.0 * dz * c + z * s)
     rows = {name: dict(row) for name, row in plain.rows.items() if name not in ("CX", "CZ")}
     rows["CL"] = {"0": lift - lift_slope * at, "alpha": lift_slope}
     rows["CD"] = {"0": drag - drag_slope * at + bend * at**2, "alpha": drag_slope - 2.0 * bend * at, "alpha^2": bend}
     for term in {**plain.rows.get("CX", {}), **plain.rows.get("CZ", {})}:
         if term not in _POWERS:
-            along, down = plain.value("CX", term), plain.value("CZ", term)
-            rows["CL"][term], rows["CD"][term] = along * s - down * c, -along * c - down * s
+            along = plain.value("CX", term)
+            down = plain.value("CZ", term)
+            rows["CL"][term] = along * s - down * c
+            rows["CD"][term] = -along * c - down * s
     kept = {name: {term: v for term, v in row.items() if v != 0.0} for name, row in rows.items()}
     alpha = at + np.linspace(-_RANGE, _RANGE, 41)
     off = np.abs(X(alpha) * np.sin(alpha) - Z(alpha) * np.cos(alpha) - lift - lift_slope * (alpha - at)).max()

@@ -21,7 +21,8 @@ _MASS = 2.0  # kg, of SIM_Plane
 _TRAVEL = 0.3491  # rad, its deltaX_max: 20 deg
 # its blend into stall: half of it at this angle of attack, and so steep that below it lift is linear to rounding.
 # Steeper exponents overflow 0.8 rad beyond, where SIM_Plane clips the angle.
-_STALL, _STEEP = 0.5, 300.0
+_STALL = 0.5
+_STEEP = 300.0
 _LATERAL = ("0", "beta", "p", "r", "delta_a", "delta_r")
 _HELD = {
     "CL": ("0", "alpha", "q", "delta_e"),
@@ -45,10 +46,13 @@ def ardupilot_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     aircraft that is not symmetric, and a surface without effect on its own axis."""
     need_derivatives(aircraft, "ardupilot-json")
     plain = in_wind_axes(absorbed(aircraft))
-    a, polar = plain.aircraft, polar_of(plain)
+    a = plain.aircraft
+    polar = polar_of(plain)
     if not a.inertia.symmetric:
         raise InputError(f"'{a.name}': Ixy and Iyz are not zero, which ardupilot-json cannot hold")
-    b, c, s = 2.0 * a.rate_length_lateral, 2.0 * a.rate_length_pitch, a.area * _MASS / a.mass
+    b = 2.0 * a.rate_length_lateral
+    c = 2.0 * a.rate_length_pitch
+    s = a.area * _MASS / a.mass
     size = {n: _sign(plain.value(*row)) * _TRAVEL for n, row in _MAIN.items()}
     scale = {term: size.get(term, 1.0) for term in (*_LATERAL, "alpha", "q", "delta_e")}
     J = a.inertia

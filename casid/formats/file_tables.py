@@ -202,7 +202,9 @@ def with_numbers(text: str, changes: Iterable[tuple[tuple[int, int], float]]) ->
 
 def holding(tables: Sequence[FileTable], effect: EffectValue) -> FileTable | None:
     """The table of the file of which an effect is a wrong stretch."""
-    kind, coefficient, term = effect.kind, effect.target, effect.term or "0"
+    kind = effect.kind
+    coefficient = effect.target
+    term = effect.term or "0"
     return next((one for one in tables if holds(one.table, kind, coefficient, term)), None)
 
 

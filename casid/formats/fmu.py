@@ -181,7 +181,9 @@ class _Running:
     arrays that stay where they are: millions of calls go through them."""
 
     def __init__(self, unit: Any, own: _Described, where: str) -> None:
-        self.unit, self.own, self.where = unit, own, where
+        self.unit = unit
+        self.own = own
+        self.where = where
         self.at: tuple[float, ...] | None = None
         self.in_use = Lock()  # a unit has one state, and calls of several threads would mix
         self.x, self.xdot = _Numbers(len(own.states)), _Numbers(len(own.states))
@@ -189,13 +191,15 @@ class _Running:
         self.of_u, self.of_y = _references(own.inputs), _references(own.outputs)
 
     def rates(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        unit, n = self.unit, len(self.own.states)
+        unit = self.unit
+        n = len(self.own.states)
         return self._by_point(
             v, self.own.states, self.xdot, lambda: unit.fmi2GetDerivatives(unit.component, self.xdot.pointer, n)
         )
 
     def outputs(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        unit, n = self.unit, len(self.own.outputs)
+        unit = self.unit
+        n = len(self.own.outputs)
         return self._by_point(
             v, self.own.outputs, self.y, lambda: unit.fmi2GetReal(unit.component, self.of_y, n, self.y.pointer)
         )
@@ -209,14 +213,19 @@ class _Running:
     def _by_point(
         self, v: Mapping[str, np.ndarray], gives: Sequence[_Variable], into: _Numbers, call: Callable[[], Any]
     ) -> dict[str, np.ndarray]:
-        own, unit, m = self.own, self.unit, len(self.own.inputs)
+        own = self.own
+        unit = self.unit
+        m = len(self.own.inputs)
         count = len(v[own.states[0].name])
         states, inputs, parameters = (
             np.stack([v[one.name] for one in group], axis=1) if group else np.zeros((count, 0))
             for group in (own.states, own.inputs, own.parameters)
         )
-        times, found = v.get("t", np.zeros(count)).tolist(), np.zeros((count, len(gives)))
-        component, x, u = unit.component, self.x, self.u
+        times = v.get("t", np.zeros(count)).tolist()
+        found = np.zeros((count, len(gives)))
+        component = unit.component
+        x = self.x
+        u = self.u
         with self.in_use:
             try:
                 for k, wanted in enumerate(map(tuple, parameters.tolist())):

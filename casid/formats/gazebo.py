@@ -50,8 +50,10 @@ def gazebo_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     """The file, and what it does not hold, a line each. Raises InputError for aerodynamics that are not derivatives."""
     need_derivatives(aircraft, "gazebo")
     plain = in_wind_axes(absorbed(aircraft))
-    a, polar = plain.aircraft, polar_of(plain)
-    span, chord = 2.0 * a.rate_length_lateral, 2.0 * a.rate_length_pitch
+    a = plain.aircraft
+    polar = polar_of(plain)
+    span = 2.0 * a.rate_length_lateral
+    chord = 2.0 * a.rate_length_pitch
     left = [*plain.left, *plain.beyond(_HELD), *([polar.note] if polar.note else []), *_ALWAYS]
     if any(plain.value("CL", term) for term in ("beta", *SURFACES)):
         left.append("drag of the lift by sideslip and surfaces, which the plugin adds to the polar")
@@ -114,7 +116,8 @@ def _inertial(link: ET.Element, aircraft: Aircraft) -> None:
     """Mass and tensor in the axes of the link, whose y and z are turned about."""
     inertial = ET.SubElement(link, "inertial")
     ET.SubElement(inertial, "mass").text = repr(aircraft.mass)
-    node, J = ET.SubElement(inertial, "inertia"), aircraft.inertia
+    node = ET.SubElement(inertial, "inertia")
+    J = aircraft.inertia
     tensor = {"ixx": J.Ixx, "iyy": J.Iyy, "izz": J.Izz, "ixy": J.Ixy, "ixz": J.Ixz, "iyz": -J.Iyz}
     for name, value in tensor.items():
         ET.SubElement(node, name).text = repr(float(value))

@@ -74,7 +74,8 @@ def struct_of(aircraft: Aircraft) -> dict[str, Any]:
 
 def matlab_text(struct: dict[str, Any]) -> str:
     """The struct as a script."""
-    name, line = _quoted(struct["name"]), " ".join(struct["name"].split())
+    name = _quoted(struct["name"])
+    line = " ".join(struct["name"].split())
     lines = [
         f"% {line}, written by casid. SI units and radians; body axes x forward, y right, z down.",
         "",

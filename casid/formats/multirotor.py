@@ -81,7 +81,8 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
     left += _left_of(rotors, lag=True)
     root = ET.Element("sdf", version="1.9")
     model = ET.SubElement(root, "model", name="".join(ch if ch.isalnum() else "_" for ch in aircraft.name))
-    base, J = ET.SubElement(model, "link", name="base_link"), aircraft.inertia
+    base = ET.SubElement(model, "link", name="base_link")
+    J = aircraft.inertia
     inertial = ET.SubElement(base, "inertial")
     ET.SubElement(inertial, "mass").text = repr(aircraft.mass)
     tensor = {"ixx": J.Ixx, "iyy": J.Iyy, "izz": J.Izz, "ixy": J.Ixy, "ixz": J.Ixz, "iyz": -J.Iyz}
@@ -94,7 +95,8 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
         rotor = ET.SubElement(model, "link", name=f"rotor_{number}")
         ET.SubElement(rotor, "pose").text = f"{place} 0 0 0"
         joint = ET.SubElement(model, "joint", name=f"rotor_{number}_joint", type="revolute")
-        ET.SubElement(joint, "parent").text, ET.SubElement(joint, "child").text = "base_link", f"rotor_{number}"
+        ET.SubElement(joint, "parent").text = "base_link"
+        ET.SubElement(joint, "child").text = f"rotor_{number}"
         ET.SubElement(ET.SubElement(joint, "axis"), "xyz").text = "0 0 1"
         plugin = ET.SubElement(
             model,
@@ -162,7 +164,9 @@ def rotorpy_text(aircraft: Aircraft) -> Made:
     whose input is no speed."""
     aircraft, rotors, left = in_numbers(aircraft, "rotorpy")
     constants = [motor_constant(one, "rotorpy") for one in rotors.each]
-    mean, hover, J = float(np.mean(constants)), _hover(aircraft, rotors), aircraft.inertia
+    mean = float(np.mean(constants))
+    hover = _hover(aircraft, rotors)
+    J = aircraft.inertia
     whole = hover * len(rotors.each)
     parameters: dict[str, Any] = {
         "mass": aircraft.mass,
@@ -206,7 +210,8 @@ def table_text(aircraft: Aircraft) -> Made:
     is no speed."""
     aircraft, rotors, left = in_numbers(aircraft, "gym-json")
     constants = [motor_constant(one, "gym-json") for one in rotors.each]
-    J, mean = aircraft.inertia, float(np.mean(constants))
+    J = aircraft.inertia
+    mean = float(np.mean(constants))
     document = {
         "m": aircraft.mass,
         "l": float(np.mean([math.hypot(*one.position[:2]) for one in rotors.each])),

@@ -110,7 +110,8 @@ class _Reading:
     def _check_measurement(self, row: Row, observables: Collection[str]) -> None:
         where = f"{self.where}: measurements"
         check_known("observable", (row["observableId"],), observables, where)
-        before, after = row.get("preequilibrationConditionId", ""), row["simulationConditionId"]
+        before = row.get("preequilibrationConditionId", "")
+        after = row["simulationConditionId"]
         check_known("condition", (after, before) if before else (after,), self.conditions, where)
         _value(row, "time", where)
         _value(row, "measurement", where)
@@ -139,7 +140,9 @@ class _Reading:
     def _overrides(self) -> None:
         """Columns of the condition table: numbers are values of a record, names weigh parameters. What another
         condition holds before t = 0 than after it is an input as well, and a state that it sets jumps there."""
-        sbml, self.added, self.named = self.tables.sbml, {}, {}
+        sbml = self.tables.sbml
+        self.added = {}
+        self.named = {}
         columns = [n for n in (self.tables.conditions or [{}])[0] if n not in ("conditionId", "conditionName")]
         self.changing: dict[str, list[str]] = {}  # column -> channels: its value, and a weight of each name
         self.reset = [
@@ -162,9 +165,12 @@ class _Reading:
 
     def _fixed(self, condition: str) -> dict[str, float]:
         """Values of a condition by name."""
-        row, states, found = self.conditions[condition], self.tables.sbml.states, {}
+        row = self.conditions[condition]
+        states = self.tables.sbml.states
+        found = {}
         for column, names in self.named.items():
-            entry, target = row[column], f"initial {column}" if column in states else column
+            entry = row[column]
+            target = f"initial {column}" if column in states else column
             number = _number(entry) if entry else self._default(column)
             found[target] = 0.0 if number is None else number
             found |= {f"{column} is {name}": float(name == entry) for name in names}
@@ -209,7 +215,8 @@ class _Reading:
         return dict(self.tables.sbml.rates(self.scope(vars(s))))
 
     def _events(self, s: Any) -> dict[str, dict[str, ca.SX]]:
-        known, doses = vars(s), self.tables.sbml.doses
+        known = vars(s)
+        doses = self.tables.sbml.doses
         scope = self.scope(known)
         found = {n: {state: translated(f, scope) for state, f in sets.items()} for n, (_, sets) in doses.items()}
         if self.reset:
@@ -225,7 +232,8 @@ class _Reading:
         return {n: translated(parsed(r["observableFormula"], self.where), scope) for n, r in self.observables.items()}
 
     def _initial(self, s: Any) -> dict[str, ca.SX]:
-        known, sbml = dict(vars(s)), self.tables.sbml
+        known = dict(vars(s))
+        sbml = self.tables.sbml
         scope = self.scope(known)
         scope.rules = {**scope.rules, **sbml.initial}
         found = {}
@@ -251,7 +259,8 @@ class _Reading:
         sbml.rates(scope)
         self.switches = {n: s for n, s in scope.switches.items() if not ca.depends_on(s.margin, free)}
         symbols |= {name: ca.SX.sym(name) for name in self.switches}
-        rates, outputs = self._rates(SimpleNamespace(**symbols)), self._outputs(SimpleNamespace(**symbols))
+        rates = self._rates(SimpleNamespace(**symbols))
+        outputs = self._outputs(SimpleNamespace(**symbols))
         everything = [*rates.values(), *outputs.values()]
         self.timed = bool(everything) and ca.depends_on(ca.vertcat(*everything), symbols[_TIME])
         self.given = [*self.values, *now]  # of what a condition gives
@@ -260,7 +269,8 @@ class _Reading:
             name: ca.Function("margin", [symbols[_TIME], given], [switch.margin])
             for name, switch in self.switches.items()
         }
-        states, driven = ca.vertcat(*(symbols[n] for n in sbml.states)), [symbols[n] for n in self.switches]
+        states = ca.vertcat(*(symbols[n] for n in sbml.states))
+        driven = [symbols[n] for n in self.switches]
         slope = ca.vertcat(*(rates[n] for n in sbml.states))
         everywhere = [states, given, ca.vertcat(*driven), symbols[_TIME]]
         self._slope = ca.Function("slope", everywhere, [slope, ca.densify(ca.jacobian(slope, states))])
@@ -273,12 +283,14 @@ class _Reading:
     def _noise(self, name: str) -> Any:
         """Noise of an observable, as `Problem` takes it."""
         row = self.observables[name]
-        kind, scale = row.get("noiseDistribution") or "normal", row.get("observableTransformation") or "lin"
+        kind = row.get("noiseDistribution") or "normal"
+        scale = row.get("observableTransformation") or "lin"
         if kind != "normal":
             raise EstimationError(
                 f"{self.where}: noise of '{name}' is {kind}; only normal and log-normal noise is taken"
             )
-        logarithmic, factor = scale != "lin", math.log(10.0) if scale == "log10" else 1.0
+        logarithmic = scale != "lin"
+        factor = math.log(10.0) if scale == "log10" else 1.0
         formula = row["noiseFormula"]
         literal = self.literal.get(formula, formula)
         if _number(literal) is not None:
@@ -355,7 +367,8 @@ class _Reading:
         def slope(part: int, x: np.ndarray) -> np.ndarray:
             return self._slope(x, values, switches, begin)[part].full()
 
-        until, x = 1.0, self._begin(values).full()[:, 0]
+        until = 1.0
+        x = self._begin(values).full()[:, 0]
         for _ in range(_DOUBLINGS):
             found = solve_ivp(
                 lambda _, x: slope(0, x)[:, 0],
@@ -368,7 +381,8 @@ class _Reading:
             )
             if not found.success or not np.isfinite(found.y).all():
                 break
-            former, x = x, found.y[:, -1]
+            former = x
+            x = found.y[:, -1]
             if (np.abs(x - former) <= 10.0 * _REST * np.maximum(np.abs(x), _REST * np.abs(x).max(initial=0.0))).all():
                 return until * 2.0 ** np.arange(-_DOUBLINGS // 2, 2.0)
             until *= 2.0
@@ -416,7 +430,8 @@ class _Reading:
 
     def problem(self) -> Problem:
         """All of it."""
-        records, sbml = self._records(), self.tables.sbml
+        records = self._records()
+        sbml = self.tables.sbml
         inputs = [*self._sample_channels(), *self.switches, *(c for names in self.changing.values() for c in names)]
         model = define_model(
             sbml.name,

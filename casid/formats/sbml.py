@@ -86,7 +86,8 @@ def read_sbml(path: Path) -> SbmlModel:
         fault = document.getErrorLog().getErrorWithSeverity(0, libsbml.LIBSBML_SEV_ERROR)
         raise InputError(f"{path}: not a readable SBML file: {fault.getShortMessage() if fault else 'no model'}")
     model = document.getModel()
-    rules, rated = {}, {}
+    rules = {}
+    rated = {}
     for rule in model.getListOfRules():
         if rule.isAlgebraic():
             raise InputError(f"{path}: an algebraic rule; only assignment and rate rules are taken")
@@ -128,7 +129,8 @@ def _values(model: Any, rules: Mapping[str, Any]) -> tuple[dict[str, float], dic
         if p.getId() not in rules:
             (constants if p.getConstant() else begin)[p.getId()] = p.getValue() if p.isSetValue() else 0.0
     for s in model.getListOfSpecies():
-        name, size = s.getId(), sizes[s.getCompartment()]
+        name = s.getId()
+        size = sizes[s.getCompartment()]
         if name in rules:
             continue
         amount = s.getHasOnlySubstanceUnits()
@@ -216,7 +218,8 @@ def translated(tree: Any, scope: Scope) -> ca.SX:
 
 
 def _operation(libsbml: Any, tree: Any, parts: list[ca.SX], where: str) -> ca.SX:
-    kind, name = tree.getType(), tree.getName() or ""
+    kind = tree.getType()
+    name = tree.getName() or ""
     if kind == libsbml.AST_PLUS:
         return sum(parts, ca.SX(0))
     if kind == libsbml.AST_TIMES:
@@ -267,7 +270,8 @@ def _logical(libsbml: Any, kind: int, parts: list[ca.SX]) -> ca.SX:
 
 def _relation(libsbml: Any, tree: Any, scope: Scope) -> ca.SX:
     """A comparison; of time with what is known, a switch, which records have as an input."""
-    kind, name = tree.getType(), f"switch {libsbml.formulaToL3String(tree)}"
+    kind = tree.getType()
+    name = f"switch {libsbml.formulaToL3String(tree)}"
     if name in scope.inputs:
         return scope.inputs[name]
     left, right = (translated(tree.getChild(i), scope) for i in range(2))

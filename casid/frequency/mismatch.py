@@ -20,7 +20,8 @@ from casid.keeping import plain
 # Cost of Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012): 20 points, weights of dB
 # and of deg, which make an error of 1 dB as large as one of 7.57 deg, and the weight of the coherence.
 _POINTS = 20
-PER_DB2, PER_DEG2 = 1.0, 0.01745
+PER_DB2 = 1.0
+PER_DEG2 = 0.01745
 _COLUMNS = ("omega", "gain_low_db", "gain_high_db", "phase_low_deg", "phase_high_deg")
 
 ResponseFunction = Callable[[np.ndarray], np.ndarray]
@@ -113,7 +114,8 @@ class MismatchEnvelope:
 
     def bounds(self, omega: np.ndarray) -> dict[str, np.ndarray]:
         """Name of each bound -> (frequencies,) its value at omega (frequencies,) [rad/s]; NaN outside the table."""
-        at, table = np.log(omega), np.log(self.omega)
+        at = np.log(omega)
+        table = np.log(self.omega)
         return {n: np.interp(at, table, getattr(self, n), left=np.nan, right=np.nan) for n in _COLUMNS[1:]}
 
     __repr__ = brief
@@ -299,7 +301,8 @@ def _mismatch(
 ) -> Mismatch:
     with np.errstate(divide="ignore", invalid="ignore"):
         ratio = response / flight.response
-    db, deg = gain_db(ratio), np.degrees(np.angle(ratio))
+    db = gain_db(ratio)
+    deg = np.degrees(np.angle(ratio))
     judged = flight.usable & (flight.omega >= band[0] * (1.0 - 1e-9)) & (flight.omega <= band[1] * (1.0 + 1e-9))
     within = None
     if envelope is not None:
@@ -312,7 +315,8 @@ def _mismatch(
 
 def _cost(flight: FrequencyResponse, omega: np.ndarray, response: np.ndarray) -> float:
     """J at these points; flight is interpolated between its frequencies, linearly over log omega."""
-    at, known = np.log(omega), np.log(flight.omega)
+    at = np.log(omega)
+    known = np.log(flight.omega)
     db = gain_db(response) - np.interp(at, known, flight.gain_db)
     deg = np.degrees(np.angle(response)) - np.interp(at, known, flight.phase_deg)
     deg = (deg + 180.0) % 360.0 - 180.0
@@ -335,7 +339,8 @@ def _band(flight: FrequencyResponse, band: tuple[float, float] | None) -> tuple[
     if band is None:
         return float(usable[0]), float(usable[-1])
     low, high = (number(one, "compare_responses: band", positive=True) for one in band)
-    first, last = float(flight.omega[0]), float(flight.omega[-1])
+    first = float(flight.omega[0])
+    last = float(flight.omega[-1])
     if not first * (1.0 - 1e-9) <= low < high <= last * (1.0 + 1e-9):
         raise InputError(
             f"compare_responses: band is {low:g} to {high:g} rad/s; expected a part of {first:.4g} to {last:.4g} rad/s "

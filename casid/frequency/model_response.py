@@ -89,7 +89,8 @@ class LinearModel:
         for what, name, valid in (("input", input, self.inputs), ("output", output, self.outputs)):
             check_known(what, (name,), valid, f"linear model of '{self.name}'")
         omega = np.atleast_1d(np.asarray(omega, dtype=float))
-        column, row = self.inputs.index(input), self.outputs.index(output)
+        column = self.inputs.index(input)
+        row = self.outputs.index(output)
         resolvent = 1j * omega[:, None, None] * np.eye(len(self.states)) - self.A
         moved = np.linalg.solve(resolvent, np.broadcast_to(self.B[:, column, None], (len(omega), len(self.A), 1)))
         found = moved[..., 0] @ self.C[row] + self.D[row, column]
@@ -143,7 +144,8 @@ def linear_model(
     True
     """
     if isinstance(model, Model):
-        chosen, applied = model, None
+        chosen = model
+        applied = None
         point = _by_name(at, chosen) if isinstance(at, Mapping | Trim) else None
         point = _medians(chosen, given_records(at, "linear_model", own=chosen.inputs)) if point is None else point
     else:
@@ -171,7 +173,8 @@ def linear_model(
 
 def _derivatives(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> list[np.ndarray]:
     """A, B, C, D at a point, disturbances at rest."""
-    matrix, n = sensitivity_at(model, np.zeros(0, dtype=int), x, u, p).matrix, len(x)
+    matrix = sensitivity_at(model, np.zeros(0, dtype=int), x, u, p).matrix
+    n = len(x)
     if not np.isfinite(matrix).all():
         at = ", ".join(f"{name} = {value:.4g}" for name, value in zip(model.states, x.tolist(), strict=True))
         raise InputError(f"linear_model: '{model.name}' has no derivatives at {at}; give another operating point")

@@ -66,7 +66,9 @@ class FourierOutputError:
 
     band: tuple[float, float]
 
-    output_weight, equation_weight = 0.0, 1.0  # nothing is simulated in time
+    # nothing is simulated in time
+    output_weight = 0.0
+    equation_weight = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "band", check_band(self.band, "FourierOutputError"))
@@ -92,7 +94,8 @@ class FourierOutputs:
 
     def __init__(self, problem: Problem, band: tuple[float, float]) -> None:
         _check(problem)
-        self._problem, self.names = problem, problem.model.outputs
+        self._problem = problem
+        self.names = problem.model.outputs
         self._pieces = [_transformed(problem, record, r, band) for r, record in enumerate(problem.records)]
         self.targets = [np.concatenate([real_rows(one.outputs) for one in own]) for own in self._pieces]
         start = problem.start_parameters
@@ -128,7 +131,8 @@ class FourierOutputs:
         return [np.concatenate([np.tile(one.piece.omega, 2) for one in own]) for own in self._pieces]
 
     def _linear(self, one: _Transformed, parameters: np.ndarray) -> LinearSensitivity:
-        model, free = self._problem.model, self._problem.free_index
+        model = self._problem.model
+        free = self._problem.free_index
         return sensitivity_at(model, free, one.x, one.u, parameters[one.piece.record])
 
 
@@ -161,12 +165,11 @@ def _transformed(problem: Problem, record: Record, index: int, band: tuple[float
     channels = [*model.inputs, *measured]
     for piece in pieces_of(record, index, channels, band, "FourierOutputError"):
         transform = piece.transform(piece.stretch.values)
-        inputs, outputs = (
-            transform[:, : len(model.inputs)],
-            np.full((len(piece.omega), len(model.outputs)), complex(np.nan, np.nan)),
-        )
+        inputs = transform[:, : len(model.inputs)]
+        outputs = np.full((len(piece.omega), len(model.outputs)), complex(np.nan, np.nan))
         outputs[:, [model.outputs.index(name) for name in measured]] = transform[:, len(model.inputs) :]
-        t, stretch = record.t, piece.stretch
+        t = record.t
+        stretch = piece.stretch
         within = (t >= stretch.t[0] - 0.5 * stretch.dt) & (t <= stretch.t[-1] + 0.5 * stretch.dt)
         found.append(
             _Transformed(
@@ -186,9 +189,11 @@ class _Outputs:
     outputs, free), zero there. Both are free of the unknown step, output by output."""
 
     def __init__(self, one: _Transformed, linear: LinearSensitivity) -> None:
-        self._one, self._linear = one, linear
+        self._one = one
+        self._linear = linear
         self._transition = linear.sampled(one.piece.stretch.dt, one.held)
-        n, m = linear.states, len(one.u)
+        n = linear.states
+        m = len(one.u)
         z = np.exp(1j * one.piece.omega * one.piece.stretch.dt)
         resolvent = np.linalg.inv(z[:, None, None] * np.eye(n) - self._transition.matrix[:, :n])
         inputs = np.concatenate([one.inputs, z[:, None] * one.inputs], axis=1)
@@ -196,7 +201,10 @@ class _Outputs:
         self._motion = np.concatenate([states, inputs], axis=1)  # (M, n+2m)
         self._measuring = linear.matrix[n:]  # (o, n+m)
         self._error = self._motion[:, : n + m] @ self._measuring.T - one.outputs
-        self._resolvent, self._z, self._n, self._m = resolvent, z, n, m
+        self._resolvent = resolvent
+        self._z = z
+        self._n = n
+        self._m = m
         self._present = np.flatnonzero(np.isfinite(one.outputs).all(axis=0)).tolist()
 
     @cached_property
@@ -223,17 +231,21 @@ class _Outputs:
     @property
     def derivatives(self) -> np.ndarray:
         """(rows, outputs, free) of the residuals."""
-        n, m, moved = self._n, self._m, self._transition.slopes
+        n = self._n
+        m = self._m
+        moved = self._transition.slopes
         slopes = self._linear.slopes[:, n:]  # (f, o, n+m)
         through = self._measuring[:, :n] @ self._resolvent  # (M, o, n)
         plain = np.einsum("foc,kc->kof", slopes, self._motion[:, : n + m], optimize=True)
         plain += np.einsum("koa,fac,kc->kof", through, moved, self._motion, optimize=True)
         unit = self._resolvent * self._z[:, None, None]  # (M, n, n) states per unit step
-        rows, error = np.zeros((2 * len(plain), *plain.shape[1:])), real_rows(self._error)
+        rows = np.zeros((2 * len(plain), *plain.shape[1:]))
+        error = real_rows(self._error)
         for o, (added, inverse) in self._steps.items():
             steps = np.einsum("fa,kab->kfb", slopes[:, o, :n], unit, optimize=True)
             steps += np.einsum("ka,fac,kcb->kfb", through[:, o], moved[:, :, :n], unit, optimize=True)
-            dadded, step = real_rows(steps), -inverse @ error[:, o]
+            dadded = real_rows(steps)
+            step = -inverse @ error[:, o]
             own = real_rows(plain[:, o]) + dadded @ step
             own -= added @ (inverse @ own)
             rows[:, o] = own - inverse.T @ np.einsum("kfb,k->bf", dadded, self.residuals[:, o])

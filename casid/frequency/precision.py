@@ -11,7 +11,8 @@ import numpy as np
 from casid.frames import brief
 
 # Guidelines of CIFER: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012
-CRAMER_RAO_LIMIT, INSENSITIVITY_LIMIT = 20.0, 10.0
+CRAMER_RAO_LIMIT = 20.0
+INSENSITIVITY_LIMIT = 10.0
 
 
 class Estimated(Protocol):

@@ -199,14 +199,17 @@ def _tracked(
 ) -> Iterator[TrackedDerivatives]:
     omega, memory, every = options
     sums: _Sums | None = None
-    due, given, last = -np.inf, -np.inf, np.nan
+    due = -np.inf
+    given = -np.inf
+    last = np.nan
     for sample in samples:
         if sums is None:
             sums = _Sums(equations, _differentiated(sample, *channels), omega, memory)
             due = _value(sample, "t") + every
         last = sums.add(sample)
         if last >= due - 1e-9 * every:
-            due, given = due + every * np.ceil((last - due) / every + 1e-9), last
+            due = due + every * np.ceil((last - due) / every + 1e-9)
+            given = last
             yield from _estimates(sums, own, last)
     if sums is not None and last > given:
         yield from _estimates(sums, own, last)
@@ -240,13 +243,17 @@ class _Sums:
         self, equations: _Equations, differentiated: Mapping[str, str], omega: np.ndarray, memory: float
     ) -> None:
         self.equations, self.differentiated = equations, dict(differentiated)
-        self.omega, self.memory = omega, memory
+        self.omega = omega
+        self.memory = memory
         self._width = len(equations.form.names)
         columns = self._width + sum(map(len, equations.places)) + len(self.differentiated) + 1
         self.total = np.zeros((len(omega), columns), complex)
         self.across = np.zeros((len(omega), len(omega)), complex)  # sum of w^2 e e^H
         self.along = np.zeros_like(self.across)  # sum of w^2 e e^T
-        self.count, self.first, self.last, self.weight = 0, np.nan, np.nan, 1.0
+        self.count = 0
+        self.first = np.nan
+        self.last = np.nan
+        self.weight = 1.0
         self.interval = np.nan
 
     def add(self, sample: Mapping[str, float]) -> float:
@@ -295,7 +302,8 @@ class _Sums:
 
     def noise(self) -> np.ndarray:
         """(2 frequencies, 2 frequencies) covariance of the real rows for white noise of variance 1."""
-        plus, minus = self.across + self.along, self.along - self.across
+        plus = self.across + self.along
+        minus = self.along - self.across
         across = np.imag(minus)
         return 0.5 * np.block([[np.real(plus), across], [across.T, -np.real(minus)]])
 
@@ -303,7 +311,8 @@ class _Sums:
         """Real rows of the target (rows,), of its regressors (rows, free) and of what is eliminated (rows, shapes)."""
         first = self._width + sum(map(len, self.equations.places[:equation]))
         x = self.total[:, first : first + len(self.equations.places[equation])]
-        z, shapes = self.total[:, equation], [self.total[:, -1]]
+        z = self.total[:, equation]
+        shapes = [self.total[:, -1]]
         name = self.equations.form.names[equation]
         if name in self.differentiated:
             place = list(self.differentiated).index(name)
@@ -331,14 +340,17 @@ def _estimates(sums: _Sums, own: Sequence[str], t: float) -> Iterator[TrackedDer
     """The least-squares estimates of all equations, nothing while the samples do not determine them."""
     if sums.count < 2:
         return
-    values, std, noise = {}, {}, {}
+    values = {}
+    std = {}
+    noise = {}
     covariance = sums.noise()
     for equation, places in enumerate(sums.equations.places):
         if not places:
             continue
         z, x, shapes = sums.regression(equation)
         basis = _basis(shapes, np.sqrt(sums.count * len(sums.omega)))
-        x, z = x - basis @ (basis.T @ x), z - basis @ (basis.T @ z)
+        x = x - basis @ (basis.T @ x)
+        z = z - basis @ (basis.T @ z)
         scale = np.linalg.norm(x, axis=0)
         if not (scale > 0.0).all():
             return

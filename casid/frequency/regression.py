@@ -78,7 +78,9 @@ class FourierEquationError:
 
     band: tuple[float, float]
 
-    output_weight, equation_weight = 0.0, 1.0  # nothing is simulated in time
+    # nothing is simulated in time
+    output_weight = 0.0
+    equation_weight = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "band", check_band(self.band, "FourierEquationError"))
@@ -128,7 +130,8 @@ def pieces_of(
     found = []
     for one in stretches(record, channels, band[1]):
         first = 2.0 * np.pi / (len(one.values) * one.dt)
-        low, high = max(1, int(np.ceil(band[0] / first - 1e-9))), int(np.floor(band[1] / first + 1e-9))
+        low = max(1, int(np.ceil(band[0] / first - 1e-9)))
+        high = int(np.floor(band[1] / first + 1e-9))
         high = min(high, (len(one.values) - 1) // 2)  # at Nyquist's frequency there is no imaginary part
         if high >= low:
             found.append(Piece(record=index, stretch=one, omega=first * np.arange(low, high + 1)))

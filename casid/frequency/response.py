@@ -328,7 +328,9 @@ def _composite(every: Sequence[Spectra], records: Sequence[str]) -> FrequencyRes
 
 def _conditioned(matrix: np.ndarray) -> np.ndarray:
     """(frequencies, 2, 2) spectra of the first two channels without the part that is linear in the others."""
-    two, across, others = matrix[:, :2, :2], matrix[:, :2, 2:], matrix[:, 2:, 2:]
+    two = matrix[:, :2, :2]
+    across = matrix[:, :2, 2:]
+    others = matrix[:, 2:, 2:]
     return two - across @ np.linalg.solve(others, matrix[:, 2:, :2]) if others.shape[1] else two
 
 
@@ -340,7 +342,8 @@ def _coherence(two: np.ndarray) -> np.ndarray:
 def _multiple(matrix: np.ndarray) -> np.ndarray:
     """(frequencies,) part of the second channel's power, the output's, that is linear in all others together."""
     inputs = [k for k in range(matrix.shape[1]) if k != 1]
-    across, power = matrix[:, inputs, 1:2], np.real(matrix[:, 1, 1])
+    across = matrix[:, inputs, 1:2]
+    power = np.real(matrix[:, 1, 1])
     explained = across.conj().transpose(0, 2, 1) @ np.linalg.solve(matrix[:, inputs][:, :, inputs], across)
     return np.clip(np.real(explained[:, 0, 0]) / np.where(power > 0.0, power, np.inf), 0.0, 1.0)
 

@@ -65,7 +65,8 @@ class MeasuredResponse:
         to = one_line(self.input, "MeasuredResponse: input")
         where = f"response of '{one_line(self.output, 'MeasuredResponse: output')}' to '{to}'"
         try:
-            omega, response = np.asarray(self.omega, dtype=float), np.asarray(self.response, dtype=complex)
+            omega = np.asarray(self.omega, dtype=float)
+            response = np.asarray(self.response, dtype=complex)
             coherence = np.asarray(self.coherence, dtype=float)
         except (TypeError, ValueError, OverflowError):
             raise InputError(f"{where}: omega, response or coherence has values that are no numbers") from None
@@ -343,7 +344,8 @@ def _hann_overlap(bins: np.ndarray) -> np.ndarray:
 def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(rows,) of which the sum of squares is the sum of the costs J, dB then deg of each response, and (rows,
     parameters) their derivatives."""
-    rows, slopes = [], []
+    rows = []
+    slopes = []
     for one in measured:
         found, gradient = model.response(one.response, values)
         with np.errstate(all="ignore"):
@@ -358,11 +360,13 @@ def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray
 def _noise(measured: Sequence[Measured]) -> np.ndarray:
     """(rows, rows) covariance of the rows but for its size: random errors are as large in gain and in phase."""
     count = sum(2 * len(one.error) for one in measured)
-    noise, first = np.zeros((count, count)), 0
+    noise = np.zeros((count, count))
+    first = 0
     for one in measured:
         own = np.outer(one.error, one.error) * one.correlation
         for size in (_DB * np.sqrt(PER_DB2), np.degrees(1.0) * np.sqrt(PER_DEG2)):
-            factor, part = size * np.sqrt(one.weight), slice(first, first + len(one.error))
+            factor = size * np.sqrt(one.weight)
+            part = slice(first, first + len(one.error))
             noise[part, part] = own * np.outer(factor, factor)
             first = part.stop
     return noise
@@ -384,7 +388,8 @@ def _result(
     elif ended.converged:
         ended = Status(result=Results.NOT_IDENTIFIABLE, reason="the parameters cannot be told apart")
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    costs, first = {}, 0
+    costs = {}
+    first = 0
     for one in measured:
         rows = residual[first : first + 2 * len(one.error)]
         costs[one.label], first = float(rows @ rows), first + len(rows)

@@ -26,10 +26,15 @@ class LinearSensitivity:
 
     def response(self, omega: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(M, o, m) frequency response at omega (M,) [rad/s], and (M, f, o, m) its derivatives."""
-        n, inputs = self.states, np.eye(self.matrix.shape[1] - self.states)
-        a, b, c, d = (self.matrix[:n, :n], self.matrix[:n, n:], self.matrix[n:, :n], self.matrix[n:, n:])
+        n = self.states
+        inputs = np.eye(self.matrix.shape[1] - self.states)
+        a = self.matrix[:n, :n]
+        b = self.matrix[:n, n:]
+        c = self.matrix[n:, :n]
+        d = self.matrix[n:, n:]
         resolvent = np.linalg.inv(1j * omega[:, None, None] * np.eye(n) - a)
-        states, costates = resolvent @ b, c @ resolvent
+        states = resolvent @ b
+        costates = c @ resolvent
         right = np.concatenate([states, np.broadcast_to(inputs, (len(omega), *inputs.shape))], axis=1)
         left = np.concatenate([costates, np.broadcast_to(np.eye(len(c)), (len(omega), len(c), len(c)))], axis=2)
         return c @ states + d, left[:, None] @ self.slopes @ right[:, None]
@@ -37,10 +42,12 @@ class LinearSensitivity:
     def sampled(self, dt: float, held: np.ndarray) -> Transition:
         """The step from one sample to the next, with inputs held where `held` (m,), else on straight lines."""
         n = self.states
-        a, b = self.matrix[:n, :n], self.matrix[:n, n:]
+        a = self.matrix[:n, :n]
+        b = self.matrix[:n, n:]
         slopes = self.slopes[:, :n, :n], self.slopes[:, :n, n:]
         (phi0, phi1, phi2), moved = _exponentials(a, slopes[0], dt)
-        constant, dconstant = phi1 @ b, moved[1] @ b + phi1 @ slopes[1]
+        constant = phi1 @ b
+        dconstant = moved[1] @ b + phi1 @ slopes[1]
         later = np.where(held, 0.0, phi2 @ b / dt)
         dlater = np.where(held, 0.0, (moved[2] @ b + phi2 @ slopes[1]) / dt)
         return Transition(
@@ -62,13 +69,15 @@ def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np
     """exp(a dt) and its first two integrals over dt, (n, n) each, and their derivatives (f, n, n), where a has the
     derivatives slopes (f, n, n): blocks of the exponential of [[a, 1, 0], [0, 0, 1], [0, 0, 0]] (Van Loan, IEEE Trans.
     Automatic Control 23, 1978), of which [[a, da], [0, a]] gives the derivative."""
-    n, f = len(a), len(slopes)
+    n = len(a)
+    f = len(slopes)
     big = np.zeros((3 * n, 3 * n))
     big[:n, :n], big[:n, n : 2 * n], big[n : 2 * n, 2 * n :] = a, np.eye(n), np.eye(n)
     doubled = np.zeros((f, 6 * n, 6 * n))
     doubled[:, : 3 * n, : 3 * n] = doubled[:, 3 * n :, 3 * n :] = big
     doubled[:, :n, 3 * n : 4 * n] = slopes
-    value, moved = expm(big * dt), expm(doubled * dt)[:, :n, 3 * n :]
+    value = expm(big * dt)
+    moved = expm(doubled * dt)[:, :n, 3 * n :]
     columns = [slice(k * n, (k + 1) * n) for k in range(3)]
     return [value[:n, k] for k in columns], [moved[:, :, k] for k in columns]
 
@@ -77,7 +86,9 @@ def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray,
     """That of a model about states x (n,), inputs u (m,) at parameters p, of which `free` (f,) are free, by exact
     derivatives."""
     check_continuous(model, "linear model")
-    n, m, o = len(model.states), len(model.inputs), len(model.outputs)
+    n = len(model.states)
+    m = len(model.inputs)
+    o = len(model.outputs)
     function = cached(model, ("linear model", *free), lambda: _function(model, free))
     matrix, slopes = (part.full() for part in function(x, u, p))
     return LinearSensitivity(
@@ -96,7 +107,8 @@ def entering(model: Model, free: np.ndarray) -> np.ndarray:
 
 
 def _function(model: Model, free: np.ndarray) -> ca.Function:
-    equations, variables = quiet(model, ca.vertcat(model.f, model.h)), ca.vertcat(model.x, model.u)
+    equations = quiet(model, ca.vertcat(model.f, model.h))
+    variables = ca.vertcat(model.x, model.u)
     matrix = ca.jacobian(equations, variables)
     slopes = ca.jacobian(ca.vec(ca.densify(matrix)), ca.vertcat(*[model.p[int(i)] for i in free]))
     return ca.Function("linear", [model.x, model.u, model.p], [ca.densify(matrix), slopes])

@@ -39,13 +39,15 @@ def spectra(
     number of independent averages). Raises InputError when no stretch is as long as the window.
     """
     total = np.zeros((len(omega), len(channels), len(channels)), dtype=complex)
-    segments, scatter = 0, 0.0
+    segments = 0
+    scatter = 0.0
     for dt, alike in _by_interval(parts).items():
         count = round(window / dt)
         long = [part.values for part in alike if len(part.values) >= count >= 4]
         if not long:
             continue
-        step, taper = max(1, round(count * (1.0 - overlap))), np.asarray(scipy.signal.get_window("hann", count))
+        step = max(1, round(count * (1.0 - overlap)))
+        taper = np.asarray(scipy.signal.get_window("hann", count))
         views = [np.lib.stride_tricks.sliding_window_view(values, count, axis=0)[::step] for values in long]
         windows = np.concatenate(views)  # (windows, channels, count)
         tapered = (windows - windows.mean(axis=2, keepdims=True)) * taper

@@ -133,7 +133,8 @@ class _Linear:
         p = self.known.copy()
         p[self.index] = values[: len(self.index)]
         linear = sensitivity_at(self.model, self.index, self.x, self.u, p)
-        row, column = self.model.outputs.index(one.output), self.model.inputs.index(one.input)
+        row = self.model.outputs.index(one.output)
+        column = self.model.inputs.index(one.input)
         gain, slopes = linear.response(one.omega)
         found = gain[:, row, column]
         with np.errstate(all="ignore"):
@@ -143,6 +144,7 @@ class _Linear:
             if name in (one.input, one.output):
                 if f"tau_{name}" in self.names:
                     place = self.names.index(f"tau_{name}")
-                    gradient[:, place], delay = -1j * one.omega, values[place]
+                    delay = values[place]
+                    gradient[:, place] = -1j * one.omega
                 found = found * np.exp(-1j * one.omega * delay)
         return found, gradient

@@ -26,7 +26,9 @@ from casid.frequency.response_fit import (
 
 # Starts: where frequencies of pairs lie in the band, from its lower end (0) to the upper one (1) by ratio, and so for
 # real zeros and poles; damping ratios.
-_PAIRS, _REAL, _DAMPING = (0.3, 0.5, 0.7), (0.2, 0.7), (0.2, 0.7)
+_PAIRS = (0.3, 0.5, 0.7)
+_REAL = (0.2, 0.7)
+_DAMPING = (0.2, 0.7)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +100,8 @@ class TransferFunction:
                 found = found * factor**sign
                 slopes[name] += sign / factor
             for zeta, omega_n in pairs:
-                damping, frequency = values[zeta], values[omega_n]
+                damping = values[zeta]
+                frequency = values[omega_n]
                 factor = s**2 + 2.0 * damping * frequency * s + frequency**2
                 found = found * factor**sign
                 slopes[zeta] += sign * 2.0 * frequency * s / factor
@@ -258,7 +261,8 @@ def _starts(
 ) -> list[dict[str, float]]:
     """Start values of all parameters, with gains as the responses then want them."""
     omega = np.concatenate([one.response.omega for one in measured])
-    low, high = float(omega.min()), float(omega.max())
+    low = float(omega.min())
+    high = float(omega.max())
     pairs = list(dict.fromkeys(p for one in forms.values() for p in (*one.pole_pairs, *one.zero_pairs)))
     real = list(dict.fromkeys(n for one in forms.values() for n in (*one.poles, *one.zeros)))
     found = []

@@ -44,7 +44,8 @@ def chirp_z(values: np.ndarray, dt: float, omega: np.ndarray) -> np.ndarray:
     Evenly spaced frequencies take the chirp-z algorithm (Rabiner, Schafer and Rader, IEEE Trans. Audio Electroacoustics
     17, 1969), others the sums as written. Raises InputError for a missing sample, and above Nyquist's frequency.
     """
-    values, omega = _samples(values), _frequencies(omega, dt)
+    values = _samples(values)
+    omega = _frequencies(omega, dt)
     step = np.diff(omega)
     if len(omega) > 2 and np.allclose(step, step[0], rtol=1e-9, atol=0.0):
         return _czt(len(values), len(omega), float(omega[0]), float(step.mean()), dt)(values, axis=0)
@@ -68,7 +69,8 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
     there = np.isfinite(matrix).all(axis=1)
     if len(record) < 2 or there.sum() < 2:
         return []
-    t, values = record.t[there], matrix[there]
+    t = record.t[there]
+    values = matrix[there]
     dt = float(np.median(np.diff(t)))  # of a channel that has one sample in several rows, that of its samples
     _frequencies(np.array([omega_max]), dt)
     longest = max(_GAP * dt, 2.0 * np.pi / omega_max / _POINTS_PER_PERIOD * (1.0 + 1e-9))
@@ -108,7 +110,8 @@ def _samples(values: np.ndarray) -> np.ndarray:
 
 def _frequencies(omega: np.ndarray, dt: float) -> np.ndarray:
     omega = np.atleast_1d(np.asarray(omega, dtype=float))
-    highest, nyquist = float(np.abs(omega).max(initial=0.0)), np.pi / dt
+    highest = float(np.abs(omega).max(initial=0.0))
+    nyquist = np.pi / dt
     if omega.ndim != 1 or not np.isfinite(omega).all():
         raise InputError("Fourier transform: omega has to be finite frequencies in rad/s, (frequencies,)")
     if highest > nyquist * (1.0 + 1e-9):

@@ -360,7 +360,8 @@ class Aircraft:
 
     def _beside(self, path: Path) -> str:
         """Name the file of its aerodynamics as the one at `path` names it, and copy it there from elsewhere."""
-        own, folder = self.aerodynamics, path.parent.resolve()
+        own = self.aerodynamics
+        folder = path.parent.resolve()
         if not isinstance(own, FileAerodynamics):
             return ""
         source = Path(own.path)
@@ -396,7 +397,8 @@ class Aircraft:
 def _checked(
     table: Mapping[str, float], valid: Iterable[str], section: str, what: str, positive: Iterable[str]
 ) -> dict[str, float]:
-    pool, above_zero = tuple(valid), tuple(positive)
+    pool = tuple(valid)
+    above_zero = tuple(positive)
     check_known(
         what, table_of(table, section, "{'alpha': 0.0035}" if what == "channel" else "{'V': 60.0}"), pool, section
     )

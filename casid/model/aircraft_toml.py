@@ -133,7 +133,9 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     winged = "aerodynamics" in data or "rotors" not in data
     check_keys(data, _SECTIONS, "top level", ("aircraft", *(("reference", "aerodynamics") if winged else ())))
     tables = {name: subtable(data, name, "top level") for name in _SECTIONS if name != "effects"}
-    general, aerodynamics, sensors = tables["aircraft"], tables["aerodynamics"], tables["sensors"]
+    general = tables["aircraft"]
+    aerodynamics = tables["aerodynamics"]
+    sensors = tables["sensors"]
     propulsion = tables["propulsion"]
     check_keys(general, ("name", "mass", "inertia", "gravity"), "[aircraft]", ("mass", "inertia"))
     check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")

@@ -91,7 +91,8 @@ class Inertia:
     @property
     def notes(self) -> tuple[str, ...]:
         """What no rigid body can have: a principal moment above the sum of the other two. Empty when all is well."""
-        mean, spread = (self.Ixx + self.Izz) / 2, math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
+        mean = (self.Ixx + self.Izz) / 2
+        spread = math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
         principal = sorted((mean - spread, mean + spread, self.Iyy))
         if not self.symmetric:
             principal = [float(one) for one in np.linalg.eigvalsh(self.tensor)]
@@ -104,7 +105,8 @@ class Inertia:
 def unsymmetric_moment(inertia: Mapping[str, Any], rates: Sequence[Any], accelerations: Sequence[Any]) -> list[Any]:
     """What Ixy and Iyz add to the moments L, M, N that turn an aircraft with `rates` p, q, r and their derivatives."""
     (p, q, r), (pdot, qdot, rdot) = rates, accelerations
-    xy, yz = inertia["Ixy"], inertia["Iyz"]
+    xy = inertia["Ixy"]
+    yz = inertia["Iyz"]
     return [
         xy * (p * r - qdot) + yz * (r**2 - q**2),
         -xy * (pdot + q * r) + yz * (p * q - rdot),

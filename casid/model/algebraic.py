@@ -22,7 +22,8 @@ _STEPS = 100
 def algebraic_states(z: ca.SX, balance: ca.SX, start: Mapping[str, float], known: Sequence[ca.SX], where: str) -> ca.SX:
     """(z,) expressions of the `known` vectors that solve balance = 0, by Newton's method from `start` by name. Raises
     InputError for a balance that does not determine them."""
-    names, slope = tuple(start), ca.jacobian(balance, z)
+    names = tuple(start)
+    slope = ca.jacobian(balance, z)
     if ca.sprank(slope) < len(names):
         raise InputError(
             f"{where}: balance does not determine {', '.join(names)}, because its derivatives in them are singular at "
@@ -30,7 +31,8 @@ def algebraic_states(z: ca.SX, balance: ca.SX, start: Mapping[str, float], known
         )
     if not ca.depends_on(slope, z):
         return -ca.solve(slope, ca.substitute(balance, z, ca.SX.zeros(len(names))))
-    begin, given = np.array(list(start.values())), ca.vertcat(*known)
+    begin = np.array(list(start.values()))
+    given = ca.vertcat(*known)
     options = {"error_on_fail": False, "max_iter": _STEPS, "show_eval_warnings": False}
     root = ca.rootfinder("algebraic", "newton", {"x": z, "p": given, "g": balance}, options)
     found = root(begin, given)

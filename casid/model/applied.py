@@ -140,7 +140,8 @@ def apply_effects(
     bare_records = [flight_inputs(aircraft, _without_instrument_effects(r, undone), axes) for r in records]
     histories = [_histories(timed, record) for record in bare_records]
     stations = sorted({station for history in histories for station in history})
-    bare_records, pull = pulled_alike(bare_records), force_inputs(records)
+    bare_records = pulled_alike(bare_records)
+    pull = force_inputs(records)
     if like is None:
         model = aircraft_model(aircraft, axes=axes, outputs=chosen, effects=effects, known=(*stations, *masks, *pull))
         model = with_instruments(model, [(effect_of(v), v.value) for v in lags])
@@ -179,8 +180,10 @@ def with_instruments(model: Model, lags: Sequence[tuple[Effect, float]]) -> Mode
     if not slow:
         return model
     names = [e.name for e, _ in lags]
-    T, reading = ca.SX.sym("T", len(lags)), ca.SX.sym("reading", len(slow))
-    rates, h = [], ca.SX(model.h)
+    T = ca.SX.sym("T", len(lags))
+    reading = ca.SX.sym("reading", len(slow))
+    rates = []
+    h = ca.SX(model.h)
     for i, (channel, effect) in enumerate(slow.items()):
         row = model.outputs.index(channel)
         assert effect.forms.instrument is not None
@@ -245,7 +248,10 @@ def _measured(outputs: Sequence[str], records: Sequence[Record]) -> tuple[str, .
 
 def _sorted(aircraft: Aircraft, dt: float) -> tuple[list[EffectValue], ...]:
     """Effects of the file that are: symbolic; time histories; lags with a state; undone in the record."""
-    symbolic, timed, lags, undone = [], [], [], []
+    symbolic = []
+    timed = []
+    lags = []
+    undone = []
     names = set()
     for value in aircraft.effects:
         effect = effect_of(value)
@@ -320,7 +326,8 @@ def _mask(effect: Effect) -> str:
 
 def _only_where_present(effect: Effect) -> Effect:
     """The effect scaled by an input that is 1 in records that have it and 0 in the others."""
-    change, mask = effect.change, _mask(effect)
+    change = effect.change
+    mask = _mask(effect)
     assert change is not None
     return replace(
         effect, change=lambda path, values: change(path, {**values, "value": values["value"] * path.inputs[mask]})
@@ -333,7 +340,8 @@ def _without_instrument_effects(record: Record, undone: Sequence[EffectValue]) -
         effect = effect_of(value)
         if not _concerns(value, record.name):
             continue
-        values, read = values_of(value, effect), record.channels
+        values = values_of(value, effect)
+        read = record.channels
         if effect.forms.undo is not None:
             record = record.with_channels(**effect.forms.undo(record.t, read, values))
         elif effect.output is not None:

@@ -129,23 +129,32 @@ def _measured_path(aircraft: Aircraft, c: dict[str, ca.SX], parameter: dict[str,
 
 
 def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: dict) -> dict:
-    p, q, r = c["p"], c["q"], c["r"]
+    p = c["p"]
+    q = c["q"]
+    r = c["r"]
     x, y, z = aircraft.accelerometer
     ax = c["ax"] + (q**2 + r**2) * x - (p * q - c["rdot"]) * y - (p * r + c["qdot"]) * z
     ay = c["ay"] - (p * q + c["rdot"]) * x + (p**2 + r**2) * y - (q * r - c["pdot"]) * z
     az = c["az"] - (p * r - c["qdot"]) * x - (q * r + c["pdot"]) * y + (p**2 + q**2) * z
     qS = path.air["qbar"] * aircraft.area
     pull, turn = external_force(c)
-    fx, fy, fz = path.mass * ax - c["thrust"] - pull[0], path.mass * ay - pull[1], path.mass * az - pull[2]
+    fx = path.mass * ax - c["thrust"] - pull[0]
+    fy = path.mass * ay - pull[1]
+    fz = path.mass * az - pull[2]
     Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
     L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
     M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
     N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
     if not aircraft.inertia.symmetric:
         more = unsymmetric_moment(path.inertia, (p, q, r), (c["pdot"], c["qdot"], c["rdot"]))
-        L, M, N = L + more[0], M + more[1], N + more[2]
-    L, M, N = L - turn[0], M - turn[1], N - turn[2]
-    sa, cos_a = ca.sin(c["alpha"]), ca.cos(c["alpha"])
+        L = L + more[0]
+        M = M + more[1]
+        N = N + more[2]
+    L = L - turn[0]
+    M = M - turn[1]
+    N = N - turn[2]
+    sa = ca.sin(c["alpha"])
+    cos_a = ca.cos(c["alpha"])
     return {
         "CL": (fx * sa - fz * cos_a) / qS,
         "CD": -(fx * cos_a + fz * sa) / qS,
@@ -176,7 +185,8 @@ _SCALE = MappingProxyType(
 )
 
 
-_STANDARD_GRAVITY, _SLOPE_S = 9.80665, 0.3
+_STANDARD_GRAVITY = 9.80665
+_SLOPE_S = 0.3
 
 
 def velocity_from_air_data(V: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -> np.ndarray:
@@ -210,14 +220,16 @@ def _velocity_from_ground(record: Record) -> np.ndarray:
 
 def _leaning(record: Record) -> dict[str, np.ndarray]:
     """Attitude and rates that no channel has, of an aircraft that leans to where it accelerates over ground."""
-    psi, velocity = _filled(record, "psi", 0.0), {}
+    psi = _filled(record, "psi", 0.0)
+    velocity = {}
     for name, position in zip(GROUND[:2], ("north", "east"), strict=True):
         if name in record or position in record:
             velocity[name] = _filled(record, name, 0.0) if name in record else _slope(record, record[position])
     if len(velocity) < 2:
         return {}
     north, east = (_slope(record, series) for series in velocity.values())
-    ahead, aside = np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north
+    ahead = np.cos(psi) * north + np.sin(psi) * east
+    aside = np.cos(psi) * east - np.sin(psi) * north
     found = {}
     for angle, rate, leans in (("phi", "p", aside), ("theta", "q", -ahead)):
         values = _filled(record, angle, 0.0) if angle in record else np.arctan2(leans, _STANDARD_GRAVITY)
@@ -313,9 +325,13 @@ def aircraft_model(
     """
     aircraft = given_aircraft(aircraft, "aircraft_model")
     _check_axes(aircraft, axes)
-    given, by_equations = tuple(known), equations and not aircraft.rotors
-    moving, chosen, moved = MOVING[axes], _outputs(aircraft, axes, outputs), moved_coefficients(aircraft, axes)
-    values, aerodynamic = _effect_values(aircraft), _given_values(aircraft)
+    given = tuple(known)
+    by_equations = equations and not aircraft.rotors
+    moving = MOVING[axes]
+    chosen = _outputs(aircraft, axes, outputs)
+    moved = moved_coefficients(aircraft, axes)
+    values = _effect_values(aircraft)
+    aerodynamic = _given_values(aircraft)
     symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
@@ -501,12 +517,15 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     >>> all(name in record for name in ("delta_e", "thrust", "rho", "v", "p", "r", "phi"))
     True
     """
-    aircraft, record = given_aircraft(aircraft, "flight_inputs"), given_record(record, "flight_inputs")
+    aircraft = given_aircraft(aircraft, "flight_inputs")
+    record = given_record(record, "flight_inputs")
     check_known("axes", (axes,), MOVING, "flight_inputs")
     check_radians(record)
-    rotors, pull = aircraft.rotors.inputs if aircraft.rotors else (), force_inputs([record])
+    rotors = aircraft.rotors.inputs if aircraft.rotors else ()
+    pull = force_inputs([record])
     _check_complete(record, (*SURFACES, "thrust", "rho", *rotors, *pull))
-    notes, n = list[str](), len(record)
+    notes = list[str]()
+    n = len(record)
     acting = acting_inputs(aircraft.rotors, aircraft.mass, record) if aircraft.rotors else {}
     added = acting | {name: np.zeros(n) for name in pull if name not in record}
     if not aircraft.winged:

@@ -327,7 +327,8 @@ def _other_fields(own: Any, made: Any) -> dict[str, Any]:
     """The fields that differ and are no functions; of a group, its own such fields."""
     found: dict[str, Any] = {}
     for name in (f.name for f in fields(own)):
-        value, before = getattr(own, name), getattr(made, name)
+        value = getattr(own, name)
+        before = getattr(made, name)
         if isinstance(value, _GROUPS) and type(value) is type(before):
             if inside := _other_fields(value, before):
                 found[name] = inside
@@ -362,7 +363,8 @@ def cause(
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function makes its Effect for
     a target (and a term). `candidates` are one effect for every target when they are not given."""
-    valid, terms = tuple(targets), tuple(terms)
+    valid = tuple(targets)
+    terms = tuple(terms)
 
     def register(define: Callable[..., Effect]) -> Callable[..., Effect]:
         @wraps(define)

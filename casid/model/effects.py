@@ -67,7 +67,9 @@ def effect_named(name: str) -> Effect:
     parts = _NAME.fullmatch(name.strip())
     if parts is None:
         raise InputError(f"effect '{name}': expected kind(target) or kind(target:term), like actuator_lag(delta_e)")
-    kind, target, term = parts["kind"], parts["target"] or "", parts["term"]
+    kind = parts["kind"]
+    target = parts["target"] or ""
+    term = parts["term"]
     check_effect(kind, target, term)
     makers = (KINDS[kind].make, *KINDS[kind].variants.values())
     made = [make(target, term) if term else make(target) for make in makers]

@@ -20,7 +20,9 @@ from casid.errors import InputError, check_known
 from casid.native.tape import BATCHED
 
 Function = Callable[[Mapping[str, np.ndarray]], Mapping[str, Any]]
-_FIRST, _SECOND = np.finfo(float).eps ** (1 / 3), np.finfo(float).eps ** (1 / 4)  # steps of least error
+# steps of least error
+_FIRST = np.finfo(float).eps ** (1 / 3)
+_SECOND = np.finfo(float).eps ** (1 / 4)
 _NUMBERS = count()
 _POINTS = 8  # more than a step of the motion looks at
 
@@ -81,7 +83,8 @@ def external_function(
     """
     if not callable(function):
         raise InputError(f"external_function: the function is {given(function)}; expected one of arrays by name")
-    taken, given_names = names(takes, "external_function: takes"), names(gives, "external_function: gives")
+    taken = names(takes, "external_function: takes")
+    given_names = names(gives, "external_function: gives")
     if not taken or not given_names:
         raise InputError("external_function: takes and gives need one name at least")
     check_known("name", sizes or {}, taken, "external_function: sizes")
@@ -111,7 +114,10 @@ class _Batch:
     """The function on points, and the points of its differences."""
 
     def __init__(self, function: Function, takes: tuple[str, ...], gives: tuple[str, ...], size: np.ndarray) -> None:
-        self.function, self.takes, self.gives, self.size = function, takes, gives, size
+        self.function = function
+        self.takes = takes
+        self.gives = gives
+        self.size = size
         self.number = next(_NUMBERS)
 
     def check(self) -> None:
@@ -186,7 +192,8 @@ class _Batch:
 
     def bends(self, x: np.ndarray) -> np.ndarray:
         """(N, gives, takes, takes) second derivatives at (N, takes), in one call of the function."""
-        n, h = x.shape[1], self.steps(x, _SECOND)
+        n = x.shape[1]
+        h = self.steps(x, _SECOND)
         pairs = list(combinations(range(n), 2))
         one = np.eye(n)
         mixed = [s * one[i] + t * one[j] for i, j in pairs for s in (1, -1) for t in (1, -1)]
@@ -210,7 +217,8 @@ class _Values(ca.Callback):
 
     def __init__(self, batch: _Batch, order: int = 0) -> None:
         ca.Callback.__init__(self)
-        self.batch, self.order = batch, order
+        self.batch = batch
+        self.order = order
         self.n, self.m = len(batch.takes), len(batch.gives)
         self.next: _Values | None = None  # CasADi does not keep what Python lets go
         self.ahead: ca.Function | None = None
@@ -268,7 +276,9 @@ class _Values(ca.Callback):
         self, count: int, name: str, inames: list[str], onames: list[str], options: dict[str, Any]
     ) -> ca.Function:
         """(x, nothing, direction) -> derivative along it, which is what expressions are differentiated by."""
-        x, y, along = ca.MX.sym("x", self.n), ca.MX.sym("y", ca.Sparsity(self.m, 1)), ca.MX.sym("along", self.n)
+        x = ca.MX.sym("x", self.n)
+        y = ca.MX.sym("y", ca.Sparsity(self.m, 1))
+        along = ca.MX.sym("along", self.n)
         slopes = self._slopes()
         self.ahead = ca.Function(name, [x, y, along], [slopes(x, y) @ along], inames, onames, options)
         BATCHED[name] = lambda both: np.einsum("kij,kj->ki", slopes.at(both[:, : self.n]), both[:, self.n :])

@@ -47,7 +47,8 @@ class SampledFeedback:
         model = require(self.model, Model, "SampledFeedback: model", "the model of the problem")
         require(self.received, ca.SX, "SampledFeedback: received", "an expression like model.u - 0.1 * model.x[1]")
         if self.received.shape != model.u.shape:
-            got, expected = self.received.shape[0], len(model.inputs)
+            got = self.received.shape[0]
+            expected = len(model.inputs)
             raise EstimationError(f"SampledFeedback: {got} rows, the model '{model.name}' has {expected} inputs")
         strange = [s for s in ca.symvar(self.received) if not ca.depends_on(ca.vertcat(model.x, model.u), s)]
         if strange:

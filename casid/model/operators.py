@@ -68,12 +68,17 @@ def rate_limit(t: np.ndarray, y: np.ndarray, rate: float) -> np.ndarray:
     """y followed with at most `rate` [unit of y per s]. Akima's curve between samples, because what is limited keeps to
     its end the time by which straight lines begin a movement early."""
     fine = np.interp(np.arange((len(t) - 1) * _FINER + 1) / _FINER, np.arange(len(t)), t)
-    wanted, most = scipy.interpolate.Akima1DInterpolator(t, y)(fine), np.diff(fine) * abs(rate)
-    followed, wished, steps, k = wanted.copy(), wanted.tolist(), most.tolist(), 0
+    wanted = scipy.interpolate.Akima1DInterpolator(t, y)(fine)
+    most = np.diff(fine) * abs(rate)
+    followed = wanted.copy()
+    wished = wanted.tolist()
+    steps = most.tolist()
+    k = 0
     for begins in np.flatnonzero(np.abs(np.diff(wanted)) > most).tolist():  # elsewhere it keeps up
         if begins < k:
             continue  # it is still behind
-        at, k = wished[begins], begins + 1
+        at = wished[begins]
+        k = begins + 1
         while k < len(wished) and abs(wished[k] - at) > steps[k - 1]:
             at += steps[k - 1] if wished[k] > at else -steps[k - 1]
             followed[k] = at
@@ -139,7 +144,8 @@ def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> t
     """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative, for
     uniform t. A cubic spline between samples, because straight lines weaken what is near the mode's frequency. Raises
     InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows."""
-    w0, dt = 2.0 * np.pi * frequency_hz, float(np.median(np.diff(t)))
+    w0 = 2.0 * np.pi * frequency_hz
+    dt = float(np.median(np.diff(t)))
     if not (0.0 < frequency_hz * dt <= CYCLES and damping >= 0.0):
         raise InputError(
             f"an oscillation of {frequency_hz:.3g} Hz with a damping of {damping:.3g} in samples every {dt:.3g} s: "
@@ -166,7 +172,8 @@ def _mode_filter(w0: float, damping: float, dt: float) -> tuple[np.ndarray, np.n
     a = np.array([[0.0, 1.0], [-(w0**2), -2.0 * damping * w0]])
     b = np.array([[0.0], [w0**2]])
     phi, gamma0, gamma1 = _first_order_hold(a, b, dt)
-    rows, through = np.array([[0.0, 1.0], a[1]]), np.array([[0.0], b[1]])
+    rows = np.array([[0.0, 1.0], a[1]])
+    through = np.array([[0.0], b[1]])
     numerators, denominator = scipy.signal.ss2tf(phi, phi @ gamma1 + gamma0, rows, rows @ gamma1 + through)
     return np.atleast_2d(numerators), np.asarray(denominator)
 
@@ -175,7 +182,8 @@ def _first_order_hold(a: np.ndarray, b: np.ndarray, dt: float) -> tuple[np.ndarr
     """x_{k+1} = phi x_k + gamma0 u_k + gamma1 u_{k+1} for an input linear between samples."""
     n, m = b.shape
     block = np.zeros((n + 2 * m, n + 2 * m))
-    block[:n, :n], block[:n, n : n + m] = a * dt, b * dt
+    block[:n, :n] = a * dt
+    block[:n, n : n + m] = b * dt
     block[n : n + m, n + m :] = np.eye(m)
     e = scipy.linalg.expm(block)
     gamma1 = e[:n, n + m :]

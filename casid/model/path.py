@@ -149,18 +149,21 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     axial speed (P. Martin, E. Salaun, ICRA 2010, "The true role of accelerometer feedback in quadrotor control"): each
     rotor has its part at its hub, by the root of its thrust over that of hover.
     """
-    rotors, rates = path.aircraft.rotors, [path.state[name] for name in "pqr"]
+    rotors = path.aircraft.rotors
+    rates = [path.state[name] for name in "pqr"]
     velocity = [path.state[name] - wind for name, wind in zip("uvw", path.wind, strict=True)]
     assert rotors is not None
     hover = path.aircraft.mass * path.aircraft.gravity / len(rotors.each)
     force = [path.mass * path.disturbance[station.equation(name)] for name in "uvw"]
     moment = _cross(path.cg, force)  # what enters an equation of force is in no other, wherever the c.g. is
-    inflow, pressure = path.inflow, 1.0
+    inflow = path.inflow
+    pressure = 1.0
     if rotors.voltage is not None and not _is_zero(path.voltage_exponent):
         relative = path.inputs[rotors.voltage.channel] / rotors.voltage.reference
         pressure = ca.exp(path.voltage_exponent * ca.log(relative))
     for name, one in path.rotor.items():
-        axis, thrust = one.rotor.axis, one.thrust * pressure
+        axis = one.rotor.axis
+        thrust = one.thrust * pressure
         arm = [at - centre for at, centre in zip(one.position, path.cg, strict=True)]
         hub = [v + w for v, w in zip(velocity, _cross(rates, arm), strict=True)]
         speed = ca.sqrt(ca.fmax(one.rotor.static_thrust(one.input) / hover, _STANDS))  # over that of hover
@@ -202,7 +205,8 @@ def air_rotation(path: SignalPath) -> dict[str, Any]:
     """Rotation of the air [rad/s] about p, q, r: of its own, and what the gradient of its velocity along the path makes
     about the axes of `turning`. By MIL-F-8785C, 3.7.5: q = -s / (V + 4 b s / pi) w, r = s / (V + 3 b s / pi) v."""
     rotation = {axis: path.disturbance[station.rotation(axis)] for axis in "pqr"}
-    speed, span = path.state["u"], 2.0 * path.aircraft.rate_length_lateral
+    speed = path.state["u"]
+    span = 2.0 * path.aircraft.rate_length_lateral
     for axis, sign in path.turning.items():
         state, along, part = AIR_STATES[axis]
         rate = (path.wind[along] - path.state[state]) * np.pi * speed / (part * span)
@@ -213,14 +217,16 @@ def air_rotation(path: SignalPath) -> dict[str, Any]:
 
 def air_data_station(path: SignalPath) -> None:
     """Airspeed, flow angles, dynamic pressure and the dimensionless regressors of the aerodynamic model."""
-    state, aircraft = path.state, path.aircraft
+    state = path.state
+    aircraft = path.aircraft
     ua, va, wa = (state[name] - wind for name, wind in zip("uvw", path.wind, strict=True))
     if not aircraft.winged:
         return
     if aircraft.rotors is not None:
         ua = ua + _SLOWEST
     V = ca.sqrt(ua**2 + va**2 + wa**2)
-    alpha, beta = ca.atan2(wa, ua), ca.asin(va / V)
+    alpha = ca.atan2(wa, ua)
+    beta = ca.asin(va / V)
     path.air = {
         "u": ua,
         "v": va,
@@ -230,7 +236,8 @@ def air_data_station(path: SignalPath) -> None:
         "beta": beta,
         "qbar": 0.5 * path.inputs["rho"] * V**2,
     }
-    lateral, pitch = aircraft.rate_length_lateral / V, aircraft.rate_length_pitch / V
+    lateral = aircraft.rate_length_lateral / V
+    pitch = aircraft.rate_length_pitch / V
     rotation = air_rotation(path)
     V_trim = aircraft.trim.get("V")
     path.regressor = {
@@ -249,7 +256,9 @@ def air_data_station(path: SignalPath) -> None:
 
 def speed_of_sound(rho: Any) -> Any:
     """Speed of sound [m/s] of the standard atmosphere up to 20 km as a function of density [kg/m3], of any algebra."""
-    temperature, least = (rho / 1.225) ** 0.2349692, 216.65 / 288.15  # relative to that at sea level
+    # relative to that at sea level
+    temperature = (rho / 1.225) ** 0.2349692
+    least = 216.65 / 288.15
     return 340.294 * (0.5 * (temperature + least + abs(temperature - least))) ** 0.5  # the larger of the two
 
 
@@ -348,18 +357,24 @@ def force_station(path: SignalPath) -> None:
 
 def wing_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     """Aerodynamic force and moment about the reference point, with thrust along body x."""
-    aircraft, C, air = path.aircraft, path.coefficient, path.air
+    aircraft = path.aircraft
+    C = path.coefficient
+    air = path.air
     if aircraft.force_axes == "accelerations":
         force = [path.mass * C[name] for name in ("CX", "CY", "CZ")]
         return force, [path.inertia[axis] * C[name] for axis, name in zip(INERTIAS, MOMENTS, strict=False)]
     qS = air["qbar"] * aircraft.area
     if aircraft.force_axes == "wind":
-        sa, cos_a = ca.sin(air["alpha"]), ca.cos(air["alpha"])
-        X, Z = qS * (C["CL"] * sa - C["CD"] * cos_a), -qS * (C["CL"] * cos_a + C["CD"] * sa)
+        sa = ca.sin(air["alpha"])
+        cos_a = ca.cos(air["alpha"])
+        X = qS * (C["CL"] * sa - C["CD"] * cos_a)
+        Z = -qS * (C["CL"] * cos_a + C["CD"] * sa)
     else:
-        X, Z = qS * C["CX"], qS * C["CZ"]
+        X = qS * C["CX"]
+        Z = qS * C["CZ"]
     thrust = path.surface["thrust"]
-    lateral, pitch = aircraft.moment_length_lateral, aircraft.moment_length_pitch
+    lateral = aircraft.moment_length_lateral
+    pitch = aircraft.moment_length_pitch
     moment = [
         qS * lateral * C["Cl"],
         qS * pitch * C["Cm"] + aircraft.thrust_line_z * thrust,
@@ -370,15 +385,23 @@ def wing_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
 
 def rigid_body_station(path: SignalPath) -> None:
     """Accelerations of the c.g. and the kinematics of the Euler angles; flat earth, constant mass."""
-    s, g = path.state, path.aircraft.gravity
+    s = path.state
+    g = path.aircraft.gravity
     fx, fy, fz = path.force
     cx, cy, cz = path.cg
     L = path.moment[0] - (cy * fz - cz * fy)
     M = path.moment[1] - (cz * fx - cx * fz)
     N = path.moment[2] - (cx * fy - cy * fx)
-    ax, ay, az = fx / path.mass, fy / path.mass, fz / path.mass
-    sph, cph, sth, cth = ca.sin(s["phi"]), ca.cos(s["phi"]), ca.sin(s["theta"]), ca.cos(s["theta"])
-    p, q, r = s["p"], s["q"], s["r"]
+    ax = fx / path.mass
+    ay = fy / path.mass
+    az = fz / path.mass
+    sph = ca.sin(s["phi"])
+    cph = ca.cos(s["phi"])
+    sth = ca.sin(s["theta"])
+    cth = ca.cos(s["theta"])
+    p = s["p"]
+    q = s["q"]
+    r = s["r"]
     pdot, qdot, rdot = _angular_acceleration(path, (p, q, r), (L, M, N))
     if path.aircraft.rotors is not None:
         pdot, qdot, rdot = (
@@ -404,11 +427,15 @@ def rigid_body_station(path: SignalPath) -> None:
 
 def velocity_over_ground(state: Mapping[str, Any]) -> dict[str, Any]:
     """v_north, v_east, v_down [m/s] of a state with a heading."""
-    sph, cph = ca.sin(state["phi"]), ca.cos(state["phi"])
-    sth, cth = ca.sin(state["theta"]), ca.cos(state["theta"])
+    sph = ca.sin(state["phi"])
+    cph = ca.cos(state["phi"])
+    sth = ca.sin(state["theta"])
+    cth = ca.cos(state["theta"])
     across = state["v"] * sph + state["w"] * cph
-    ahead, aside = state["u"] * cth + across * sth, state["v"] * cph - state["w"] * sph
-    spsi, cpsi = ca.sin(state["psi"]), ca.cos(state["psi"])
+    ahead = state["u"] * cth + across * sth
+    aside = state["v"] * cph - state["w"] * sph
+    spsi = ca.sin(state["psi"])
+    cpsi = ca.cos(state["psi"])
     return {
         "v_north": ahead * cpsi - aside * spsi,
         "v_east": ahead * spsi + aside * cpsi,
@@ -426,20 +453,29 @@ def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tup
     if all(_is_zero(path.inertia[name]) for name in PRODUCTS):
         pitch = (M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2)) / Iyy
         return (Izz * L + Ixz * N) / determinant, pitch, (Ixz * L + Ixx * N) / determinant
-    xy, yz = path.inertia["Ixy"], path.inertia["Iyz"]
+    xy = path.inertia["Ixy"]
+    yz = path.inertia["Iyz"]
     turning = unsymmetric_moment(path.inertia, rates, (0.0, 0.0, 0.0))
     M = M - (Ixx - Izz) * p * r - Ixz * (p**2 - r**2) - turning[1]
-    L, N = L - turning[0], N - turning[2]
-    a, b = xy * Izz + Ixz * yz, yz * Ixx + Ixz * xy  # pitch by what roll and yaw leave, these by what pitch makes
+    L = L - turning[0]
+    N = N - turning[2]
+    # pitch by what roll and yaw leave, these by what pitch makes
+    a = xy * Izz + Ixz * yz
+    b = yz * Ixx + Ixz * xy
     qdot = (M + (a * L + b * N) / determinant) / (Iyy - (a * xy + b * yz) / determinant)
-    L, N = L + xy * qdot, N + yz * qdot
+    L = L + xy * qdot
+    N = N + yz * qdot
     return (Izz * L + Ixz * N) / determinant, qdot, (Ixz * L + Ixx * N) / determinant
 
 
 def sensor_station(path: SignalPath) -> None:
     """What instruments at their positions read; positions are relative to the c.g. of the aircraft file."""
-    s, d, air = path.state, path.derivative, path.air
-    p, q, r = s["p"], s["q"], s["r"]
+    s = path.state
+    d = path.derivative
+    air = path.air
+    p = s["p"]
+    q = s["q"]
+    r = s["r"]
 
     def arm(name: str) -> list[Any]:
         return [a - c for a, c in zip(path.sensor_position[name], path.cg, strict=True)]
@@ -486,7 +522,8 @@ OUTPUTS = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ax", "ay", "az"
 def unsteady_regressors(path: SignalPath) -> None:
     """alphadot and betadot made dimensionless like q and r, from the rigid body without the terms they multiply:
     explicit, exact to first order in those terms."""
-    d, air = path.derivative, path.air
+    d = path.derivative
+    air = path.air
     alphadot = (air["u"] * d["w"] - air["w"] * d["u"]) / (air["u"] ** 2 + air["w"] ** 2)
     betadot = (
         d["v"] - air["v"] * (air["u"] * d["u"] + air["v"] * d["v"] + air["w"] * d["w"]) / air["V"] ** 2

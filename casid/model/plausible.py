@@ -120,10 +120,13 @@ def _geometry(a: Aircraft) -> Iterator[Doubt]:
             f"{a.moment_length_lateral:.3g} and {a.moment_length_pitch:.3g} m; wings have 0.75 to 4: is "
             "the area in m2, are the lengths in m?",
         )
-    roll, pitch = math.sqrt(a.inertia.Ixx / a.mass), math.sqrt(a.inertia.Iyy / a.mass)
-    length, of = a.moment_length_lateral, "a lateral length"
+    roll = math.sqrt(a.inertia.Ixx / a.mass)
+    pitch = math.sqrt(a.inertia.Iyy / a.mass)
+    length = a.moment_length_lateral
+    of = "a lateral length"
     if a.rotors is not None and not a.winged:
-        length, of = max(math.hypot(*one.position[:2]) for one in a.rotors.each), "rotors at a distance"
+        length = max(math.hypot(*one.position[:2]) for one in a.rotors.each)
+        of = "rotors at a distance"
     if _outside(pitch / roll, _PITCH_RADIUS) or (length > 0.0 and _outside(roll / length, _ROLL_RADIUS)):
         yield Doubt(
             parameter="inertia",
@@ -151,7 +154,8 @@ def _slopes(a: Aircraft) -> Iterator[Doubt]:
 
 
 def _trim(a: Aircraft) -> Iterator[Doubt]:
-    rho, thrust = a.trim.get("rho"), a.trim.get("thrust", 0.0)
+    rho = a.trim.get("rho")
+    thrust = a.trim.get("thrust", 0.0)
     thin = False
     if rho is not None and _outside(rho, _DENSITY):
         thin = True
@@ -214,7 +218,8 @@ _USUAL: dict[str, tuple[float, float]] = {
 
 def from_usual(a: Aircraft) -> dict[str, float]:
     """How far numbers of a file are from the usual, as logarithms; 0 within."""
-    lateral, pitch = a.moment_length_lateral, a.moment_length_pitch
+    lateral = a.moment_length_lateral
+    pitch = a.moment_length_pitch
     values = {
         "area over lengths": a.area / (lateral * pitch),
         "aspect ratio": lateral / pitch,

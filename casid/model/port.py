@@ -103,7 +103,8 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
 def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
     """The model with a disturbance, null 0, at every port, after those that it has."""
     w = ca.SX.sym("ports", len(ports))
-    f, h = ca.SX(model.f), ca.SX(model.h)
+    f = ca.SX(model.f)
+    h = ca.SX(model.h)
     at_inputs = ca.SX(model.u)
     for k, port in enumerate(ports):
         if port.kind == "input":

@@ -65,7 +65,8 @@ class Simulation:
         return self.outputs[:, self.model.outputs.index(name)]
 
     def __repr__(self) -> str:
-        model, t = self.model, self.record.t
+        model = self.model
+        t = self.record.t
         return (
             f"<Simulation of '{model.name}' on record '{self.record.name}': {len(t)} samples, {t[0]:g} to {t[-1]:g} s; "
             f"states {listed(model.states)}; outputs {listed(model.outputs)}>"
@@ -132,7 +133,8 @@ def simulate(
     ((200, 1), 1.0)
     """
     require(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
-    record, start = given_record(record, "simulate"), _start(model, start)
+    record = given_record(record, "simulate")
+    start = _start(model, start)
     whole(substeps, "simulate: substeps")
     by_cvodes = one_of(integrator, INTEGRATORS, "simulate: integrator") == "cvodes"
     if by_cvodes or substeps > 1:
@@ -143,7 +145,8 @@ def simulate(
     curved = cubic_inputs(model, [record])
     if curved:
         check_continuous(model, "simulate: inputs that are cubic between samples")
-        inner, along = with_splines(model, curved), splined(record, curved)
+        inner = with_splines(model, curved)
+        along = splined(record, curved)
         found = simulate(inner, along, start, values, disturbances, substeps, integrator)
         return Simulation(model=model, record=record, states=found.states, outputs=found.outputs)
     W = np.zeros((n, len(model.disturbances)))
@@ -224,7 +227,9 @@ def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.nd
     moved = "derivative" if model.period is None else "next value"
     head = f"simulation of '{model.name}' on record '{record.name}' diverged at t = {record.t[k + 1]:.2f} s"
     f = Compilable(ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [ca.densify(model.f)]))
-    x, dt, nu = states[k], record.t[k + 1] - record.t[k], len(model.inputs)
+    x = states[k]
+    dt = record.t[k + 1] - record.t[k]
+    nu = len(model.inputs)
 
     def slope_at(x: np.ndarray) -> np.ndarray:
         return f.mapped(1)(x[None], UW[k][None], p[None])[0][0].copy()
@@ -244,17 +249,22 @@ def _why_it_diverged(model: Model, record: Record, states: np.ndarray, UW: np.nd
 def flown(model: Model, record: Record, start: np.ndarray, p: np.ndarray, W: np.ndarray, run: Run) -> np.ndarray:
     """(N, states) at the samples, from a start (states,) with parameters p and disturbances W (N, disturbances); not
     finite from where the motion ends."""
-    line, names = timeline(model, record), (*model.inputs, *model.disturbances)
+    line = timeline(model, record)
+    names = (*model.inputs, *model.disturbances)
     held = np.array([record.hold_of(name) == "held" for name in names], dtype=bool)
     before = between_samples(record, line, np.hstack([record.matrix(model.inputs), W]), held)
-    after, dt = np.where(held, before[:-1], before[1:]), np.diff(line.t)
-    states, state, at = np.full((len(line.t), len(start)), np.nan), start, 0
+    after = np.where(held, before[:-1], before[1:])
+    dt = np.diff(line.t)
+    states = np.full((len(line.t), len(start)), np.nan)
+    state = start
+    at = 0
     states[0] = state
     for row, event in (*line.jumps, (len(line.t) - 1, None)):
         if row > at:
             steps = slice(at, row)
             states[at + 1 : row + 1] = run(state, before[steps], after[steps], dt[steps], p)
-            state, at = states[row], row
+            state = states[row]
+            at = row
         if event is not None:
             jump = ca.Function("jump", [model.x, model.u, model.p], [model.events[event]])
             state = states[row] = jump(state, before[row, : len(model.inputs)], p).full()[:, 0]
@@ -307,7 +317,8 @@ def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:
     """From sample to sample by CVODES to these tolerances: x0, p = (u, w before, u, w after, dt, parameters) -> xf."""
     both = len(model.inputs) + len(model.disturbances)
     before, after = (ca.SX.sym(name, both) for name in ("before", "after"))
-    dt, share = ca.SX.sym("dt"), ca.SX.sym("share")
+    dt = ca.SX.sym("dt")
+    share = ca.SX.sym("share")
     f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
     slope = dt * f(model.x, before + share * (after - before), model.p)
     dae = {"x": model.x, "p": ca.vertcat(before, after, dt, model.p), "t": share, "ode": slope}
@@ -325,9 +336,11 @@ def _step(model: Model, substeps: int) -> ca.Function:
     """(x, [u; w] at a sample, at the next, dt, p) -> state at the next."""
     nu = len(model.inputs)
     f = ca.Function("f", [model.x, ca.vertcat(model.u, model.w), model.p], [model.f])
-    x, dt = ca.SX.sym("x", len(model.states)), ca.SX.sym("dt")
+    x = ca.SX.sym("x", len(model.states))
+    dt = ca.SX.sym("dt")
     first, last = (ca.SX.sym(name, nu + len(model.disturbances)) for name in ("first", "last"))
-    state, h = x, dt / substeps
+    state = x
+    h = dt / substeps
     if model.period is not None:
         state = f(x, first, model.p)
     for k in range(substeps if model.period is None else 0):

@@ -31,7 +31,8 @@ def with_splines(model: Model, names: Sequence[str]) -> Model:
     inputs = (*model.inputs, *(n for n in ("t", *further) if n not in model.inputs))
     u = ca.SX.sym("u", len(inputs))
     at = {name: u[i] for i, name in enumerate(inputs)}
-    since, run = at["t"] - at[_BEGIN], ca.SX(u[: len(model.inputs)])
+    since = at["t"] - at[_BEGIN]
+    run = ca.SX(u[: len(model.inputs)])
     for name in names:
         c1, c2, c3 = (at[_coefficient(name, k)] for k in _DEGREES)
         run[model.inputs.index(name)] += since * (c1 + since * (c2 + since * c3))
@@ -41,8 +42,10 @@ def with_splines(model: Model, names: Sequence[str]) -> Model:
 
 def splined(record: Record, names: Sequence[str]) -> Record:
     """The record with what `with_splines` takes."""
-    t, count = record.t, len(record)
-    added, hold = {_BEGIN: t}, {} if isinstance(record.hold, str) else dict(record.hold)
+    t = record.t
+    count = len(record)
+    added = {_BEGIN: t}
+    hold = {} if isinstance(record.hold, str) else dict(record.hold)
     if isinstance(record.hold, str) and record.hold != "cubic":
         hold = dict.fromkeys(record.channels, record.hold)
     for name in names:

@@ -419,7 +419,8 @@ def define_model(
         "w": names(disturbances, f"{where}: disturbances"),
         "z": tuple(roots := numbers_by_name(algebraic or {}, f"{where}: algebraic")),
     }
-    states, outputs = groups["x"], names(outputs, f"{where}: outputs")
+    states = groups["x"]
+    outputs = names(outputs, f"{where}: outputs")
     vectors, space = _namespace(groups, where)
     f = expressions(dynamics, space, states, "dynamics", where)
     h = expressions(output, space, outputs, "output", where)
@@ -499,7 +500,8 @@ def _events(
     if not callable(function):
         raise InputError(f"{what} is {given(function)}; expected a function of the symbols, like lambda s: ...")
     known = {n: vectors[letter][0][i] for letter in "xup" for i, n in enumerate(vectors[letter][1])}
-    space, states = Symbols(f"{what}: symbols", known), vectors["x"][1]
+    space = Symbols(f"{what}: symbols", known)
+    states = vectors["x"][1]
     found = function(space)
     if not isinstance(found, Mapping) or not all(isinstance(sets, Mapping) for sets in found.values()):
         raise InputError(f"{what} returned {given(found)}; expected a table {{'dose': {{'x': ...}}}}")

@@ -155,7 +155,8 @@ def _b_splines(x: Any, axis: Sequence[float]) -> list[Any]:
     for degree in range(1, _DEGREE + 1):
         raised = []
         for i in range(len(basis) - 1):
-            left, right = t[i + degree] - t[i], t[i + degree + 1] - t[i + 1]
+            left = t[i + degree] - t[i]
+            right = t[i + degree + 1] - t[i + 1]
             part = (x - t[i]) * (1.0 / left) * basis[i] if left > 0.0 else 0.0
             raised.append(part + ((t[i + degree + 1] - x) * (1.0 / right) * basis[i + 1] if right > 0.0 else 0.0))
         basis = raised
@@ -283,7 +284,8 @@ class Table:
             series = channels.get(axis)
             if series is None or not np.isfinite(series).any() or len(points) < 2:
                 continue
-            low, high = float(np.nanmin(series)), float(np.nanmax(series))
+            low = float(np.nanmin(series))
+            high = float(np.nanmax(series))
             if low < points[0] or high > points[-1]:
                 then = "the last value is held" if self.grid.outside == "hold" else "the last slope goes on"
                 yield (

@@ -27,7 +27,8 @@ from casid.errors import InputError, check_known, unknown
 
 VARIABLES = ("alpha", "beta", "p", "q", "r", "delta_e", "delta_a", "delta_r", "mach", "alphadot", "betadot", "V", "Tc")
 # of the motion in the plane of symmetry, and out of it
-IN_PLANE, OUT_OF_PLANE = ("alpha", "q", "delta_e", "alphadot"), ("beta", "p", "r", "delta_a", "delta_r", "betadot")
+IN_PLANE = ("alpha", "q", "delta_e", "alphadot")
+OUT_OF_PLANE = ("beta", "p", "r", "delta_a", "delta_r", "betadot")
 COEFFICIENTS = ("CL", "CD", "CY", "CX", "CZ", "Cl", "Cm", "Cn")
 _PURE_NUMBERS = ("mach", "V", "Tc")
 _MAX_POWER = 9
@@ -152,7 +153,8 @@ def parse_term(text: str, where: str = "") -> Term:
                 f"{prefix}'{text}' is not a monomial; expected variables with powers 1 to {_MAX_POWER}, "
                 "like 'alpha^2' or 'alpha*delta_e'"
             )
-        variable, power = match[1], int(match[2] or 1)
+        variable = match[1]
+        power = int(match[2] or 1)
         check_known("variable", (variable,), VARIABLES, f"{prefix}term '{text}'")
         powers[variable] = powers.get(variable, 0) + power
         if powers[variable] > _MAX_POWER:

@@ -61,7 +61,8 @@ class Trim:
         climb = self.theta - self.alpha
         u, _, down = self.V * np.array([np.cos(self.alpha), 0.0, np.sin(self.alpha)])
         if self.phi:  # the path of flight lies in the vertical plane of the heading
-            ahead, below = self.V * np.cos(climb), -self.V * np.sin(climb)
+            ahead = self.V * np.cos(climb)
+            below = -self.V * np.sin(climb)
             across = ahead * np.sin(self.theta) + below * np.cos(self.theta)
             return np.array(
                 [u, across * np.sin(self.phi), across * np.cos(self.phi), 0, 0, 0, self.phi, self.theta], dtype=float
@@ -142,7 +143,8 @@ def trim(
         rho = float(standard_density(np.array(altitude)))
     model = aircraft_model(aircraft, effects=())
     f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
-    p, calm = model.nominal_vector(values), np.zeros(len(model.disturbances))
+    p = model.nominal_vector(values)
+    calm = np.zeros(len(model.disturbances))
     weight = aircraft.mass * aircraft.gravity
 
     def point(z: np.ndarray) -> Trim:
@@ -178,8 +180,10 @@ def _balanced_by_rotors(
     model = aircraft_model(aircraft, effects=())
     z = ca.SX.sym("z", len(rotors.each) + 2)  # thrusts over weight, bank, pitch
     weight = aircraft.mass * aircraft.gravity
-    phi, theta = z[-2], z[-1]
-    ahead, below = V * math.cos(climb), -V * math.sin(climb)
+    phi = z[-2]
+    theta = z[-1]
+    ahead = V * math.cos(climb)
+    below = -V * math.sin(climb)
     across = ahead * ca.sin(theta) + below * ca.cos(theta)
     state = ca.vertcat(
         ahead * ca.cos(theta) - below * ca.sin(theta), across * ca.sin(phi), across * ca.cos(phi), 0, 0, 0, phi, theta
@@ -193,7 +197,8 @@ def _balanced_by_rotors(
     inputs = [ca.SX(fixed.get(name, 0.0)) for name in model.inputs]
     for i, one in enumerate(rotors.each):
         inputs[model.inputs.index(one.name)] = at_rest[one.name] * (1.0 + z[i])
-    p, calm = model.nominal_vector(values), np.zeros(len(model.disturbances))
+    p = model.nominal_vector(values)
+    calm = np.zeros(len(model.disturbances))
     f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])(state, ca.vertcat(*inputs), p, calm)
     left = f[[model.states.index(name) for name in "uvwpqr"]]
     at = ca.Function("at", [z], [left, ca.jacobian(left, z)])
@@ -208,5 +213,6 @@ def _balanced_by_rotors(
         raise InputError(f"trim: the rotors of '{aircraft.name}' do not balance it at V = {V:g} m/s")
     drive = {name: at_rest[name] * (1.0 + float(point[i])) for i, name in enumerate(rotors.names)}
     drive |= {name: value for name, value in fixed.items() if rotors.voltage and name == rotors.voltage.channel}
-    bank, pitch = float(point[-2]), float(point[-1])
+    bank = float(point[-2])
+    pitch = float(point[-1])
     return Trim(V=V, alpha=pitch - climb, theta=pitch, delta_e=0.0, thrust=thrust, rho=rho, phi=bank, rotors=drive)

@@ -136,5 +136,6 @@ def _digits(value: float) -> str:
 
 def _size(value: float, unit: str) -> str:
     if unit.startswith("rad") and not unit.endswith("/rad"):
-        value, unit = math.degrees(value), unit.replace("rad", "deg")
+        value = math.degrees(value)
+        unit = unit.replace("rad", "deg")
     return _digits(value) if unit == "1" else f"{_digits(value)} {unit}"

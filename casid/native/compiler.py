@@ -38,13 +38,16 @@ from casid.native.tape import Tape
 _SAME_BITS = ("-ffp-contract=off", "-fno-tree-slp-vectorize")
 FLAGS = ("-O2", "-march=native", "-fno-math-errno", *_SAME_BITS, "-shared", "-fPIC")
 _LOG = logging.getLogger(__name__)
-_COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.06, 1.6e-4  # s, measured with gcc on one core
+# s, measured with gcc on one core
+_COMPILE_BASE = 0.06
+_COMPILE_PER_INSTRUCTION = 1.6e-4
 _SOURCE_PER_INSTRUCTION = 2e-6  # s, to write and hash the C source
 # CasADi lets go of Python's lock, and marks the expressions that it works on: one thread at a time may build from them
 BUILDING = threading.RLock()
 _BATCHES = 6  # sizes of which a function keeps its arrays
 # s that a compilation may take, and more by byte of source: ten times the slowest that was measured (-O1, Hessians)
-_LONGEST, _LONGEST_PER_BYTE = 20.0, 4e-5
+_LONGEST = 20.0
+_LONGEST_PER_BYTE = 4e-5
 _until: ContextVar[float] = ContextVar("_until", default=math.inf)
 _FAILED = "compiling failed, the CasADi virtual machine is used"
 _given_up: list[str] = []  # why this process compiles nothing more
@@ -166,7 +169,8 @@ def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
         return library
     try:
         with workshop() as folder:
-            text, binary = folder / "f.c", folder / "f.so"
+            text = folder / "f.c"
+            binary = folder / "f.so"
             text.write_text(source)
             options = [flag for flag in flags if not flag.startswith("-l")]
             libraries = [flag for flag in flags if flag.startswith("-l")]
@@ -265,7 +269,8 @@ class Compilable:
             library = compile_library(self._pending)
             self._settled = library is not None or is_time_to_compile()
         if library is not None:
-            self.function, self._settled = _load(self.function, library), True
+            self.function = _load(self.function, library)
+            self._settled = True
         return self.function
 
 
@@ -280,7 +285,8 @@ class PointBatch:
     """
 
     def __init__(self, kernel: Compilable, derive: Callable[[ca.Function], ca.Function]) -> None:
-        self._kernel, self._derive = kernel, derive
+        self._kernel = kernel
+        self._derive = derive
         self._used: ca.Function | None = None
         self._derived: tuple[ca.Function, ca.Function] | None = None  # a function, and what was derived from it
         # casadi.FunctionBuffer, whose signatures the stubs misstate, and what calls it
@@ -295,7 +301,8 @@ class PointBatch:
             with BUILDING:
                 self._derived = function, self._derive(function)
         self._buffer, self._trigger = self._derived[1].buffer()
-        self._inputs, self._outputs = [], []
+        self._inputs = []
+        self._outputs = []
 
     def _bind_own(self, f: ca.Function) -> None:
         self._inputs = [np.zeros((f.size2_in(i), f.size1_in(i))) for i in range(f.n_in())]

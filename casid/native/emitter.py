@@ -126,14 +126,17 @@ def emit(function: ca.Function, name: str) -> str:
 
 
 def _statement(function: ca.Function, k: int) -> str:
-    op, to, of = function.instruction_id(k), function.instruction_output(k), function.instruction_input(k)
+    op = function.instruction_id(k)
+    to = function.instruction_output(k)
+    of = function.instruction_input(k)
     if op == ca.OP_OUTPUT:
         return f"r{to[0]}[{to[1]}] = w{of[0]};"
     if op == ca.OP_INPUT:
         return f"w{to[0]} = a{of[0]}[{of[1]}];"
     if op == ca.OP_CONST:
         return f"w{to[0]} = (V){{0}} + {_number(function.instruction_constant(k))};"
-    a, b = f"w{of[0]}", f"w{of[-1]}"
+    a = f"w{of[0]}"
+    b = f"w{of[-1]}"
     if op in _ARITHMETIC:
         return f"w{to[0]} = {_ARITHMETIC[op].format(a=a, b=b)};"
     if op in _LIBRARY:

@@ -120,7 +120,8 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
 
 def collocation_sizes(functions: Mapping[str, ca.Function]) -> Sizes:
     """Of the functions that `collocation_source` takes."""
-    slopes, outputs = functions["slopes"], functions["outputs_of"]
+    slopes = functions["slopes"]
+    outputs = functions["outputs_of"]
     n, m, q = (slopes.size1_in(i) for i in range(3))
     return Sizes(n=n, m=m, q=q, o=outputs.size1_out(0), f=slopes.size2_out(2), v=0)
 

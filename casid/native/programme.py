@@ -28,7 +28,9 @@ class _Deadline(ca.Callback):
     def __init__(self, nlp: dict[str, ca.MX]) -> None:
         ca.Callback.__init__(self)
         x, g, p = (nlp[name].numel() for name in "xgp")
-        self.sizes, self.until = (x, 1, g, x, g, p), math.inf  # of x, f, g and their multipliers
+        # of x, f, g and their multipliers
+        self.sizes = (x, 1, g, x, g, p)
+        self.until = math.inf
         self.construct("deadline", {})
 
     def get_n_in(self) -> int:
@@ -54,7 +56,9 @@ class CompilableProgramme:
         self._options = options | {"iteration_callback": self._deadline}
         self._given = {option: function.name() for option, function in given.items()}
         self._solver = ca.nlpsol("estimation", "ipopt", nlp, self._options | given)
-        self._spent, self._settled, self._source = 0.0, False, ""
+        self._spent = 0.0
+        self._settled = False
+        self._source = ""
 
     def __call__(self, until: float, **arguments: Any) -> tuple[dict[str, ca.DM], dict[str, Any]]:
         self._deadline.until = until
@@ -79,7 +83,8 @@ class CompilableProgramme:
         if library is not None:
             more = {option: ca.external(name, str(library)) for option, name in self._given.items()}
             self._solver = ca.nlpsol("estimation", "ipopt", str(library), self._options | more)
-        self._settled, self._source = True, ""
+        self._settled = True
+        self._source = ""
 
     def _written(self) -> str:
         generator = ca.CodeGenerator("programme.c")

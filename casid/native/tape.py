@@ -98,7 +98,8 @@ class Tape:
 
     def accumulated(self, start: np.ndarray, *arguments: np.ndarray) -> list[np.ndarray]:
         """[(K, L, n)] of a start (K, n), which each of L calls replaces by its result, and arguments (K, L, rows)."""
-        state, rest = start, list(zip(arguments, self._rows[1:], strict=True))
+        state = start
+        rest = list(zip(arguments, self._rows[1:], strict=True))
         length = next(np.size(a) // (len(start) * rows) for a, rows in rest if rows)
         along = [np.reshape(a, (len(start), length, rows)) for a, rows in rest]
         states = np.empty((len(start), length, start.shape[1]))
@@ -110,7 +111,8 @@ class Tape:
         """Each result (N, nonzeros) of each argument (N, rows)."""
         count = len(arguments[0])
         results = [np.empty((count, rows * columns)) for rows, columns in self._shapes]
-        given, w = [a.T for a in arguments], [np.zeros(count)] * self._room
+        given = [a.T for a in arguments]
+        w = [np.zeros(count)] * self._room
         with np.errstate(all="ignore"):  # what is no number is found in the results, as with compiled code
             for kind, to, of, what in self._steps:
                 if kind == ca.OP_INPUT:

@@ -24,7 +24,9 @@ _WANTED += ("BAT", "CURR", "EV", "STAT")
 _INSTANCE = ("I", "C", "Instance", "Inst")  # fields that number sensors and filters; the first one counts
 _FUNCTIONS = {4: "delta_a_command", 19: "delta_e_command", 21: "delta_r_command", 70: "throttle"}  # SERVOn_FUNCTION
 _FUNCTIONS |= {33 + i: f"m{i + 1}" for i in range(8)} | {82 + i: f"m{i + 9}" for i in range(4)}
-_LANDED, _NOT_LANDED = 18, 28  # of EV
+# of EV
+_LANDED = 18
+_NOT_LANDED = 28
 _BOTH = (_LANDED, _NOT_LANDED)
 _FULL = 4500.0  # of AETR: a surface command at its end
 _EARTH = 6.371e6  # m: mean radius
@@ -56,7 +58,8 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
         return rows
 
     rows = loaded(path, load)
-    found, notes = dict[str, Series](), list[str]()
+    found = dict[str, Series]()
+    notes = list[str]()
     for part in (_inertial, _attitude, _barometer, _ground, _air, _battery, _inputs):
         part(rows, found, notes)
     if not {"p", "phi"} & found.keys():
@@ -104,7 +107,8 @@ def _ground(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
         course = np.radians(course)
         found |= {"v_north": (t, speed * np.cos(course)), "v_east": (t, speed * np.sin(course)), "v_down": (t, down)}
     if (read := _columns(rows, "GPS", "Lat", "Lng")) is not None:
-        latitude, longitude = np.radians(read[1]), np.radians(read[2])
+        latitude = np.radians(read[1])
+        longitude = np.radians(read[2])
         found["north"] = read[0], _EARTH * (latitude - latitude[0])
         found["east"] = read[0], _EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
     for message in ("XKF2", "NKF2"):
@@ -151,9 +155,11 @@ def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
 def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:
     """Commands by pulse widths and the parameters of the servos at the beginning; of several for one surface the first.
     Motors are from 0 to 1. A function that is changed in flight is said."""
-    parameters, changed = dict[str, float](), dict[str, str]()
+    parameters = dict[str, float]()
+    changed = dict[str, str]()
     for row in rows.get("PARM", ()):
-        name, value = row["Name"], row["Value"]
+        name = row["Name"]
+        value = row["Value"]
         if parameters.setdefault(name, value) != value and name.startswith("SERVO"):
             changed[name] = f"parameter {name} is changed from {parameters[name]:g} to {value:g} in flight"
     notes += changed.values()
@@ -170,7 +176,8 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
         )
         sign = -1.0 if parameters.get(f"SERVO{n}_REVERSED", 0.0) and not motor else 1.0
         begin = low if motor or name == "throttle" else trim
-        up, down = max(high - begin, 1.0), max(begin - low, 1.0)
+        up = max(high - begin, 1.0)
+        down = max(begin - low, 1.0)
         off = read[1] - begin
         found[name] = read[0], sign * np.where(off > 0.0, off / up, off / down)
     return found

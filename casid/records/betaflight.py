@@ -39,7 +39,8 @@ def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:
         return {"heads": dict(parser.headers), "fields": dict(zip(names, table.T, strict=False))}
 
     read = loaded(path, load)
-    fields, heads = read["fields"], read["heads"]
+    fields = read["fields"]
+    heads = read["heads"]
     if "time" not in fields or "gyroADC[0]" not in fields:
         raise InputError(f"{path}: a blackbox without time or gyro; it has {', '.join(fields) or 'no frames'}")
     stamps = fields.pop("time") * 1e-6

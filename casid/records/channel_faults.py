@@ -18,7 +18,9 @@ from casid.signals import CHANNELS, SURFACES, unit_of
 
 _FEWEST = 60  # finite samples from which a channel is judged
 _LEVELS = 20  # distinct values below which a channel is of steps
-_SLOWER, _STAIRCASE = 1.5, 0.4  # own sampling interval over the record's; part of a record in runs: a slower recorder
+# own sampling interval over the record's; part of a record in runs: a slower recorder
+_SLOWER = 1.5
+_STAIRCASE = 0.4
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
@@ -143,7 +145,8 @@ def channel_faults(
     """The faults that channels of a record show by themselves, in the order in which they are to be taken out. A sample
     that `answers`, channel -> (N,) what surfaces make of it at once, explain is no outlier."""
     found: list[ChannelFault] = []
-    parts, commanded = _unbroken(record), _commanded(record)
+    parts = _unbroken(record)
+    commanded = _commanded(record)
     for name, values in record.channels.items():
         if name not in _READ or np.isfinite(values).sum() < _FEWEST or _rests(values):
             continue
@@ -176,7 +179,9 @@ def _of_levels(
     frozen, held = _held(record, name, np.where(rail, np.nan, clean), limits)
     if rail.any():
         edges = np.isin(clean, (np.nanmin(clean), np.nanmax(clean))) & (frozen | held)
-        rail, frozen, held = rail | edges, frozen & ~edges, held & ~edges
+        rail = rail | edges
+        frozen = frozen & ~edges
+        held = held & ~edges
         if len(stretches(rail)) == 1 and len(stretches(held)) > 1:
             rail, held = np.zeros_like(rail), held | rail  # one of the holds was at the crest
     found |= {"data_clipped": rail, "data_stuck": frozen, "data_dropout": held}
@@ -261,7 +266,8 @@ def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tupl
     """Samples of runs of equal values that are too long to be chance: frozen, long or to the end; held, with a jump
     behind them."""
     first, length = runs(values)
-    frozen, held = np.zeros(len(values), dtype=bool), np.zeros(len(values), dtype=bool)
+    frozen = np.zeros(len(values), dtype=bool)
+    held = np.zeros(len(values), dtype=bool)
     if len(first) < 10:
         return frozen, held
     shortest = max(5.0, 3.0 * float(np.median(length)), limits.held_s / record.dt)
@@ -273,7 +279,8 @@ def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tupl
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     for begin, count in zip(first[long_ones].tolist(), length[long_ones].tolist(), strict=True):
-        end, seconds = begin + count, (count - 1) * record.dt
+        end = begin + count
+        seconds = (count - 1) * record.dt
         ends = end >= len(values)
         jumps = ends or not np.isfinite(values[end]) or abs(values[end] - values[begin]) > 3.0 * step
         jumps = jumps or repeats < _NEVER
@@ -336,7 +343,8 @@ def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: f
     exits = [ratio for ratio in (_exit(values, *plateau) for plateau in plateaus) if np.isfinite(ratio)]
     if exits and float(np.median(exits)) > 2.0:
         return False  # it was held there, and has moved on
-    half, outside = 0.5 * (last - first + 1), [k for k in (first - 3, last + 3) if 0 <= k < len(values)]
+    half = 0.5 * (last - first + 1)
+    outside = [k for k in (first - 3, last + 3) if 0 <= k < len(values)]
     drops = [abs(values[k] - values[first]) for k in outside if np.isfinite(values[k])]
     return bool(drops) and float(np.mean(drops)) > 4.0 * quantum * ((half + 3.0) / half) ** 2
 
@@ -380,11 +388,14 @@ def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> n
         phase = int(np.argmax(usual))
         others = float(np.median(np.delete(usual, [(phase + k) % every for k in (-1, 0, 1)])))
         if usual[phase] > most * others > 0.0:
-            most, at = usual[phase] / others, np.arange(len(values)) % every == (phase + 2) % every
+            most = usual[phase] / others
+            at = np.arange(len(values)) % every == (phase + 2) % every
     return at & good
 
 
-_WINDOW, _NEAR = 25, 12  # samples on either side that tell what is usual
+# samples on either side that tell what is usual
+_WINDOW = 25
+_NEAR = 12
 
 
 def _spikes(values: np.ndarray, parts: Sequence[slice], limits: Limits, least: float) -> np.ndarray:
@@ -402,7 +413,8 @@ def _spikes(values: np.ndarray, parts: Sequence[slice], limits: Limits, least: f
 
 def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: float) -> np.ndarray:
     """(N,) outliers of a series of which `sample` numbers the samples: neighbours must be in it."""
-    at, series = np.zeros(len(series), dtype=bool), series.copy()
+    at = np.zeros(len(series), dtype=bool)
+    series = series.copy()
     steps = np.abs(np.diff(series))
     resolution = float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
     together = sample[4:] - sample[:-4] == 4
@@ -414,9 +426,11 @@ def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: floa
         if not far.any():
             break
         far &= size > sigmas * 1.4826 * _local_median(size)
-        before, after = series[2:-2] - series[1:-3], series[2:-2] - series[3:-1]
+        before = series[2:-2] - series[1:-3]
+        after = series[2:-2] - series[3:-1]
         far &= together & (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.6 * size)
-        far[: _EDGE - 2], far[2 - _EDGE :] = False, False
+        far[: _EDGE - 2] = False
+        far[2 - _EDGE :] = False
         reached = np.convolve(far, np.ones(5), mode="same") > 0.5  # the cubic spreads an outlier over five samples
         for k in np.flatnonzero(far)[np.argsort(-size[far])]:
             beside = slice(max(0, k - _NEAR), max(0, k - 2)), slice(k + 3, k + 1 + _NEAR)

@@ -38,7 +38,9 @@ _NINES = (99.0, 999.0, 9999.0, 99999.0)  # usual marks of a missing sample, of e
 _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
 _PITOT = ("V", "qbar")
-_JITTER, _GAP, _MANY_MISSING = 0.01, 1.5, 0.2
+_JITTER = 0.01
+_GAP = 1.5
+_MANY_MISSING = 0.2
 _SLOW = 0.5  # s
 
 _OF_WINGS = (*SURFACES, *(f"{surface}_command" for surface in SURFACES))
@@ -97,7 +99,8 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str, limi
         raise InputError(f"{place(too_large[0])}, {column}: {values[too_large[0]]:.6g} is too large; repair it")
     beyond = np.flatnonzero(np.abs(values) > RADIAN_LIMITS.get(name, np.inf))
     if len(beyond):
-        value, unit = values[beyond[0]], unit_of(name)
+        value = values[beyond[0]]
+        unit = unit_of(name)
         degrees = unit.replace("rad", "deg")
         code = next((v for v in values[beyond] if _is_code(v, RADIAN_LIMITS[name])), None)
         if code is not None:
@@ -134,7 +137,8 @@ def airborne(name: str, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
     still = values <= 0.0
     if name not in _PITOT or not still.any():
         return values, []
-    count, least = int(np.sum(still)), float(values[still].min())
+    count = int(np.sum(still))
+    least = float(values[still].min())
     said = f"{name}: {count} samples are not positive, down to {least:.4g} {unit_of(name)}, as on the ground"
     return np.where(still, np.nan, values), [f"{said}; they are taken as missing"]
 
@@ -220,7 +224,8 @@ def checked_fields(
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
-    empty, still = list[str](), table.grounded
+    empty = list[str]()
+    still = table.grounded
     aircraft = any(map(is_control, channels)) and not own
     hovers = any(is_control(name) and name not in _OF_WINGS for name in channels)
     for name in list(channels):

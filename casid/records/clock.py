@@ -44,10 +44,12 @@ def seconds_of(cell: str, day_first: bool = False) -> float | None:
     hours = int(part.get("h", 0))
     if "half" in part:
         hours = hours % 12 + (12 if part["half"].lower() == "pm" else 0)
-    minutes, seconds = int(part.get("m", 0)), int(part.get("s", 0))
+    minutes = int(part.get("m", 0))
+    seconds = int(part.get("s", 0))
     if hours > 24 or (minutes > 59 and "h" in part) or seconds > 60:
         return None
-    day, fraction = _day(part, day_first), part.get("f", "")
+    day = _day(part, day_first)
+    fraction = part.get("f", "")
     if day is None:
         return None
     whole = day + 3600 * hours + 60 * minutes + seconds - _offset(part.get("zone", ""))
@@ -112,7 +114,8 @@ def on_one_clock(
     t: np.ndarray, channels: Mapping[str, np.ndarray], inputs: tuple[str, ...]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
     """Channels with the inputs of a slower regular rate filled by straight lines, and a remark for each."""
-    filled, notes = dict(channels), []
+    filled = dict(channels)
+    notes = []
     for name in inputs:
         if name not in channels:
             continue

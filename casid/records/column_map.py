@@ -82,7 +82,8 @@ class ColumnMap:
         """The map of a TOML file: `variable = "NAME"` (optional) and a table [columns], `alpha = "12:deg"`."""
         data = read_toml(a_path(path, "ColumnMap.read"))
         check_known("key", data, ("columns", "variable"), str(path))
-        columns, variable = data.get("columns"), data.get("variable")
+        columns = data.get("columns")
+        variable = data.get("variable")
         if not isinstance(columns, dict) or not columns:
             raise InputError(f'{path}: a column map needs a table [columns] with lines like alpha = "12:deg"')
         if variable is not None and not isinstance(variable, str):

@@ -67,16 +67,19 @@ def _events(data: bytes) -> dict[str, Any]:
     version, kinds = struct.unpack_from("<HH", data, 1)
     if data[0] != 0xBC or version not in _STAMP:
         raise ValueError(f"it begins with {data[:3].hex()}, which is no version that is known")
-    at, described = 5, dict[int, tuple[str, tuple[str, ...]]]()
+    at = 5
+    described = dict[int, tuple[str, tuple[str, ...]]]()
     for _ in range(kinds):
         event = struct.unpack_from("<H", data, at)[0]
         _, at = _name(data, at + 2)
-        layout, names = "<", []
+        layout = "<"
+        names = []
         count = struct.unpack_from("<H", data, at)[0]
         at += 2
         for _ in range(count):
             text, at = _name(data, at)  # "gyro.x(f)"
-            layout, names = layout + text[-2], [*names, text[:-3]]
+            layout = layout + text[-2]
+            names = [*names, text[:-3]]
         described[event] = layout, tuple(names)
     head, second = _STAMP[version]
     rows = dict[int, list[tuple[Any, ...]]]()

@@ -112,7 +112,9 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
             book.close()
 
     book = loaded(path, load)
-    name, rows, sheets = book["name"], book["rows"], book["names"]
+    name = book["name"]
+    rows = book["rows"]
+    sheets = book["names"]
     check_known("sheet", (name,), sheets, str(path))
     if len(rows) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
@@ -132,7 +134,8 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
 
 def _rows(sheet: Any) -> list[tuple[Any, ...]]:
     """Rows of a sheet that are not empty. Raises ValueError where one lies so far off that it has too many cells."""
-    found, cells = [], 0
+    found = []
+    cells = 0
     for row in sheet.iter_rows(values_only=True):
         cells += len(row)
         if cells > MOST_CELLS:

@@ -38,7 +38,8 @@ def given_records(value: Any, where: str, own: Sequence[str] = ()) -> tuple[Reco
     return tuple(found)
 
 
-_INERTIAL, _FURTHER = ("p", "q", "r", "ax", "ay", "az"), ("phi", "theta", "alpha", "beta", "V", "altitude")
+_INERTIAL = ("p", "q", "r", "ax", "ay", "az")
+_FURTHER = ("phi", "theta", "alpha", "beta", "V", "altitude")
 
 
 def unflown(record: Record) -> str:

@@ -100,7 +100,8 @@ def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str
     row begins with a number or a time; where none does, any row of which most cells are numbers counts."""
     for strict in (True, False):
         for (i, here), (_, after) in _pairs(lines):
-            one, two = cells_of(here, delimiter), cells_of(after, delimiter)
+            one = cells_of(here, delimiter)
+            two = cells_of(after, delimiter)
             if len(one) != len(two) or len(one) < 2:
                 continue
             comma = delimiter not in (",", "") and _commas(one + two)
@@ -164,7 +165,8 @@ def _names_above(
 def _are_units(cells: Sequence[str]) -> bool:
     """Tell whether a row has units: more cells are units than are names of channels, and at least half are."""
     full = [cell.strip("[](){} ") for cell in cells if cell.strip("[](){} ")]
-    units, names = sum(map(is_unit, full)), sum(map(is_known, full))
+    units = sum(map(is_unit, full))
+    names = sum(map(is_known, full))
     return bool(full) and units >= _MOSTLY * len(full) and units > names
 
 

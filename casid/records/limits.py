@@ -29,7 +29,9 @@ MOST_CELLS = 50_000_000  # of a sheet
 _BLOCK = 1 << 20  # bytes
 MOST_DEPTH = 100  # of elements of XML
 _MOST_MEMORY = 3 << 29  # bytes that a reader may take
-_SECONDS, _SECONDS_PER_MB = 10.0, 10.0  # of processor time; the slowest reader, of sheets, takes half of that
+# of processor time; the slowest reader, of sheets, takes half of that
+_SECONDS = 10.0
+_SECONDS_PER_MB = 10.0
 
 Made = TypeVar("Made")
 
@@ -65,7 +67,8 @@ def read_text_of(path: Path) -> str:
 
 def xml_root(content: str | bytes) -> ET.Element:
     """Parse XML that is no deeper than `MOST_DEPTH`. Raises InputError."""
-    parser, depth = ET.XMLPullParser(("start", "end")), 0
+    parser = ET.XMLPullParser(("start", "end"))
+    depth = 0
     root: Any = None
     try:
         for at in range(0, len(content), 1 << 16):

@@ -67,7 +67,8 @@ def of_log(
     if not series:
         raise InputError(f"{path}: no channel has two samples; expected time series")
     clock = _clock(series)
-    start, all_rows = clock[0], len(clock)
+    start = clock[0]
+    all_rows = len(clock)
     inputs, notes = _inputs(series, clock, notes)
     begin = max([clock[0], *(stamps[0] for stamps, _ in inputs.values())])
     end = min([clock[-1], *(stamps[-1] for stamps, _ in inputs.values())])
@@ -99,16 +100,20 @@ def of_log(
 
 def _whole(series: Mapping[str, Series], notes: tuple[str, ...]) -> tuple[dict[str, Series], tuple[str, ...]]:
     """Series with stamps that increase and two samples at least."""
-    kept, empty = dict[str, Series](), []
+    kept = dict[str, Series]()
+    empty = []
     for name, (stamps, values) in series.items():
-        stamps, values = np.asarray(stamps, float), np.asarray(values, float)
+        stamps = np.asarray(stamps, float)
+        values = np.asarray(values, float)
         if len(stamps):
             latest = np.maximum.accumulate(stamps)
             later = np.append(True, np.diff(latest) > 0.0) & np.isfinite(stamps)
-            stamps, values = stamps[later], values[later]
+            stamps = stamps[later]
+            values = values[later]
         if drives(name):
             there = np.isfinite(values)
-            stamps, values = stamps[there], values[there]
+            stamps = stamps[there]
+            values = values[there]
         if len(stamps) > 1 and np.isfinite(values).any():
             kept[name] = stamps, values
         else:

@@ -104,7 +104,8 @@ def _likely(name: str, taken: Mapping[str, object], is_time: bool) -> str | None
 
 def _column(table: RawTable, index: int, channel: str, name: str, unit: str) -> tuple[list[str], str]:
     """How a map names a column, and a remark; an `az` that is positive in level flight is turned over."""
-    bare, remark = name, ""
+    bare = name
+    remark = ""
     if unit and not is_unit(unit):
         remark = f"the unit [{unit}] is unknown"
     if channel == "az":
@@ -112,7 +113,8 @@ def _column(table: RawTable, index: int, channel: str, name: str, unit: str) -> 
         unit_here = "g" if not unit and 0.3 < abs(middle) < 3.0 else ""
         bare += f":{unit_here}" if unit_here else ""
         if middle > 0.0:
-            bare, remark = f"{bare}*-1", f"it is positive on average; az is about -{GRAVITY:.2f} m/s2 in level flight"
+            bare = f"{bare}*-1"
+            remark = f"it is positive on average; az is about -{GRAVITY:.2f} m/s2 in level flight"
     return [bare], remark
 
 

@@ -95,9 +95,13 @@ def _quantum(series: list[np.ndarray], continuous: bool) -> float:
 
 _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)
 _CONFIDENCE = 2.0
-_MOVED, _NEAR = 1.5, 2  # change of the mean from one sample to the next that is a movement, in sigmas; samples near it
+# change of the mean from one sample to the next that is a movement, in sigmas; samples near it
+_MOVED = 1.5
+_NEAR = 2
 # sigmas by which a sample is ahead of the rest and so on its way, short of it and not there yet, or cannot be noise
-_ON_THE_WAY, _NOT_THERE, _NOISE = 1.0, 2.0, 3.0
+_ON_THE_WAY = 1.0
+_NOT_THERE = 2.0
+_NOISE = 3.0
 
 
 def mean_over(values: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
@@ -111,24 +115,31 @@ def quiet_windows(values: np.ndarray, sigma: float) -> tuple[np.ndarray, np.ndar
     or to one side, whose mean agrees with those of all narrower ones (intersection of confidence intervals;
     Goldenshluger and Nemirovski 1997). It is long while a surface rests and one sample while it moves."""
     at = np.arange(len(values))
-    begin, end = at.copy(), at.copy()
+    begin = at.copy()
+    end = at.copy()
     if not sigma > 0.0:
         return begin, end
     total = np.concatenate([[0.0], np.cumsum(values)])
     for before, after in ((1, 1), (2, 0), (0, 2)):
         open_ = np.ones(len(values), dtype=bool)
-        low, high = np.full(len(values), -np.inf), np.full(len(values), np.inf)
+        low = np.full(len(values), -np.inf)
+        high = np.full(len(values), np.inf)
         for half in _HALF_WIDTHS:
-            first, last = np.maximum(at - before * half, 0), np.minimum(at + after * half, len(values) - 1)
+            first = np.maximum(at - before * half, 0)
+            last = np.minimum(at + after * half, len(values) - 1)
             if before == after:
                 reach = np.minimum(at - first, last - at)
-                first, last = at - reach, at + reach
+                first = at - reach
+                last = at + reach
             count = last - first + 1
-            mean, margin = (total[last + 1] - total[first]) / count, _CONFIDENCE * sigma / np.sqrt(count)
-            low, high = np.maximum(low, mean - margin), np.minimum(high, mean + margin)
+            mean = (total[last + 1] - total[first]) / count
+            margin = _CONFIDENCE * sigma / np.sqrt(count)
+            low = np.maximum(low, mean - margin)
+            high = np.minimum(high, mean + margin)
             open_ &= low <= high
             wider = open_ & (last - first > end - begin)
-            begin, end = np.where(wider, first, begin), np.where(wider, last, end)
+            begin = np.where(wider, first, begin)
+            end = np.where(wider, last, end)
     return _off_movement(values, sigma, begin, end)
 
 
@@ -137,10 +148,12 @@ def _off_movement(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The windows, but of samples near a movement that of the rest before or after it, where they agree with its mean,
     and else the sample alone. A mean over the beginning of a movement is compatible with the rest, and late."""
-    at, mean = np.arange(len(values)), mean_over(values, begin, end)
+    at = np.arange(len(values))
+    mean = mean_over(values, begin, end)
     moves = np.abs(np.diff(mean, prepend=mean[0])) > _MOVED * sigma
     near = np.convolve(moves, np.ones(2 * _NEAR + 1))[_NEAR:-_NEAR] > 0.0
-    first, last = np.where(near, at, begin), np.where(near, at, end)
+    first = np.where(near, at, begin)
+    last = np.where(near, at, end)
     before = np.maximum.accumulate(np.where(near, -1, at))
     after = np.minimum.accumulate(np.where(near, len(values), at)[::-1])[::-1]
     way = np.sign(mean[np.minimum(at + _NEAR, len(values) - 1)] - mean[np.maximum(at - _NEAR, 0)])
@@ -149,7 +162,8 @@ def _off_movement(
         rest = np.where(known, rest, at)
         moved = way * (values - mean[rest]) / sigma
         rests = known & (moved > -back) & (moved < ahead)
-        first, last = np.where(rests, begin[rest], first), np.where(rests, end[rest], last)
+        first = np.where(rests, begin[rest], first)
+        last = np.where(rests, end[rest], last)
     return first, last
 
 
@@ -175,7 +189,8 @@ def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     there = np.isfinite(values)
     if there.sum() < _FEWEST // 2:
         return math.nan
-    t, series = t[there], scipy.signal.detrend(values[there])
+    t = t[there]
+    series = scipy.signal.detrend(values[there])
     step = float(np.median(np.diff(t)))
     sigma = float(np.nan_to_num(high_band_sigma(series)))
     moves = float(np.var(series)) - sigma**2

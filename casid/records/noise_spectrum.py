@@ -55,7 +55,9 @@ def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> 
 def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple[float, float, int]:
     """Power from a half to three quarters of half the sampling rate, `step` [s] over half of that rate, and above; in
     the quiet quarter of all short stretches of the records; and how many bins of each there are."""
-    middle, top, count = [], [], 0
+    middle = []
+    top = []
+    count = 0
     for record in records:
         values = record[channel]
         values = values[np.isfinite(values)]
@@ -87,7 +89,8 @@ def density_sigma(records: Sequence[Record], channel: str, band_hz: tuple[float,
 def motion_edge(records: Sequence[Record]) -> float:
     """Frequency [Hz] below which 90 % of the power of angular acceleration, the quickest part of the motion, lies; 0
     when no rate is measured or moves. It is the slope of p, q and r with their noise taken off."""
-    frequency, power = [], []
+    frequency = []
+    power = []
     for name in ("p", "q", "r"):
         there = [record[name][np.isfinite(record[name])] for record in records if name in record]
         if len(there) < len(records) or min(map(len, there)) < _FEWEST or not any(np.ptp(one) > 0.0 for one in there):
@@ -125,7 +128,8 @@ def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
 
 def _spectrum(records: Sequence[Record], channel: str, step: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """Periodograms of all records as one; with `step` [s] over half of that rate, power as of samples at that rate."""
-    shares, powers = [], []
+    shares = []
+    powers = []
     for record in records:
         share, power = _periodogram(record, channel)
         ratio = 1.0 if step is None else step / _own_step(record, channel)

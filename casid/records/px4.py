@@ -25,8 +25,11 @@ def _xyz(field: str) -> tuple[str, str, str]:
     return f"{field}[0]", f"{field}[1]", f"{field}[2]"
 
 
-_RATES, _SPECIFIC, _ACCELERATIONS = ("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot")
-_GROUND, _PLACE = ("v_north", "v_east", "v_down"), ("north", "east")
+_RATES = ("p", "q", "r")
+_SPECIFIC = ("ax", "ay", "az")
+_ACCELERATIONS = ("pdot", "qdot", "rdot")
+_GROUND = ("v_north", "v_east", "v_down")
+_PLACE = ("north", "east")
 # channels -> the topics that have them, with their fields
 _SOURCES: Mapping[tuple[str, ...], tuple[tuple[str, tuple[str, ...]], ...]] = {
     _RATES: (("vehicle_angular_velocity", _xyz("xyz")), ("sensor_combined", _xyz("gyro_rad"))),
@@ -154,7 +157,8 @@ def _motors(topics: Topics, kind: str) -> dict[str, Series]:
         data = topics.get((topic, 0), {})
         if not data:
             continue
-        stamps, found = _stamps(data), {}
+        stamps = _stamps(data)
+        found = {}
         both = topic == "actuator_outputs" and kind == "VTOL"  # motors and servos alike
         for i in range(_MOTORS):
             values = np.asarray(data.get(f"{field}[{i}]", np.nan), float)

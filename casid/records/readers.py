@@ -117,7 +117,8 @@ def read_record(
     """
     if not is_path(path):
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
-    path, column_map = Path(path), ColumnMap.of(column_map)
+    path = Path(path)
+    column_map = ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
         return Record(**checked_fields(read_table(path, column_map), _stem(path), column_map, own, a_span(between)))
 
@@ -178,7 +179,8 @@ def read_each(
             raise InputError(f"{file}: given twice; each record may take part once")
     column_map = ColumnMap.of(column_map)
     stems = [_stem(file) for file in files]
-    read, refused = list[Record](), dict[Path, InputError]()
+    read = list[Record]()
+    refused = dict[Path, InputError]()
     for file in files:
         try:
             record = read_record(file, column_map, own=own, between=between)

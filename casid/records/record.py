@@ -259,7 +259,8 @@ class Record:
             span = f"{self.t[0]:g} to {self.t[-1]:g} s" if len(self) else "no time at all"
             raise InputError(f"record '{self.name}': no sample from {start:g} to {stop:g} s; it has {span}")
         keep = (self.t >= start) & (self.t < stop)
-        channels, t = {k: v[keep] for k, v in self.channels.items()}, self.t[keep]
+        channels = {k: v[keep] for k, v in self.channels.items()}
+        t = self.t[keep]
         events = {k: tuple(one for one in times if t[0] <= one <= t[-1]) for k, times in self.events.items()}
         return self._with(name=name or self.name, t=t, channels=channels, events=events)
 
@@ -350,7 +351,8 @@ def check_radians(record: Record, least: float = 0.0) -> None:
             continue
         beyond = np.flatnonzero(np.abs(values) > limit)
         if len(beyond):
-            unit, degrees = unit_of(name), unit_of(name).replace("rad", "deg")
+            unit = unit_of(name)
+            degrees = unit_of(name).replace("rad", "deg")
             raise InputError(
                 f"record '{record.name}': {name} ({label_of(name)}) is {values[beyond[0]]:.6g} {unit}, more than "
                 f"{limit:.3g}; np.radians converts it, or Record.from_arrays(..., units={{'{name}': '{degrees}'}}), "

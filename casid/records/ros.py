@@ -20,8 +20,13 @@ from casid.records.px4 import flying, of_topics
 from casid.records.table import RawTable
 
 MAGIC = b"\x89MCAP0\r\n"
-_DEPTH, _ELEMENTS, _COLUMNS = 4, 16, 400  # of a message; of an array in it; of all that is kept
-_IMU, _ODOMETRY, _ACTUATORS = "sensor_msgs/msg/Imu", "nav_msgs/msg/Odometry", "actuator_msgs/msg/Actuators"
+# of a message; of an array in it; of all that is kept
+_DEPTH = 4
+_ELEMENTS = 16
+_COLUMNS = 400
+_IMU = "sensor_msgs/msg/Imu"
+_ODOMETRY = "nav_msgs/msg/Odometry"
+_ACTUATORS = "actuator_msgs/msg/Actuators"
 # channel -> (field, factor)
 _BODY = {"p": ("angular_velocity.x", 1.0), "q": ("angular_velocity.y", -1.0), "r": ("angular_velocity.z", -1.0)}
 _BODY |= {"ax": ("linear_acceleration.x", 1.0), "ay": ("linear_acceleration.y", -1.0)}
@@ -34,7 +39,8 @@ _TURNED = {_IMU: "orientation", _ODOMETRY: "pose.pose.orientation"}
 
 def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a ROS 2 bag on the clock of its rates; needs the extra `ros`."""
-    readers, decoders = library("mcap.reader", path, "ros"), library("mcap_ros2.decoder", path, "ros")
+    readers = library("mcap.reader", path, "ros")
+    decoders = library("mcap_ros2.decoder", path, "ros")
 
     def load() -> dict[str, Any]:
         with path.open("rb") as file:
@@ -43,7 +49,8 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
                 try:
                     topics, fault = _messages(make(file, decoder_factories=[decoders.DecoderFactory()]))
                 except Exception as error:  # its head is damaged, or there is no summary
-                    topics, fault = {}, error
+                    topics = {}
+                    fault = error
                 if fault is None:
                     return {"topics": topics, "notes": ()}
         if not topics:
@@ -51,7 +58,8 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
         return {"topics": topics, "notes": ("the bag is cut off or damaged: what comes after that is left out",)}
 
     read = loaded(path, load)
-    topics, damaged = read["topics"], read["notes"]
+    topics = read["topics"]
+    damaged = read["notes"]
     for _, rows in topics.values():
         rows.sort(key=itemgetter("log_time"))
     of_px4 = {(topic.rsplit("/", 1)[-1], 0): _columns(rows) for topic, (kind, rows) in topics.items() if _is_px4(kind)}
@@ -114,7 +122,8 @@ def _of_messages(
     topic: str, kind: str, columns: dict[str, np.ndarray], taken: Mapping[str, Series]
 ) -> dict[str, Series]:
     """Channels of the messages of a topic, and their other numbers by topic and field."""
-    stamps, found = _stamps(columns), dict[str, Series]()
+    stamps = _stamps(columns)
+    found = dict[str, Series]()
     for channel, (field, factor) in _KNOWN.get(kind, {}).items():
         if field in columns and channel not in taken:
             found[channel] = stamps, factor * columns.pop(field)

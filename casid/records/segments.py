@@ -28,12 +28,17 @@ AXES: Mapping[str, str] = {name: axis for movers in _MOVERS for name, axis in mo
 _RATES: Mapping[str, str] = {"pitch": "q", "roll": "p", "yaw": "r"}
 _WINDOW = 1.0  # s: over which activity is measured; inputs of flight tests have steps of 0.2 to 2 s
 _TREND = 15.0  # s: slower changes of a surface are trim
-_QUIET, _PEAK = 0.2, 0.995  # quantiles of activity between and in manoeuvres
+# quantiles of activity between and in manoeuvres
+_QUIET = 0.2
+_PEAK = 0.995
 _DISTINCT = 5.0  # peak over quiet activity from which manoeuvres stand out
 # r.m.s. activity that excites nothing: of a surface, of a command of which 1 is full, of a rate
 _SMALLEST = {"rad": 0.2 * DEGREE, "": 0.01, "rad/s": 2.0 * DEGREE}
 _NOISE = 3.0  # 1-sigmas of noise that quiet activity is at least
-_JOINED, _BEFORE, _AFTER = 3.0, 1.0, 4.0  # s: shorter rests are within a manoeuvre; kept before and after it
+# s: shorter rests are within a manoeuvre; kept before and after it
+_JOINED = 3.0
+_BEFORE = 1.0
+_AFTER = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,14 +149,17 @@ def _joined(record: Record, moving: np.ndarray) -> list[tuple[float, float]]:
     at = np.flatnonzero(moving)
     if not len(at):
         return []
-    t, parts = record.t, np.flatnonzero(np.diff(record.t[at]) > _JOINED)
-    first, last = np.concatenate([[0], parts + 1]), np.concatenate([parts, [len(at) - 1]])
+    t = record.t
+    parts = np.flatnonzero(np.diff(record.t[at]) > _JOINED)
+    first = np.concatenate([[0], parts + 1])
+    last = np.concatenate([parts, [len(at) - 1]])
     edges = [float(t[0]), *(edge for pause in gaps(record) for edge in pause), float(t[-1]) + record.dt]
     spans = []
     for a, b in zip(t[at[first]], t[at[last]], strict=True):
         low = max(edge for edge in edges if edge <= a)
         high = min(edge for edge in edges if edge > b)
-        start, stop = max(float(a) - _BEFORE, low), min(float(b) + _AFTER, high)
+        start = max(float(a) - _BEFORE, low)
+        stop = min(float(b) + _AFTER, high)
         if (
             spans
             and start <= spans[-1][1]

@@ -30,7 +30,9 @@ def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndar
     end = len(raw)
     while end > start and raw[end - 1] in b"\r\n":
         end -= 1
-    values, filled, at = np.empty((raw.count(b"\n", start, end) + 1, width)), 0, start
+    values = np.empty((raw.count(b"\n", start, end) + 1, width))
+    filled = 0
+    at = start
     while at < end:
         stop = end if at + _BLOCK >= end else raw.rfind(b"\n", at, at + _BLOCK)
         if stop <= at:
@@ -40,7 +42,8 @@ def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndar
         if numbers is None:
             return None
         values[filled : filled + len(numbers)] = numbers
-        filled, at = filled + len(numbers), stop + 1
+        filled = filled + len(numbers)
+        at = stop + 1
     return values if filled == len(values) else None
 
 
@@ -173,7 +176,9 @@ _SIMPLE = re.compile(r"[\x00-^`-\x7f]*")  # float() takes more than numbers of a
 
 def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...]) -> RawTable:
     """Numbers of all rows, dates and clocks as seconds from the first; per column the first cell that is neither."""
-    numbers, at, words = array("d"), [], dict[int, list[tuple[int, str]]]()
+    numbers = array("d")
+    at = []
+    words = dict[int, list[tuple[int, str]]]()
     while lines and not lines[-1].strip():
         del lines[-1]
     for line, cells in _rows(path, lines, layout):
@@ -202,7 +207,8 @@ def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...
             if number is None:
                 words.setdefault(column, []).append((len(at) - 1, text))
     values = np.frombuffer(numbers, dtype=float).reshape(-1, layout.width).copy()
-    names, text = layout.names, {}
+    names = layout.names
+    text = {}
     for column, some in words.items():
         seconds = clock_of([cell for _, cell in some])
         if seconds is None:

@@ -57,7 +57,8 @@ def _rank(name: str, against: list[str]) -> int:
 
 
 def _in_words(one: Parameter, against: bool) -> Compared:
-    says, given = one.flight, one.a_priori
+    says = one.flight
+    given = one.a_priori
     unit = "1" if one.unit.startswith("1/") else one.unit
     if not says.determined:
         return Compared(
@@ -96,7 +97,8 @@ def derivatives(document: Document) -> Picture | None:
         ax.axvspan(-stated, stated, color=NOISE, lw=0)
         ax.axvline(0.0, color=MEASURED, lw=1.0)
         for y, one in enumerate(order):
-            at, wide = _deviation(one), abs(100.0 * one.flight.std / one.a_priori)
+            at = _deviation(one)
+            wide = abs(100.0 * one.flight.std / one.a_priori)
             colour = BASELINE if one.name in against else EXTENDED
             if abs(at) > _FURTHEST:
                 edge = math.copysign(_FURTHEST, at)
@@ -119,7 +121,8 @@ def derivatives(document: Document) -> Picture | None:
         for label, one in zip(ax.get_yticklabels(), order, strict=True):
             label.set_fontweight("bold" if one.name in against else "normal")
         ax.grid(axis="y", color=FAINT, lw=0.3)
-        of, witness = document.source, document.witness
+        of = document.source
+        witness = document.witness
         ax.set_xlabel(f"{witness} against the {of} [% of the {of}'s number]")
     worst = next((one for one in order if one.name in against), order[0])
     return Picture(
@@ -179,7 +182,8 @@ def envelope_table(document: Document) -> ReportTable:
     fitted, held = _records(document)
     rows = []
     for name in _QUANTITIES:
-        seen, unseen = _all(fitted, name), _all(held, name)
+        seen = _all(fitted, name)
+        unseen = _all(held, name)
         if not len(seen):
             continue
         outside = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
@@ -198,7 +202,8 @@ def envelope_table(document: Document) -> ReportTable:
 
 
 def _range(values: np.ndarray) -> str:
-    low, high = float(values.min()), float(values.max())
+    low = float(values.min())
+    high = float(values.max())
     places = 3 if max(abs(low), abs(high)) < 1000.0 else 4
     return f"{digits(low, places)} to {digits(high, places)}"
 

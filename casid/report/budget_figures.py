@@ -21,7 +21,9 @@ _DROPS: Mapping[str, tuple[str, str, str]] = {
     "structure (causes)": ("values", "structure", EXTENDED),
     "unexplained": ("structure", "noise", FAINT),
 }
-_BAR, _ROW = 0.21, 0.42  # height of a bar in rows, and of a row in inches
+# height of a bar in rows, and of a row in inches
+_BAR = 0.21
+_ROW = 0.42
 _LEAST = 0.02  # relative change that is drawn
 _MOST = 1e4  # times the noise: a simulation that diverges ends there
 
@@ -56,7 +58,8 @@ def budget(found: Budget, empty: Callable[[float], Figure] = blank) -> Picture:
     handles = [Patch(color=colour) for _, _, colour in _DROPS.values()]
     handles += [Patch(facecolor="white", edgecolor=ALERT, hatch="////"), Line2D([], [], color=MEASURED, ls=":")]
     figure.legend(handles, [*_DROPS, "a step that makes it worse", "noise alone"], loc="outside upper center", ncols=2)
-    names, together = ", ".join(found.records), found.together
+    names = ", ".join(found.records)
+    together = found.together
     return Picture(
         name="budget",
         figure=figure,
@@ -81,7 +84,8 @@ def _row_name(found: Budget, channel: str) -> str:
 def _waterfall(ax: Axes, y: int, steps: BudgetSteps) -> None:
     """The four bars of a row, one below the other, and the error as given in figures."""
     for i, (before, after, colour) in enumerate(_DROPS.values()):
-        high, low = _size(getattr(steps, before)), _size(getattr(steps, after))
+        high = _size(getattr(steps, before))
+        low = _size(getattr(steps, after))
         at = y + _BAR * (i - 1.5)
         if abs(high / low - 1.0) < _LEAST:
             continue

@@ -42,7 +42,8 @@ def shape(cause: ReportedCause) -> Picture | None:
 
     None for a cause that is no aerodynamic term.
     """
-    term, regressor = cause.shape, cause.regressor
+    term = cause.shape
+    regressor = cause.regressor
     if regressor is None or term is None:
         return None
     where = place(cause.enters)
@@ -136,7 +137,8 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
         ax.set_ylabel("[m/s]" if wind else f"missing {at.name}")
         ax.set_xlabel("time t [s]" if one is chosen[-1] else "")
     legend(figure, axes, 2)
-    where, entering = place(station), "at the" if at.kind == "reading" else "as"
+    where = place(station)
+    entering = "at the" if at.kind == "reading" else "as"
     return Picture(
         name=name,
         figure=figure,
@@ -155,7 +157,8 @@ def wind(document: Document) -> Picture | None:
     gusts = document.gusts
     if gusts is None:
         return None
-    record, sigma = gusts.record, gusts.sigma
+    record = gusts.record
+    sigma = gusts.sigma
     figure, axes = stacked([1.6] * len(gusts.velocity), sharey=True)
     for ax, (station, velocity) in zip(axes, gusts.velocity.items(), strict=True):
         ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the turbulence, {sigma:.2g} m/s")
@@ -300,11 +303,13 @@ def _drawn(
 
 def _histories(top, bottom, document: Document, flight: FrequencyResponse) -> None:
     """The reading above, the surface below, in the most informative part of a record."""
-    before, after = document.as_given, document.extended
+    before = document.as_given
+    after = document.extended
     r = worst_record(before, [flight.output])
     record = before.records[r]
     part = telling_window(before, after, [flight.output], r, _SHOWN)
-    t, i = record.t[part], before.outputs.index(flight.output)
+    t = record.t[part]
+    i = before.outputs.index(flight.output)
     curves = {AS_GIVEN: before.output[part, r, i], document.best: after.output[part, r, i]}
     draw_channel(top, flight.output, t, record[flight.output][part], curves)
     bottom.plot(t, channel_scale(flight.input)[0] * record[flight.input][part], color=MEASURED, lw=1.2)

@@ -69,7 +69,8 @@ def _suspected(findings: Sequence[Finding]) -> list[str]:
 
 def _draw(axis: Axes, name: str, pairs: Sequence[tuple[Record, Record]], findings: Sequence[Finding]) -> None:
     factor, unit = channel_scale(name)
-    begin, said = 0.0, set[str]()
+    begin = 0.0
+    said = set[str]()
 
     def once(word: str) -> str:
         """A word for the legend, the first time that it is wanted."""
@@ -84,11 +85,13 @@ def _draw(axis: Axes, name: str, pairs: Sequence[tuple[Record, Record]], finding
         for low, high in (part for one in findings for part in one.intervals_s.get(before.name, ())):
             axis.axvspan(low + shift, high + shift, color=ALERT, alpha=0.3, lw=0.8, label=once("a fault"))
         if name in before:
-            t, old = before.t + shift, factor * before[name]
+            t = before.t + shift
+            old = factor * before[name]
             axis.plot(t, old, color=MEASURED, alpha=0.45, linewidth=1.0, label=once("recorded"))
             if name in after and len(after) == len(before):
                 new = factor * after[name]
-                out, changed = np.isfinite(old) & ~np.isfinite(new), np.isfinite(new) & (old != new)
+                out = np.isfinite(old) & ~np.isfinite(new)
+                changed = np.isfinite(new) & (old != new)
                 if changed.any():
                     axis.plot(t, np.where(changed, new, np.nan), color=EXPLAINED, label=once("corrected"))
                 if out.any():

@@ -50,10 +50,12 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
     with the second where it imitates the first as well as it can."""
     told = found.separation.told
     channel = max(told, key=lambda o: told[o])
-    i, surface = list(told).index(channel), found.manoeuvre.surface
+    i = list(told).index(channel)
+    surface = found.manoeuvre.surface
     (first,), (second,) = found.separation.first.values(), found.separation.second.values()
     names = [effect_name(effect_of(value)) for value in (rivals.first, rivals.second)]
-    t, factor = found.record.t, channel_scale(channel)[0]
+    t = found.record.t
+    factor = channel_scale(channel)[0]
     with settings():
         drawn, (above, middle, below) = stacked([1.3] * 3)
         above.plot(t, channel_scale(surface)[0] * found.record[surface], color=EXPLAINED, label="command")

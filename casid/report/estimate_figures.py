@@ -45,7 +45,8 @@ def histories(
     inputs = inputs or {}
     with settings():
         beside = 2 if max(len(channels), len(inputs)) > 1 else 1
-        above, below = -(-len(channels) // beside), -(-len(inputs) // beside)
+        above = -(-len(channels) // beside)
+        below = -(-len(inputs) // beside)
         figure = empty(1.35 * above + 1.0 * below + 0.7)
         heights = [1.35] * above + [1.0] * below
         axes = figure.subplots(above + below, beside, sharex=True, squeeze=False, height_ratios=heights)

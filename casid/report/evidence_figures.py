@@ -28,7 +28,8 @@ from casid.report.style import (
 )
 from casid.report.words import EVIDENCE, label, place, pretty, quantity
 
-_MOST_INSTRUMENTS, _MOST_PLACES = 16, 10
+_MOST_INSTRUMENTS = 16
+_MOST_PLACES = 10
 _FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
     {
         "named": {"facecolor": EXTENDED, "edgecolor": EXTENDED},
@@ -47,7 +48,8 @@ def ladder(document: Document) -> Picture | None:
     several = len({one.round for one in rows}) > 1
     figure = blank(0.34 * len(rows) + 1.7)
     ax = figure.subplots()
-    held_out, faces = [], []
+    held_out = []
+    faces = []
     for y, trial in enumerate(rows):
         faces.append(_face(trial))
         ax.barh(y, max(trial.statistic, 1.0), 0.7, **faces[-1])
@@ -71,7 +73,8 @@ def ladder(document: Document) -> Picture | None:
         words.append("the same on held-out records")
     handles.append(Line2D([], [], color=MEASURED, ls=":"))
     figure.legend(handles, [*words, "least statistic for a name"], loc="outside upper center", ncols=2)
-    best, name = rows[0], pretty(rows[0].title)
+    best = rows[0]
+    name = pretty(rows[0].title)
     return Picture(
         name="ladder",
         figure=figure,
@@ -109,14 +112,16 @@ def _held_out(document: Document, trial: Tried) -> float | None:
 
 def missing(document: Document) -> Picture:
     """Likelihood-ratio statistics of latent inputs at the ports where they are largest, before naming and after."""
-    before, after = document.missing_before, document.missing_after
+    before = document.missing_before
+    after = document.missing_after
     unexplained = [one.station for one in document.unexplained if one.fitted][:1]
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     figure = blank(0.36 * len(order) + 1.4)
     ax = figure.subplots()
     extended = bool(document.causes)
-    y, height = np.arange(len(order)), 0.38 if extended else 0.7
+    y = np.arange(len(order))
+    height = 0.38 if extended else 0.7
     ax.barh(
         y - (height / 2 if extended else 0),
         [max(before[s], 1.0) for s in order],
@@ -215,12 +220,14 @@ _BAR = 0.04  # height of the scale of colours over that of the panels
 
 def heatmap(document: Document) -> Picture | None:
     """Channel by frequency, before and after."""
-    edges, outputs = document.as_given.bands, document.as_given.outputs
+    edges = document.as_given.bands
+    outputs = document.as_given.outputs
     views = [("file as given", document.as_given), (document.best, document.extended)]
     figure = blank(0.27 * len(outputs) + 1.8)
     grid = figure.add_gridspec(2, len(views), height_ratios=(1.0, _BAR))
     axes = [figure.add_subplot(grid[0, k]) for k in range(len(views))]
-    image, energies = None, []
+    image = None
+    energies = []
     for ax, (title, view) in zip(axes, views, strict=True):
         energies.append(view.energy)
         image = ax.imshow(np.clip(view.energy, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))

@@ -56,7 +56,8 @@ def whole_folder(folder: str | Path) -> Iterator[Path]:
         what = "a link" if target.is_symlink() else "a file"
         raise InputError(f"{folder}: cannot be written to: is {what}; choose another --out")
     made = [place for place in target.parents if not place.exists()]  # the deepest first
-    fixed, lock = _cannot_be_renamed(target), None
+    fixed = _cannot_be_renamed(target)
+    lock = None
     temporary = (target if fixed else target.parent) / f".{target.name}-{secrets.token_hex(8)}"
     try:
         try:
@@ -179,7 +180,8 @@ def _exchanged(one: Path, other: Path) -> bool:
 def _move_in(temporary: Path, target: Path) -> None:
     """Move the files of a folder into another one, those of the same names out; back again where that fails."""
     (temporary / _UNFINISHED).unlink()
-    new, old = [item.name for item in temporary.iterdir()], temporary / _UNFINISHED
+    new = [item.name for item in temporary.iterdir()]
+    old = temporary / _UNFINISHED
     (temporary / _PLAN).write_text("\0".join(new), encoding="utf-8")
     old.mkdir()
     try:

@@ -38,7 +38,9 @@ PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType
         "lateral": (("delta_a", "delta_r"), ("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
     }
 )
-_ROW, _INPUT_ROW = 0.62, 0.5  # inches
+# inches
+_ROW = 0.62
+_INPUT_ROW = 0.5
 _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _POINTS = 1500  # of a line over all records: more than its pixels
@@ -81,13 +83,15 @@ def _pieces(document: Document) -> list[Piece]:
         (document.held_out_as_given, document.held_out_extended, True),
     )
     every = [(before, after, r, held) for before, after, held in views for r in range(len(before.records))]
-    chosen, room = set(), _LONGEST
+    chosen = set()
+    room = _LONGEST
     for k in sorted(range(len(every)), key=lambda k: (not every[k][3], -_wrong(every[k][0], every[k][2]))):
         length = every[k][0].records[every[k][2]].duration
         if length <= room or not chosen:
             chosen.add(k)
             room -= length
-    found, begin = [], 0.0
+    found = []
+    begin = 0.0
     for before, after, r, held in (every[k] for k in sorted(chosen)):
         record = before.records[r]
         found.append(Piece(record=record, begin=begin, number=r, before=before, after=after, held=held))
@@ -172,16 +176,21 @@ def _input(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -
 
 
 def _output(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
-    factor, low, high = channel_scale(name)[0], np.inf, -np.inf
+    factor = channel_scale(name)[0]
+    low = np.inf
+    high = -np.inf
     for one in pieces:
-        n, i, thin = len(one.record), one.before.outputs.index(name), _thin(one.t, pieces)
+        n = len(one.record)
+        i = one.before.outputs.index(name)
+        thin = _thin(one.t, pieces)
         read = one.record[name]
         before, after = (view.output[:n, one.number, i] for view in (one.before, one.after))
         draw_channel(axis, name, one.t[thin], read[thin], {AS_GIVEN: before[thin], document.best: after[thin]})
         for series in (read, after):
             inside = factor * series[np.isfinite(series)]
             if len(inside):
-                low, high = min(low, float(inside.min())), max(high, float(inside.max()))
+                low = min(low, float(inside.min()))
+                high = max(high, float(inside.max()))
     _follow(axis, low, high)
 
 
@@ -218,8 +227,10 @@ def telling_channels(before: Simulated, after: Simulated, count: int) -> list[st
 
 def histories(document: Document) -> Picture:
     """Measured, as given and by the best model in one held-out record."""
-    before, after = document.held_out_as_given, document.held_out_extended
-    old, new = misfit(before), misfit(after)
+    before = document.held_out_as_given
+    after = document.held_out_extended
+    old = misfit(before)
+    new = misfit(after)
     channels = sorted(old, key=lambda o: new[o] - old[o])[:3]
     r = worst_record(before, channels)
     record = before.records[r]
@@ -263,7 +274,8 @@ def flown_again(document: Document) -> Iterator[Picture]:
     for r, record in enumerate(document.held_out_as_given.records[:_RECORDS]):
         view = document.held_out_as_given
         outputs = [name for name in view.outputs if name in record]
-        at, inputs = view.index(outputs), {name: record[name] for name in view.inputs}
+        at = view.index(outputs)
+        inputs = {name: record[name] for name in view.inputs}
         flown = {label: view.output[: len(record), r][:, at] for label, view in views.items()}
         curves = {label: one if np.isfinite(one).all() else np.full_like(one, np.nan) for label, one in flown.items()}
         picture = estimate_figures.histories(
@@ -313,7 +325,8 @@ def _within(values: np.ndarray) -> np.ndarray:
 def residuals(document: Document, channels: list[str] | None = None, name: str = "residuals") -> Picture:
     """Residual over its noise in a fitted record: before (re-estimated where causes were found: what new values explain
     does not point to a cause), what the causes explain of it, and what is left."""
-    before, after = document.refitted if document.causes else document.as_given, document.extended
+    before = document.refitted if document.causes else document.as_given
+    after = document.extended
     wrong_by = "re-estimated model" if document.causes else AS_GIVEN
     channels = channels or telling_channels(before, after, 3)
     r = worst_record(before, channels)
@@ -321,7 +334,8 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
     n = len(record)
     figure, axes = stacked([1.85] * len(channels))
     for ax, channel in zip(axes, channels, strict=True):
-        i, noise = before.outputs.index(channel), before.channels[channel].noise
+        i = before.outputs.index(channel)
+        noise = before.channels[channel].noise
         wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
         ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
         ax.plot(record.t, wrong, color=BASELINE, label=f"error of the {wrong_by}")

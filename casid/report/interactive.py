@@ -24,10 +24,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 _CODES = 32000  # levels of a curve, more than the pixels of any screen
-_NO_VALUE, _NOT_SAMPLED = -32768, -32767
+_NO_VALUE = -32768
+_NOT_SAMPLED = -32767
 _POINTS = 4000  # of a curve: beyond, the least and the largest value of each stretch
 _FEWEST = 3  # points of a line: fewer are marks
-_PIXELS_PER_INCH, _LEAST_PIXELS = 88.0, 92.0
+_PIXELS_PER_INCH = 88.0
+_LEAST_PIXELS = 92.0
 _ENDS = 2
 
 
@@ -144,7 +146,8 @@ def _thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(x) <= _POINTS:
         return x, y
     edges = np.linspace(0, len(x), _POINTS // 2 + 1).astype(int)
-    low, high = np.where(np.isfinite(y), y, np.inf), np.where(np.isfinite(y), y, -np.inf)
+    low = np.where(np.isfinite(y), y, np.inf)
+    high = np.where(np.isfinite(y), y, -np.inf)
     keep = {
         place
         for first, last in zip(edges[:-1], edges[1:], strict=True)
@@ -179,11 +182,13 @@ def _coded(x: np.ndarray, own: np.ndarray, y: np.ndarray) -> dict[str, Any]:
 
 def _shaded(axis: Axes) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray, str]], list[dict[str, Any]]]:
     """Take bands about curves (x, low, high, colour), and spans from one x to another."""
-    bands, spans = [], []
+    bands = []
+    spans = []
     for one in axis.collections:
         if not isinstance(one, PolyCollection):
             continue
-        on_data, colour = _on_data(axis, one), _rgba(one.get_facecolor()[0])
+        on_data = _on_data(axis, one)
+        colour = _rgba(one.get_facecolor()[0])
         found = [_edges(np.asarray(path.vertices)) for path in one.get_paths()]
         if all(on_data):
             found = [edges for edges in found if len(edges[0]) >= _FEWEST]
@@ -203,7 +208,8 @@ def _shaded(axis: Axes) -> tuple[list[tuple[np.ndarray, np.ndarray, np.ndarray, 
 def _edges(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Take places, lower and upper edge of a polygon between two curves."""
     x, places = np.unique(corners[:, 0], return_inverse=True)
-    low, high = np.full(len(x), np.inf), np.full(len(x), -np.inf)
+    low = np.full(len(x), np.inf)
+    high = np.full(len(x), -np.inf)
     np.minimum.at(low, places, corners[:, 1])
     np.maximum.at(high, places, corners[:, 1])
     return x, low, high

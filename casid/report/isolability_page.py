@@ -20,7 +20,9 @@ from casid.signals import label_of
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
 _GAIN = 5e-4  # of the probability of being right, which is told to a tenth of a per cent
-_SURE, _HARDLY = 0.95, 0.05  # of flights: rightly named above, detected below
+# of flights: rightly named above, detected below
+_SURE = 0.95
+_HARDLY = 0.05
 _APART = "Detected and rightly named in more than 95 % of flights"
 _UNSEEN = "Detected in less than 5 % of flights at the size that matters; in brackets the smallest size that shows"
 _MOST = 48  # causes in the matrix: more cannot be read

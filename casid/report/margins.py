@@ -83,8 +83,11 @@ class _Panel:
 
     def measured(self, renderer: RendererBase) -> _Room:
         """What stands out of it now."""
-        panel, point = self.ax.get_window_extent(), float(np.asarray(renderer.points_to_pixels(1.0)))
-        reach, labels, texts = np.zeros(4), np.zeros(4), np.zeros(4)
+        panel = self.ax.get_window_extent()
+        point = float(np.asarray(renderer.points_to_pixels(1.0)))
+        reach = np.zeros(4)
+        labels = np.zeros(4)
+        texts = np.zeros(4)
         for axis in (self.ax.xaxis, self.ax.yaxis):
             side = _SIDES[axis.get_label_position()]
             axis.set_label_coords(*axis.label.get_position())  # else matplotlib measures all numbers to find a place
@@ -106,8 +109,11 @@ class _Panel:
 
     def put_labels(self, reach: np.ndarray) -> None:
         """Place the labels of its axes as far out as that [pixels]."""
-        panel, x, y = self.ax.get_window_extent(), self.ax.xaxis, self.ax.yaxis
-        above, right = x.get_label_position() == "top", y.get_label_position() == "right"
+        panel = self.ax.get_window_extent()
+        x = self.ax.xaxis
+        y = self.ax.yaxis
+        above = x.get_label_position() == "top"
+        right = y.get_label_position() == "right"
         x.set_label_coords(0.5, 1.0 + reach[_ABOVE] / panel.height if above else -reach[_BELOW] / panel.height)
         y.set_label_coords(1.0 + reach[_RIGHT] / panel.width if right else -reach[_LEFT] / panel.width, 0.5)
 
@@ -131,7 +137,8 @@ def _line_up(panels: Sequence[_Panel], around: Sequence[_Room]) -> None:
 
 def _between_legends(fig: Figure, renderer: RendererBase) -> tuple[float, float]:
     """(bottom, top) of what legends of the figure leave [pixels]."""
-    bottom, top = 0.0, fig.bbox.height
+    bottom = 0.0
+    top = fig.bbox.height
     for legend in fig.legends:
         box = legend.get_window_extent(renderer)
         if box.y0 + box.y1 > fig.bbox.height:
@@ -144,9 +151,13 @@ def _between_legends(fig: Figure, renderer: RendererBase) -> tuple[float, float]
 def _place(fig: Figure, panels: Sequence[_Panel], room: Sequence[np.ndarray], inside: tuple[float, float]) -> None:
     """Share out the figure, less the room around each row and column, in the proportions of the grid."""
     grid, pad, (bottom, top) = panels[0].spec.get_gridspec(), _PAD * fig.dpi, inside
-    left, right, above, below = np.zeros(grid.ncols), np.zeros(grid.ncols), np.zeros(grid.nrows), np.zeros(grid.nrows)
+    left = np.zeros(grid.ncols)
+    right = np.zeros(grid.ncols)
+    above = np.zeros(grid.nrows)
+    below = np.zeros(grid.nrows)
     for one, needed in zip(panels, room, strict=True):
-        columns, rows = one.spec.colspan, one.spec.rowspan
+        columns = one.spec.colspan
+        rows = one.spec.rowspan
         for side, most, place in (
             (_LEFT, left, columns.start),
             (_RIGHT, right, columns.stop - 1),
@@ -157,7 +168,8 @@ def _place(fig: Figure, panels: Sequence[_Panel], room: Sequence[np.ndarray], in
     x0, x1 = _shared(fig.bbox.width, grid.get_width_ratios(), left, right, pad)
     y1, y0 = (top - y for y in _shared(top - bottom, grid.get_height_ratios(), above, below, pad))
     for one in panels:
-        columns, rows = one.spec.colspan, one.spec.rowspan
+        columns = one.spec.colspan
+        rows = one.spec.rowspan
         corners = x0[columns.start], y0[rows.stop - 1], x1[columns.stop - 1], y1[rows.start]
         one.ax.set_position(Bbox.from_extents(*corners).transformed(fig.transFigure.inverted()))
         one.ax.set_in_layout(True)  # which `set_position` undoes

@@ -98,12 +98,15 @@ def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
 def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> None:
     """In the unit of the tolerance of the time history; without one, in that which people read."""
     factor, unit = channel_scale(name) if row is None else (1.0 / row.factor, row.unit)
-    t, curve = one.flight.t, one.flight.curves[name]
-    inside, limit = np.zeros(len(t), dtype=bool), np.zeros(len(t))
+    t = one.flight.t
+    curve = one.flight.curves[name]
+    inside = np.zeros(len(t), dtype=bool)
+    limit = np.zeros(len(t))
     if row is not None:
         inside = span(row, t, one.window)
         limit = np.broadcast_to(row.limit(curve, float(np.abs(curve[inside]).max(initial=0.0))), curve.shape)
-        low, high = factor * (curve - limit)[inside], factor * (curve + limit)[inside]
+        low = factor * (curve - limit)[inside]
+        high = factor * (curve + limit)[inside]
         axis.fill_between(t[inside], low, high, color=NOISE, lw=0, label="tolerance")
     _dots(axis, t, factor * one.flight.samples[name])
     axis.plot(t, factor * curve, color=MEASURED, lw=2.6, alpha=0.45, label="flight")
@@ -113,8 +116,11 @@ def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> 
             continue
         colour, dash = _LINES[label]
         axis.plot(t, factor * simulated, dash, color=colour, lw=1.3, label=label)
-        out, foot = inside & (np.abs(simulated - curve) > limit), 0.012 + 0.03 * place
-        low, high, across = np.full(len(t), foot), foot + 0.024, axis.get_xaxis_transform()
+        out = inside & (np.abs(simulated - curve) > limit)
+        foot = 0.012 + 0.03 * place
+        low = np.full(len(t), foot)
+        high = foot + 0.024
+        across = axis.get_xaxis_transform()
         axis.fill_between(t, low, high, where=out.tolist(), color=colour, lw=0, transform=across)
     axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
     axis.set_ylabel(_label(told(name), unit), fontsize=9.0)
@@ -137,7 +143,8 @@ def _inside(one: MatchedTest, name: str) -> np.ndarray:
 
 def _surfaces(axis: Axes, one: MatchedTest) -> None:
     """Surfaces as flown, and with what a controller added to the last simulation."""
-    added, corrected = list(one.sides.values())[-1].flown.corrections, "with corrections"
+    added = list(one.sides.values())[-1].flown.corrections
+    corrected = "with corrections"
     for name, colour in zip(SURFACES, (RECORD_COLOURS[2], RECORD_COLOURS[3], RECORD_COLOURS[4]), strict=True):
         if name not in one.record:
             continue
@@ -358,7 +365,8 @@ def _rows(
     rows = []
     for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
         for label, side in one.sides.items():
-            check, first = side.checks[row], label == next(iter(one.sides))
+            check = side.checks[row]
+            first = label == next(iter(one.sides))
             head = (check.tolerance.words, _limit_in_words(one, check.tolerance)) if first else ("", "")
             own = (*head, *cells(label, check, first), _used(check.used), _outcome(check))
             rows.append(Row(cells=own, marked=check.passed is False))
@@ -399,7 +407,8 @@ def _outcome(check: Check) -> str:
 
 def _costs(one: MatchedTest) -> ReportTable:
     """How much of each tolerance is used with all parts, and without each that costs one."""
-    names, words = [row.name for row in one.test.tolerances], {row.name: row.words for row in one.test.tolerances}
+    names = [row.name for row in one.test.tolerances]
+    words = {row.name: row.words for row in one.test.tolerances}
     rows = []
     for cost in (each for each in one.costs if each.lost):
         lost = ", ".join(words[name] for name in cost.lost)

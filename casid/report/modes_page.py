@@ -26,7 +26,8 @@ from casid.report.style import (
 from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, quantity, with_std
 
-_FAST, _SLOW = ("short period", "dutch roll", "roll"), ("phugoid", "spiral")
+_FAST = ("short period", "dutch roll", "roll")
+_SLOW = ("phugoid", "spiral")
 _CURVES = ("delta_e", "alpha", "thrust")
 
 
@@ -79,7 +80,8 @@ def _draw_eigenvalues(figure: Any, found: Mapping[str, Handbook]) -> None:
             for name, mode in one.modes.items():
                 if name not in group:
                     continue
-                re, im = mode.eigenvalue.real, mode.eigenvalue.imag
+                re = mode.eigenvalue.real
+                im = mode.eigenvalue.imag
                 spread = [2.0 * s if np.isfinite(s) else 0.0 for s in mode.eigenvalue_std]
                 ax.errorbar(
                     [re],
@@ -109,8 +111,10 @@ def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
     for ax, name in zip(axes, _CURVES, strict=True):
         factor = channel_scale(name)[0]
         for k, (label, one) in enumerate(found.items()):
-            curves, colour = one.trim_curves, RECORD_COLOURS[k % len(RECORD_COLOURS)]
-            value, spread = factor * curves.values[name], 2.0 * factor * np.nan_to_num(curves.std[name])
+            curves = one.trim_curves
+            colour = RECORD_COLOURS[k % len(RECORD_COLOURS)]
+            value = factor * curves.values[name]
+            spread = 2.0 * factor * np.nan_to_num(curves.std[name])
             ax.fill_between(curves.V, value - spread, value + spread, color=colour, alpha=0.18, lw=0)
             ax.plot(curves.V, value, color=colour, label=label)
             ax.axvline(one.flight["V"], color=colour, linewidth=0.9, linestyle=":")

@@ -71,7 +71,9 @@ def _in_question(one: Question) -> str:
 
 
 def _separating(number: int, one: Separating) -> Proposal:
-    rivals, best, limits = one.rivals, one.best, one.limits
+    rivals = one.rivals
+    best = one.best
+    limits = one.limits
     return Proposal(
         open=_in_question(one.question),
         fly=manoeuvre_in_words(best),
@@ -127,7 +129,9 @@ def _std(value: float) -> str:
 
 
 def _exciting(number: int, of: Exciting) -> Proposal:
-    wanted, best, experiment = of.wanted, of.best, of.experiment
+    wanted = of.wanted
+    best = of.best
+    experiment = of.experiment
     names = ", ".join(one.name for one in wanted)
     shown = [*experiment.surfaces, *experiment.limits]
     rows = tuple(

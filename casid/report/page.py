@@ -48,7 +48,8 @@ class Gained:
 
 def gained(document: Document) -> Gained:
     """Of the open-loop simulation, from the file as given to the best model."""
-    ratio, labels = document.rms_ratio, document.budget.labels
+    ratio = document.rms_ratio
+    labels = document.budget.labels
     errors = ", ".join(
         f"{one.record}{' (held out)' if one.held_out else ''} {_multiple(one.as_given)} → {_multiple(one.left)}"
         for one in document.budget.by_record
@@ -77,8 +78,10 @@ _MOST = 3  # places where something is unexplained that have pictures of their o
 def pictures(document: Document, failed: list[str] | None = None) -> dict[str, Picture]:
     """Name -> picture, the one most convincing for this verdict first. Those that cannot be drawn are added to `failed`
     with the error; without such a list it is raised."""
-    ladder_, ambiguity_ = partial(ladder, document), partial(ambiguity, document)
-    budget_, derivatives_ = partial(budget, document.budget), partial(derivatives, document)
+    ladder_ = partial(ladder, document)
+    ambiguity_ = partial(ambiguity, document)
+    budget_ = partial(budget, document.budget)
+    derivatives_ = partial(derivatives, document)
     if not document.of_aeroplane:
         makers = [
             partial(rotors_from_above, document),
@@ -243,7 +246,8 @@ def write_report(
     else:
         document = require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)").document()
     made_with = provenance() if made_with is None else made_with
-    following, failed = NextFlights(proposals=(), beyond=()), list(document.failed)
+    following = NextFlights(proposals=(), beyond=())
+    failed = list(document.failed)
     with noting(failed, "next flight"):
         following = next_flights(document)
     shown = pictures(document, failed) | {one.picture.name: one.picture for one in following.proposals}
@@ -350,7 +354,8 @@ def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, Repor
 
 def _headline(document: Document) -> Headline:
     """Several causes become a list, and what follows them the sentence."""
-    rest, told = document.headline, []
+    rest = document.headline
+    told = []
     for cause in document.causes:
         if cause.statement in rest:
             rest = rest.replace(cause.statement, "", 1)
@@ -362,7 +367,8 @@ def _headline(document: Document) -> Headline:
 
 
 def _facts(document: Document) -> str:
-    view, held = document.refitted, document.held_out_as_given
+    view = document.refitted
+    held = document.held_out_as_given
     fitted = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in view.records)
     unseen = ", ".join(f"{r.name} ({r.duration:.0f} s)" for r in held.records)
     count = f"{view.samples:,}".replace(",", " ")

@@ -71,7 +71,8 @@ def progress(quiet: bool = False, course: Course | None = None) -> Iterator[Call
 
     If `quiet` it says nothing.
     """
-    console, start = Console(), time.perf_counter()
+    console = Console()
+    start = time.perf_counter()
 
     def line(stage: str) -> str:
         return stage if course is None or ":" in stage else course.line(stage, time.perf_counter() - start)

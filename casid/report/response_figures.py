@@ -82,7 +82,8 @@ def draw_gain_and_phase(
     gain: Axes, phase: Axes, flight: FrequencyResponse, models: Mapping[str, np.ndarray], label: str = "flight"
 ) -> None:
     """Flight with its error of two standard deviations, and models by label."""
-    omega, error = flight.omega, np.minimum(_SIGMAS * flight.random_error, 0.999)
+    omega = flight.omega
+    error = np.minimum(_SIGMAS * flight.random_error, 0.999)
     shown = np.where(flight.usable, 1.0, np.nan)
     for ax, values, low, high in (
         (gain, flight.gain_db, 20.0 * np.log10(1.0 - error), 20.0 * np.log10(1.0 + error)),
@@ -117,7 +118,8 @@ def draw_coherence(ax: Axes, flight: FrequencyResponse) -> None:
 
 
 def _draw_mismatch(gain: Axes, phase: Axes, comparison: ResponseComparison) -> None:
-    flight, envelope = comparison.flight, comparison.envelope
+    flight = comparison.flight
+    envelope = comparison.envelope
     shown = np.where(flight.usable, 1.0, np.nan)
     for ax in (gain, phase):
         _grey(ax, flight)
@@ -206,7 +208,8 @@ def plot(fit: ResponseFit) -> Figure:
         axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False)
         for k, label in enumerate(labels):
             gain, phase = (axes[2 * (k // columns) + part, k % columns] for part in (0, 1))
-            one, fitted = fit.responses[label], fit.fitted[label]
+            one = fit.responses[label]
+            fitted = fit.fitted[label]
             turn = 360.0 * np.round(np.mean(phase_deg(one.response) - phase_deg(fitted)) / 360.0)
             for ax, measured, model in (
                 (gain, gain_db(one.response), gain_db(fitted)),

@@ -25,17 +25,21 @@ def rotors_from_above(document: Document) -> Picture | None:
     places = np.array([(one.position[1], one.position[0]) for one in rotors.each])
     size = max(float(np.max(np.hypot(*places.T))), 1e-6)
     against = {one.parameter for one in document.contradicted}
-    told, low, high = [], np.inf, -np.inf
+    told = []
+    low = np.inf
+    high = -np.inf
     with settings():
         figure = blank(4.6)
         ax = figure.subplots()
         for (x, y), one in zip(places, rotors.each, strict=True):
             thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
-            mean, name = one.effectiveness * float(np.mean(thrust)), effectiveness(one.name)
+            mean = one.effectiveness * float(np.mean(thrust))
+            name = effectiveness(one.name)
             says = document.flight[name]
             cause = named.get(one.name)
             value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
-            changed, wide = 100.0 * value, 100.0 * std / (1.0 if cause else one.effectiveness)
+            changed = 100.0 * value
+            wide = 100.0 * std / (1.0 if cause else one.effectiveness)
             colour = BASELINE if cause or name in against else EXTENDED
             ax.plot([0.0, x], [0.0, y], color=FAINT, lw=3, zorder=1)
             ax.add_patch(Circle((x, y), 0.42 * size, facecolor="white", edgecolor=colour, lw=2, zorder=2))
@@ -45,7 +49,8 @@ def rotors_from_above(document: Document) -> Picture | None:
             text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
             ax.text(x, y, text, ha="center", va="center", fontsize=10.5, color=MEASURED, zorder=3)
             told.append(f"{one.name} {f'{changed:+.0f} per cent' if cause or says.determined else 'as stated'}")
-            low, high = min(low, y), max(high, y)
+            low = min(low, y)
+            high = max(high, y)
         top = high + 0.62 * size
         ax.annotate("front", (0.0, top), (0.0, top - 0.4 * size), arrowprops={"arrowstyle": "->"}, ha="center")
         ax.set_xlim(-1.6 * size, 1.6 * size)

@@ -23,12 +23,19 @@ from casid.report.margins import Margins
 from casid.signals import unit_of
 
 # Okabe and Ito, Color Universal Design (2008)
-MEASURED, BASELINE, EXTENDED, EXPLAINED = "#222222", "#D55E00", "#0072B2", "#009E73"
-NOISE, FAINT, ALERT = "#DDDDDD", "#9A9A9A", "#CC79A7"
+MEASURED = "#222222"
+BASELINE = "#D55E00"
+EXTENDED = "#0072B2"
+EXPLAINED = "#009E73"
+NOISE = "#DDDDDD"
+FAINT = "#9A9A9A"
+ALERT = "#CC79A7"
 RECORD_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 RECORD_MARKERS = ("o", "s", "^", "D", "v", "P")
 CURVES = ((BASELINE, "--"), (EXTENDED, "-"), (EXPLAINED, "-."), ("#CC79A7", ":"))  # of models, the first as given
-WIDTH, WIDE = 5.6, 8.2  # inches; a page shows them up to 40 and 46 rem wide
+# inches; a page shows them up to 40 and 46 rem wide
+WIDTH = 5.6
+WIDE = 8.2
 _AROUND = 0.7  # inches above and below stacked panels
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC: Mapping[str, Any] = MappingProxyType(

@@ -240,7 +240,8 @@ def remarks(document: Document) -> list[str]:
 
 def derivatives(document: Document) -> ReportTable:
     """Every number as given, by the records, and how far the two are apart; contradicted ones first."""
-    of, witness = document.source, document.witness
+    of = document.source
+    witness = document.witness
     rows = tuple(
         Row(
             cells=(

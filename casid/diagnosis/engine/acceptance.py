@@ -70,7 +70,8 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
 
     `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
     """
-    criteria, alone = fitted.criteria, confirmed or one.effect.of_an_instrument
+    criteria = fitted.criteria
+    alone = confirmed or one.effect.of_an_instrument
     clear = gates.clear_gain(one.effect, criteria, fitted.flight.noise_by_fit)
     bounds = (*gates.possible(one), *gates.remembered(one, float(np.median(fitted.batch.dt))))
     found = (*gates.clear_size(share, statistic, clear, criteria, alone), *bounds)
@@ -148,7 +149,8 @@ class _Seen:
         """The gate on what may still be missing at the reading of a confirmed cause, by the kinematics: what is missing
         of the aerodynamics does not look like a drift there.
         """
-        was, left = self.was[station], self.left[station]
+        was = self.was[station]
+        left = self.left[station]
         if self.kinematic:
             was, left = (missing_at(one, [station])[0].gain for one in self.kinematic)
         return gates.still_missing(was, left, self.criteria, where=f" at {Station.at(station).words}")
@@ -286,7 +288,8 @@ def _in_fewer_records(first: Trial, trials: Sequence[Trial], criteria: Criteria)
 
     A cause that shows only as a difference between records is taken to be in the fewer of them.
     """
-    records, near = len(first.candidate.attached.records), equivalence(first.gain.raw, criteria)
+    records = len(first.candidate.attached.records)
+    near = equivalence(first.gain.raw, criteria)
     same = [t for t in trials if t.effect.name == first.effect.name and first.gain.total - t.gain.total < near]
     return [t for t in same if 0 < len(t.candidate.attached.records) < records]
 
@@ -363,7 +366,8 @@ def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
     The distance is infinite if the fingerprints of the two are unrelated.
     """
     by = criteria.naming
-    angle, behind = sine(best, trial), best.gain.total - trial.gain.total
+    angle = sine(best, trial)
+    behind = best.gain.total - trial.gain.total
     disputed = trial.check.confirmed and trial.gain.total > best.gain.total
     if best.check.confirmed and trial.check.judges and not disputed:
         behind = max(behind, best.check.gain - trial.check.gain, np.inf if trial.check.doubtful else 0.0)
@@ -385,7 +389,8 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
     """Trials of a round that may replace its leader: all that look alike, and a few that explain nearly as much in
     nearly the same way.
     """
-    best, by = round_.leader, criteria.naming
+    best = round_.leader
+    by = criteria.naming
     possible = [t for t in round_.rivals if t.meaningful and not t.refuted]
     alike = [t for t in possible if look_alike(t.effect, best.effect)]
     near = [t for t in possible if t.gain.total > by.rival * best.gain.total and sine(best, t) < by.unrelated]
@@ -399,8 +404,10 @@ def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:
     worth. It predicts nothing of an effect that is not linear in its size, or has other values, nor of a rival term,
     which is model discrepancy too.
     """
-    named, slots = best.candidate.attached, [slot.name for slot in evidence.fit.slots]
-    one, criteria = rival.candidate.attached, evidence.criteria
+    named = best.candidate.attached
+    slots = [slot.name for slot in evidence.fit.slots]
+    one = rival.candidate.attached
+    criteria = evidence.criteria
     linear = all(a.effect.linear and set(a.values) == {"value"} for a in (one, named))
     if one.effect.regressor or not linear or named.name not in slots:
         return True
@@ -418,7 +425,9 @@ def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:
 
 def sine(one: Trial, other: Trial) -> float:
     """Sine of the angle between two fingerprints; 1 if one of the trials was not fitted."""
-    a, b = one.fingerprint.astype(float), other.fingerprint.astype(float)  # the sine of a small angle needs all digits
+    # the sine of a small angle needs all digits
+    a = one.fingerprint.astype(float)
+    b = other.fingerprint.astype(float)
     if a.size != b.size:
         return 1.0
     cosine = float(a @ b) / max(float(np.linalg.norm(a) * np.linalg.norm(b)), 1e-300)
@@ -457,7 +466,8 @@ def _response(trial: Trial) -> np.ndarray:
 
 def _difference(one: Trial, other: Trial) -> np.ndarray:
     """The difference of the whitened responses to two causes, with the sign at which they are most alike."""
-    a, b = _response(one), _response(other)
+    a = _response(one)
+    b = _response(other)
     return a - np.copysign(1.0, a @ b) * b if a.size == b.size else np.zeros(0)
 
 

@@ -86,7 +86,8 @@ def baseline_in_time(flight: Flight, known: Sequence[Attached], say: Callable[[s
     """`baseline_of` as far as there is time, or until Ctrl-C: without time for the kinematics, or for a fit in
     turbulence, the air is taken to be calm."""
     calm = _refitted(flight, known, say)
-    limit, found = calm.flight.limit, None
+    limit = calm.flight.limit
+    found = None
     try:
         with limit.cutting():
             found = _kinematics_of(calm, known, say)
@@ -118,7 +119,8 @@ def _refitted(flight: Flight, known: Sequence[Attached], say: Callable[[str], No
     if is_far(calm, flight.criteria.given.fails**2):
         without = unread(flight)
         if without.noise_by_fit and not comes_near(flight, known):
-            flight, calm = without, fit(without, known, without.noise(), extent="first")
+            flight = without
+            calm = fit(without, known, without.noise(), extent="first")
     return as_inputs_run(in_colour(without_outliers(calm)))
 
 
@@ -135,7 +137,8 @@ def _kinematics_of(calm: FlightFit, known: Sequence[Attached], say: Callable[[st
 def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
     """The baseline of a re-estimated file and the result of its kinematic check."""
     structure = [*demanded_structure(calm), *found.nuisance]
-    structured, moving = calm, found.turbulence
+    structured = calm
+    moving = found.turbulence
     if structure:
         calm.forget()  # the arrays of one model are enough to hold
         structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm))
@@ -177,7 +180,8 @@ def demanded_structure(base: FlightFit) -> list[Attached]:
         for term in _EXPECTED.get(coefficient, ())
         if (coefficient, term) not in present
     ]
-    judge, found = Screen(weigh(base, discrepancy=False)), []
+    judge = Screen(weigh(base, discrepancy=False))
+    found = []
     everywhere = np.ones((1, len(base.batch.names)))
     for one in fingerprints(judge.evidence, effects):
         statistic, size, _, _ = judge.score([one], everywhere)

@@ -50,11 +50,13 @@ def worth_trying(
     screened   name of a cause that is not fitted -> its gates, of which one failed
     """
     criteria = base.criteria
-    trials, few = criteria.numerics.naming.trials, criteria.numerics.naming.further_trials
+    trials = criteria.numerics.naming.trials
+    few = criteria.numerics.naming.further_trials
     first, *others_ranked = rankings
     chosen, screened = _best_few(base, kinematic, first, trials)
     switching, others = _best_few(base, None, switches, 1)
-    chosen, screened = [*chosen, *switching], {**others, **screened}
+    chosen = [*chosen, *switching]
+    screened = {**others, **screened}
     for ranking in others_ranked:
         before = tuple(chosen)
         further, others = _best_few(base, kinematic, ranking, few)
@@ -86,12 +88,14 @@ def _best_few(
 
     Candidates with nearly the same prediction as a chosen one are added, because they may form one ambiguity set.
     """
-    numerics, screened = base.criteria.numerics.naming, dict[str, tuple[Gate, ...]]()
+    numerics = base.criteria.numerics.naming
+    screened = dict[str, tuple[Gate, ...]]()
     chosen: list[Candidate] = []
     alike: list[Candidate] = []
     places = count
     for candidate in candidates:
-        effect, enough = candidate.attached.effect, gates.predicted_statistic(candidate.net, base.criteria)
+        effect = candidate.attached.effect
+        enough = gates.predicted_statistic(candidate.net, base.criteria)
         if not enough.passed or not places:
             rank = (gates.place_left(places),) if enough.passed else ()
             screened[candidate.name] = (enough, *rank)
@@ -132,7 +136,8 @@ def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> b
     """Whether two causes that are not terms act at the same place, like a lag and a delay, with nearly equal
     statistics.
     """
-    effect, second = one.attached.effect, other.attached.effect
+    effect = one.attached.effect
+    second = other.attached.effect
     of_one_place = effect.target == second.target and not (effect.quasi_steady or second.quasi_steady)
     return of_one_place and abs(one.net - other.net) < equivalence(other.net, criteria)
 
@@ -147,7 +152,8 @@ def with_look_alikes(
     grows with it. And for a cause that shows only as a difference between records, they are the same cause with the
     opposite sign in all other records: beside the difference, the common level may be identifiable.
     """
-    found, names = [], {c.name for c in candidates}
+    found = []
+    names = {c.name for c in candidates}
     for candidate in candidates:
         one = candidate.attached
         found.append(candidate)
@@ -183,7 +189,9 @@ def try_cause(
     joint      evidence of the model with the cause; of the present model if it was not fitted
     interval   95 % intervals of the onsets [s], by record
     """
-    base, attached, noise = evidence.fit, replace(candidate.attached, passes=False), evidence.fit.noise
+    base = evidence.fit
+    attached = replace(candidate.attached, passes=False)
+    noise = evidence.fit.noise
     if seen is not None and not seen.passed:
         return given_up(base, candidate, seen), evidence, {}
     if candidate in (tried := _TRIED.setdefault(base, {})):
@@ -237,7 +245,8 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     kinematics, which are None if the forces cannot be left free with these records."""
     if trial.given_up is not None:
         return trial
-    gain, one = trial.gain, trial.candidate.attached
+    gain = trial.gain
+    one = trial.candidate.attached
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = gain.raw + gain.spared if one.effect.regressor else gain.raw
     if not one.effect.linear:
@@ -305,7 +314,8 @@ def settled(trial: Trial, fitted: FlightFit, without: Evidence) -> tuple[Trial, 
     trial      the winner with its final values and statistics
     intervals  95 % intervals of the onsets, by name of the cause
     """
-    intervals, name = dict[str, Intervals](), fitted.attached[-1].name
+    intervals = dict[str, Intervals]()
+    name = fitted.attached[-1].name
     fitted = _ended(fitted)
     fitted = fit(fitted.flight, fitted.attached, fitted.noise, fitted, extent="settled")
     events = [i for i, one in enumerate(fitted.attached[:-1]) if one.effect.timed]
@@ -333,7 +343,8 @@ def _ended(fitted: FlightFit) -> FlightFit:
 
     An end behind all records has no gradient, so the iterations cannot find a better one.
     """
-    one, longest = fitted.attached[-1], max(record.duration for record in fitted.flight.records)
+    one = fitted.attached[-1]
+    longest = max(record.duration for record in fitted.flight.records)
     endless = [name for name in one.effect.beside if one.values[name] > longest]
     if not one.effect.timed or not endless:
         return fitted

@@ -92,11 +92,13 @@ def _everywhere(one: Attached) -> Attached:
 
 def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
     """Best onset of an event of known size in each record; records in which it does not help are left out."""
-    judge, found = Screen(weigh(base, discrepancy=False)), {}
+    judge = Screen(weigh(base, discrepancy=False))
+    found = {}
     size = one.values["value"]
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = with_grid(one.effect, {**further, "value": size})
-    step, length = judge.criteria.numerics.events.gust_step, further.get("length", np.inf)
+    step = judge.criteria.numerics.events.gust_step
+    length = further.get("length", np.inf)
     prints = fingerprints(judge.evidence, [effect], onset_grid(judge.evidence, step, length))
     for r, record in enumerate(base.flight.records):
         drops = [judge.drop(print_, r) for print_ in prints]  # empty if the record is too short for an event
@@ -166,9 +168,11 @@ def keep(held: Sequence[Record], state: State) -> Kept:
 
     raises  InputError if the re-estimated file diverges there
     """
-    begun, final = state.baseline, state.fit
+    begun = state.baseline
+    final = state.fit
     state.forget()  # the arrays of one model are enough to hold
-    steps, judged = [begun.calm, begun.structured, begun.start], partial(_judged, held, state)
+    steps = [begun.calm, begun.structured, begun.start]
+    judged = partial(_judged, held, state)
     models = {_key(one): one for one in (*steps, final)}
     known = dict(zip(models, side_by_side(judged, list(models.values())), strict=True))
     calm, structured, start, there = (known[_key(one)][1] for one in (*steps, final))
@@ -181,7 +185,8 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         final, evidence, there = _flown(final, list(causes), steps, judged)
         known[_key(final)] = evidence, there
         gates = {name: cannot_be_flown() for name in causes if name not in _names_of(final)}
-        gains, causes = dict.fromkeys(gates), {name: one for name, one in causes.items() if name not in gates}
+        gains = dict.fromkeys(gates)
+        causes = {name: one for name, one in causes.items() if name not in gates}
     while causes:
         others = {name: _key(final, but={name}) for name in causes}
         new = {key: frozenset({name}) for name, key in others.items() if key not in known}
@@ -194,7 +199,8 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         worst = min(causes, key=lambda name: gates[name].value)
         if gates[worst].passed:
             break
-        final, there = known[others[worst]][0].fit, known[others[worst]][1]
+        final = known[others[worst]][0].fit
+        there = known[others[worst]][1]
         del causes[worst]
     evidence = known[_key(final)][0]
     structure = [one for one in (*begun.structure, *_put_in_later(begun, final)) if one.name in _names_of(final)]
@@ -204,7 +210,8 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         evidence.forget()
         state.forget()
         final = without(final, unsure)
-        evidence, held_fit = weigh(final), judge_on(held, final)
+        evidence = weigh(final)
+        held_fit = judge_on(held, final)
     return Kept(
         evidence=evidence,
         held_fit=held_fit,
@@ -235,7 +242,8 @@ def _flown(
     """The model with those causes of `final`, in the order in which they were named, with which it can be flown on the
     held-out records; without one, the last of the `steps` before the causes that can be flown there.
     """
-    out, found = frozenset(causes), None
+    out = frozenset(causes)
+    found = None
     for name in causes:
         evidence, there = judged(final, out - {name})
         if there.flown:
@@ -342,7 +350,9 @@ def predicted(held: FlightFit, known: Evidence) -> Predicted:
 
 def _data(there: Evidence) -> tuple[np.ndarray, np.ndarray]:
     """Normal equations (matrix, right-hand side) of the held-out readings alone, without priors."""
-    gram, slope, k = there.sums.gram.copy(), there.sums.slope.copy(), len(there.fit.slots)
+    gram = there.sums.gram.copy()
+    slope = there.sums.slope.copy()
+    k = len(there.fit.slots)
     gram[range(k), range(k)] -= there.fit.prior_weight
     slope[:k] += there.fit.prior_pull
     return gram, slope
@@ -354,7 +364,8 @@ def _expected(known: Evidence, there: Evidence) -> tuple[np.ndarray, np.ndarray]
     mean         expected values
     information  inverse of the covariance. Parameters that the fitted records do not contain have their prior.
     """
-    names, before = _names(there), _names(known)
+    names = _names(there)
+    before = _names(known)
     both = [name for name in names if name in before]
     at: np.ndarray = np.array([names.index(name) for name in both], dtype=int)
     of: np.ndarray = np.array([before.index(name) for name in both], dtype=int)

@@ -65,7 +65,8 @@ def probabilities(
     there = {name: 1.0 - prod(1.0 - one.get(name, 0.0) for one in tables) for table in tables for name in table} | faint
     nothing = (1.0 - further) * prod(place.nothing for place in places) * prod(1.0 - p for p in faint.values())
     priors = state.criteria.priors
-    tempered, least = priors.tempered, priors.numerics.least
+    tempered = priors.tempered
+    least = priors.numerics.least
     return Probabilities(
         causes=tuple(_stated(one, place, tempered) for one, place in zip(causes, places, strict=True)),
         explanations=tuple(
@@ -86,7 +87,9 @@ def other_explanations(state: State, final: FlightFit, there: Mapping[str, float
 
     there  name of a cause -> probability that it is present
     """
-    found, names, least = [], {one.name for one in final.attached}, 1.0 - state.criteria.priors.holds
+    found = []
+    names = {one.name for one in final.attached}
+    least = 1.0 - state.criteria.priors.holds
     for round_ in state.rounds:
         stands = round_.named and round_.leader.candidate.name in names
         alike = [t for t in round_.equivalents if there.get(t.effect.name, 0.0) > least]
@@ -123,13 +126,15 @@ class Scale:
         Its statistic is weighed twice, and the smaller odds count: with its correlated residuals against the threshold
         of its kind, and as its own gate did, against a higher one beside turbulence and earlier causes.
         """
-        gain, gate = trial.decisive_gain, trial.enough
+        gain = trial.decisive_gain
+        gate = trial.enough
         odds = self.against_nothing(gain / trial.inflation, required_gain(trial.effect, self.criteria))
         return odds if gate is None else min(odds, self.against_nothing(gain, gate.threshold))
 
     def of_put_in(self, cause: Cause) -> float:
         """Log odds of turbulence or expected structure, which was added before the search."""
-        air, structure = self.criteria.verdict.missing, self.criteria.naming.gain
+        air = self.criteria.verdict.missing
+        structure = self.criteria.naming.gain
         return self.against_nothing(cause.statistic, air if cause.effect.stochastic else structure)
 
 
@@ -169,13 +174,15 @@ def _place(cause: Cause, round_: Round | None, scale: Scale, named: Collection[t
     """The place of a cause. Another `named` cause is no alternative to it: the two were estimated beside each other."""
     if round_ is None:  # no alternative was fitted
         return _Place(effects=(cause.effect,), logs=(0.0,), log_nothing=-scale.of_put_in(cause))
-    best, logs = round_.leader, {}
+    best = round_.leader
+    logs = {}
     effects = {best.effect.name: best.effect}
     logs[best.effect.name] = 0.0
     stated = {(o["kind"], o["target"], o["term"]) for o in cause.indistinguishable_from}
     for kind, target, term in stated - {trial.effect.key for trial in round_.trials}:  # equal by algebra: as likely
         equal = effect_named(f"{kind}({target}:{term})")
-        effects[equal.name], logs[equal.name] = equal, 0.0
+        effects[equal.name] = equal
+        logs[equal.name] = 0.0
     for rival in (one for one in possible_rivals(best, round_.rivals) if one.effect.key not in named):
         behind = -scale.per_distance * max(distance(best, rival, scale.criteria), 0.0)
         name = rival.effect.name

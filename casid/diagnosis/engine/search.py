@@ -137,7 +137,8 @@ def search(baseline: Baseline, say: Say) -> State:
 
 def at_baseline(baseline: Baseline) -> State:
     """The state of the search without any cause."""
-    evidence, found = weigh(baseline.start), baseline.kinematics
+    evidence = weigh(baseline.start)
+    found = baseline.kinematics
     return State(
         baseline=baseline,
         evidence=evidence,
@@ -151,7 +152,9 @@ def at_baseline(baseline: Baseline) -> State:
 def _grown(state: State, say: Say) -> State:
     """The state with causes added one at a time for as long as the sets are accepted; where something is still missing
     at a port then, also those of last resort."""
-    effects, limit, missing = state.fit.flight.effects, state.fit.flight.limit, state.criteria.verdict.missing
+    effects = state.fit.flight.effects
+    limit = state.fit.flight.limit
+    missing = state.criteria.verdict.missing
     usual, further = ([e for e in effects if e.traits.last_resort is last] for last in (False, True))
     accepted, refused = _with_accepted(state, usual, say)
     before = None
@@ -171,7 +174,9 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
 
     Two causes may explain together what neither explains alone: a few sets may be refused on the way to one.
     """
-    accepted, numerics, limit = state, state.criteria.numerics.naming, state.fit.flight.limit
+    accepted = state
+    numerics = state.criteria.numerics.naming
+    limit = state.fit.flight.limit
     for _ in range(len(state.rounds), numerics.rounds):
         if state.rounds and limit.leaves_out(_FURTHER):
             break
@@ -219,7 +224,8 @@ def _without_refused(accepted: State, state: State) -> State:
 
 def _with_next_best(accepted: State, state: State) -> State:
     """The state with its last cause, which was refused, replaced by the best of the others that is not."""
-    at, round_ = len(state.rounds) - 1, state.rounds[-1]
+    at = len(state.rounds) - 1
+    round_ = state.rounds[-1]
     others = [t for t in round_.rivals if t.waits or (t.meaningful and can_be_named(t))]
     for rival in [] if all_passed(round_.accepted_by) else others[: state.criteria.numerics.naming.rivals]:
         other = with_gates_of_set(accepted, _with_best_of(state, at, (rival,), accepted.fit))
@@ -233,7 +239,8 @@ def with_gates_of_set(accepted: State, state: State) -> State:
 
     A cause that is too small to matter, or that is no longer in the model, has none.
     """
-    there, new = {one.name for one in state.fit.attached}, state.rounds[len(accepted.rounds) :]
+    there = {one.name for one in state.fit.attached}
+    new = state.rounds[len(accepted.rounds) :]
     known = [one.kinematic for one in (accepted, state) if one.kinematic is not None]
     imitated = state.fit.flight.imitated_names  # nothing was missing where a number of the file took its place
 
@@ -302,15 +309,18 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     statistic with model discrepancy, which confirms them; and by the kinematics alone, which wrong aerodynamics do not
     disturb.
     """
-    prints, exactly = fingerprints(state.evidence, effects), Screen(state.evidence, exact=True)
-    candidates, cautious = rank(exactly, prints), rank(Screen(state.evidence), prints)
+    prints = fingerprints(state.evidence, effects)
+    exactly = Screen(state.evidence, exact=True)
+    candidates = rank(exactly, prints)
+    cautious = rank(Screen(state.evidence), prints)
     names = {one.name for one in effects}
     observed = [one for one in state.observed or () if one.name in names]
     switching = any(one.timed for one in effects) and not any(one.effect.members for one in state.fit.attached)
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
     chosen, refused = worth_trying(state.fit, state.kinematic, rankings, switches, state.baseline.required)
-    apart, sigmas = state.criteria.numerics.events.apart, state.criteria.significance.detectable
+    apart = state.criteria.numerics.events.apart
+    sigmas = state.criteria.significance.detectable
     if unbalanced := _unbalanced(state, candidates, names):
         chosen = unbalanced
     left = [] if unbalanced else _left_behind(state)
@@ -329,7 +339,8 @@ def _unbalanced(state: State, candidates: Sequence[Candidate], names: Collection
     numbers also what changes the balance of steady flight as a whole. Empty where none left it."""
     found = []
     for effect, value, std in state.fit.flight.suspects(state.fit):
-        attached, statistic = Attached(effect=effect, values={"value": value}), (value / std) ** 2
+        attached = Attached(effect=effect, values={"value": value})
+        statistic = (value / std) ** 2
         one = Candidate(attached=attached, statistic=statistic, net=statistic, value=value, std=std, surviving=1.0)
         found += [one] if effect.name in names else []
     known = {one.name for one in found}
@@ -348,10 +359,12 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
         fitted = relaxed(fitted)
     evidence = weigh(in_colour(_with_offsets(fitted)))
     missing = tuple(missing_inputs(evidence))
-    kinematic, observed = state.kinematic, state.observed
+    kinematic = state.kinematic
+    observed = state.observed
     if kinematic is not None and changed.kinematic:
         evidence.forget()
-        kinematic, observed = kinematics.with_causes(kinematic, evidence.fit.attached), None
+        kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
+        observed = None
     return replace(state, evidence=evidence, kinematic=kinematic, observed=observed, missing=missing)
 
 
@@ -367,9 +380,13 @@ def _tried(
     fits       the fits of the trials that can be named, or that are too small to be named
     intervals  95 % intervals of the onsets, by name of the cause
     """
-    trials, fits = list[Trial](), dict[Trial, FlightFit]()
-    intervals, give_up, least = dict[str, Intervals](), np.inf, np.zeros(2)
-    earlier, required = [one.leader for one in state.named], state.baseline.required
+    trials = list[Trial]()
+    fits = dict[Trial, FlightFit]()
+    intervals = dict[str, Intervals]()
+    give_up = np.inf
+    least = np.zeros(2)
+    earlier = [one.leader for one in state.named]
+    required = state.baseline.required
     state.evidence.forget()  # the arrays of one model are enough to hold
     seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
     state.forget()
@@ -388,7 +405,9 @@ def _tried(
             return given_up(state.fit, one[0], no_time_left()), state.fit, {}
         return trial, joint.fit, interval
 
-    by, limit, at_once = state.criteria.naming, state.fit.flight.limit, state.criteria.numerics.naming.side_by_side
+    by = state.criteria.naming
+    limit = state.fit.flight.limit
+    at_once = state.criteria.numerics.naming.side_by_side
     for first in range(0, len(seen), at_once):
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
@@ -418,7 +437,8 @@ def _left_behind(state: State) -> list[Candidate]:
     if not state.rounds:
         return []
     best, *others = state.rounds[-1].trials
-    by, taken = state.criteria.naming, {one.effect.key for one in state.fit.attached}
+    by = state.criteria.naming
+    taken = {one.effect.key for one in state.fit.attached}
     apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key not in taken]
     return [
         t.candidate for t in apart if t.gain.total > (1.0 - by.rival) * best.gain.total and sine(best, t) > by.unrelated
@@ -454,7 +474,8 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     """Whether a cause is so many standard deviations from zero that no fit without it can be comparable."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
-    index, clear = [slot.name for slot in evidence.fit.slots].index(name), evidence.criteria.size.clear
+    index = [slot.name for slot in evidence.fit.slots].index(name)
+    clear = evidence.criteria.size.clear
     return evidence.fit[name] ** 2 > clear * evidence.covariance[index, index]
 
 
@@ -474,8 +495,10 @@ def swapped(state: State) -> State:
     They are compared beside the causes named since, because what was missing at the time may have decided between them.
     """
     for at in range(len(state.rounds) - 1):
-        round_, taken = state.rounds[at], {one.effect.key for one in state.fit.attached}
-        best, same = round_.leader, round_.equivalents
+        round_ = state.rounds[at]
+        taken = {one.effect.key for one in state.fit.attached}
+        best = round_.leader
+        same = round_.equivalents
         rivals = [t for t in near_rivals(round_, state.criteria) if t.effect.key not in taken]
         there = round_.named and best.effect.key in taken and best.meaningful
         if there and any(t in same or may_come_near(state.evidence, best, t) for t in rivals):
@@ -485,8 +508,10 @@ def swapped(state: State) -> State:
 
 def _with_best_of(state: State, at: int, trials: Sequence[Trial], near: FlightFit | None = None) -> State:
     """The state with the cause of round `at` replaced by the best of `trials`, others kept; `near` as in `without`."""
-    round_, criteria = state.rounds[at], state.criteria
-    best, alone = round_.leader, without(state.fit, {round_.leader.candidate.name}, near)
+    round_ = state.rounds[at]
+    criteria = state.criteria
+    best = round_.leader
+    alone = without(state.fit, {round_.leader.candidate.name}, near)
     rounds = tuple(one for one in state.rounds if one is not round_)
     kinematic = state.kinematic
     if kinematic is not None and best.effect.kinematic:
@@ -549,7 +574,8 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     """The baseline with corrected behaviour of the inputs between samples; None if the fit with the causes agrees with
     the present one.
     """
-    begun, share = state.baseline, as_inputs_run(state.fit, named=True).flight.held
+    begun = state.baseline
+    share = as_inputs_run(state.fit, named=True).flight.held
     if share == begun.flight.held:
         return None
     flight = of_aircraft(begun.flight).with_inputs_held(share)
@@ -559,7 +585,8 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
 
 def _calm_air(state: State, say: Say) -> Baseline | None:
     """The baseline in calm air; None unless the causes explain most of what was taken for turbulence."""
-    begun, found = state.baseline, state.baseline.kinematics
+    begun = state.baseline
+    found = state.baseline.kinematics
     if not begun.turbulence.named:
         return None
     calm = without_turbulence(of_aircraft(begun.flight), begun.calm.attached, state.fit.attached, begun.turbulence)

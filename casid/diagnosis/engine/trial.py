@@ -98,7 +98,8 @@ class Trial:
 
     def is_of(self, other: Trial) -> bool:
         """Whether it is of the same cause in the same records; it may have been fitted beside others."""
-        one, same = self.candidate, other.candidate
+        one = self.candidate
+        same = other.candidate
         return one.name == same.name and one.attached.records == same.attached.records
 
     @property
@@ -142,7 +143,8 @@ class Round:
         return (*tried, *others)
 
     def _decision(self, trial: Trial, number: int) -> Decision:
-        name, leads = trial.candidate.name, trial is self.trials[0]
+        name = trial.candidate.name
+        leads = trial is self.trials[0]
         first = () if leads or name not in self.ranked else (self.ranked[name],)
         asked = (*trial.gates, *first, *((*self.accepted_by, *self.refused_by) if leads else ()))
         outcome = IN_A_SET if any(one.is_of(trial) for one in self.equivalents) else REFUSED

@@ -33,7 +33,8 @@ def coefficient_series(fit: FlightFit) -> dict[str, np.ndarray]:
     """Coefficient -> (N, R) its value along the records, from the file's own aerodynamics, derivatives and fitted
     terms.
     """
-    values, nothing = fit.derivatives, np.zeros(fit.batch.live.shape)
+    values = fit.derivatives
+    nothing = np.zeros(fit.batch.live.shape)
     series = {c: fit.regressors.get(f"given {c}", nothing) for c in fit.flight.coefficients}
     for coefficient, name, term in fit.flight.terms:
         if name in values and "dot" not in term:
@@ -53,7 +54,8 @@ def unlike_derivatives(
 
     The terms are evaluated with the fit's `regressors`, or with the given ones.
     """
-    live, regressors = fit.batch.live, fit.regressors if regressors is None else regressors
+    live = fit.batch.live
+    regressors = fit.regressors if regressors is None else regressors
     present = [
         np.broadcast_to(parse_term(term).evaluate(regressors), live.shape)[live]
         for c, _, term in fit.flight.terms
@@ -89,7 +91,8 @@ def no_terms(fit: FlightFit) -> SmallTerms:
 
 def small_terms(fit: FlightFit) -> SmallTerms:
     """All terms that symmetry allows and the model of the fit lacks."""
-    prior, numerics = fit.criteria.structure.small, fit.criteria.numerics.structure
+    prior = fit.criteria.structure.small
+    numerics = fit.criteria.numerics.structure
     present = {(c, term) for c, _, term in fit.flight.terms}
     present |= {(a.effect.target, a.effect.regressor or "") for a in fit.attached}
     names: list[tuple[str, str]] = []
@@ -137,7 +140,8 @@ def most_likely_scales(
     square, match  (n, n), (n,) Normal equations of the small terms, all other parameters eliminated
     alike          (n, n) Their prior information at a scale of one
     """
-    n, root = len(match), np.linalg.cholesky(alike)
+    n = len(match)
+    root = np.linalg.cholesky(alike)
     match = solve_triangular(root, match, lower=True)
     square = without_rounding(solve_triangular(root, solve_triangular(root, square, lower=True).T, lower=True))
 
@@ -148,13 +152,16 @@ def most_likely_scales(
         return 2.0 * float(np.sum(np.log(np.diag(factor)))) - float(pulled @ pulled)
 
     best = dict.fromkeys(owners, scales[0])
-    lowest, settled = deviance(best), False
+    lowest = deviance(best)
+    settled = False
     while not settled:
         settled = True
         for owner in best:
             for scale in scales:
                 if (found := deviance(best | {owner: scale})) < lowest:
-                    lowest, best, settled = found, best | {owner: scale}, False
+                    lowest = found
+                    best = best | {owner: scale}
+                    settled = False
     return best
 
 
@@ -252,7 +259,8 @@ class Evidence:
         """(number of the first, (R, N, ny, columns)) Whitened innovations and sensitivities to the fitted parameters,
         then to the small terms, so many at a time.
         """
-        fit, stations = self.fit, self._stations
+        fit = self.fit
+        stations = self._stations
         yield 0, np.concatenate([fit.white[..., None], fit.columns], axis=3).swapaxes(0, 1)
         for first in range(0, len(stations), together):
             some = slice(first, first + together)
@@ -358,14 +366,16 @@ class EvidenceSums:
 
     def information(self, scales: Mapping[str, float]) -> np.ndarray:
         """(k, k) Information on parameters and small terms, priors included."""
-        k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
+        k = len(self.slope) - len(self.owners)
+        scale = np.array([scales[owner] for owner in self.owners])
         found = self.gram.copy()
         found[k:, k:] += self.alike / scale[:, None] / scale
         return found
 
     def posterior(self, scales: Mapping[str, float]) -> tuple[np.ndarray, np.ndarray, float]:
         """Covariance, posterior mean, and change of the deviance by the small terms that are integrated out."""
-        k, scale = len(self.slope) - len(self.owners), np.array([scales[owner] for owner in self.owners])
+        k = len(self.slope) - len(self.owners)
+        scale = np.array([scales[owner] for owner in self.owners])
         prior = self.alike / scale[:, None] / scale
         information = self.information(scales)
         covariance = scaled_inverse(information)
@@ -373,7 +383,8 @@ class EvidenceSums:
         deviance = -float(self.slope @ newton)
         if self.owners:
             by_slots = information[k:, :k] @ scaled_inverse(information[:k, :k]) @ information[:k, k:] if k else 0.0
-            before, after = np.linalg.slogdet(prior)[1], np.linalg.slogdet(information[k:, k:] - by_slots)[1]
+            before = np.linalg.slogdet(prior)[1]
+            after = np.linalg.slogdet(information[k:, k:] - by_slots)[1]
             deviance += float(after - before)
         return covariance, newton, deviance
 
@@ -381,10 +392,15 @@ class EvidenceSums:
 def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
     """The normal equations of a fit with its small terms, summed over parts of the records that stay in the cache."""
     (N, R, ny), k, n = fit.white.shape, len(fit.slots), len(small.names)
-    grams, slopes = np.zeros((R, k + n, k + n)), np.zeros((R, k + n))
-    columns, white = fit.columns.swapaxes(0, 1).reshape(R, N * ny, k), fit.white.swapaxes(0, 1).reshape(R, N * ny)
-    grams[:, :k, :k], slopes[:, :k] = fit.grams, fit.pulls
-    together, stations, squares = SAMPLES, _stations(fit, small.names), [Gram(n) for _ in range(R)]
+    grams = np.zeros((R, k + n, k + n))
+    slopes = np.zeros((R, k + n))
+    columns = fit.columns.swapaxes(0, 1).reshape(R, N * ny, k)
+    white = fit.white.swapaxes(0, 1).reshape(R, N * ny)
+    grams[:, :k, :k] = fit.grams
+    slopes[:, :k] = fit.pulls
+    together = SAMPLES
+    stations = _stations(fit, small.names)
+    squares = [Gram(n) for _ in range(R)]
     for first, part in fit.filter.histories_in_parts(stations, small.series, together) if n else ():
         rows = slice(first * ny, (first + part.shape[1]) * ny)
         for r, terms in enumerate(one.reshape(-1, n) for one in part):
@@ -393,7 +409,8 @@ def _sums(fit: FlightFit, small: SmallTerms) -> EvidenceSums:
             slopes[r, k:] += white[r, rows] @ terms
     grams[:, k:, k:] = [square.whole for square in squares]
     grams[:, :k, k:] = grams[:, k:, :k].swapaxes(1, 2)
-    gram, slope = grams.sum(axis=0), slopes.sum(axis=0)
+    gram = grams.sum(axis=0)
+    slope = slopes.sum(axis=0)
     gram[range(k), range(k)] += fit.prior_weight
     slope[:k] -= fit.prior_pull
     return EvidenceSums(
@@ -438,8 +455,10 @@ def straight_lines(evidence: Evidence) -> np.ndarray:
     A small term has a slope of its own. The derivative beside it is the slope where the term vanishes, which neither a
     file without the term means nor records determine.
     """
-    fit, k = evidence.fit, len(evidence.fit.slots)
-    number, live = {slot.name: i for i, slot in enumerate(fit.slots)}, fit.batch.live
+    fit = evidence.fit
+    k = len(evidence.fit.slots)
+    number = {slot.name: i for i, slot in enumerate(fit.slots)}
+    live = fit.batch.live
     lines = np.eye(k, len(evidence.newton))
     for coefficient in evidence.scales:
         mine = [k + j for j, (owner, _) in enumerate(evidence.terms) if owner == coefficient]
@@ -460,7 +479,8 @@ def left_open(evidence: Evidence, index: int) -> tuple[float, float]:
     out, since the error grows with the square of the interval (Richardson). The second is for noise of recorded inputs:
     the change when they are replaced by their most likely values. Both are zero for an effect that uses no records.
     """
-    fit, slot = evidence.fit, evidence.fit.slots[index]
+    fit = evidence.fit
+    slot = evidence.fit.slots[index]
     one = None if slot.attached is None else fit.attached[slot.attached]
     if one is None or (one.effect.series is None and one.effect.output is None):
         return 0.0, 0.0
@@ -473,12 +493,10 @@ def _moved(
     evidence: Evidence, index: int, one: Attached, known: dict[str, np.ndarray], instead: dict[str, np.ndarray]
 ) -> float:
     """Change of a parameter if its effect is computed from other time histories."""
-    fit, names, t, stations = (
-        evidence.fit,
-        evidence.fit.batch.names,
-        evidence.fit.batch.t,
-        evidence.fit.model.disturbances,
-    )
+    fit = evidence.fit
+    names = evidence.fit.batch.names
+    t = evidence.fit.batch.t
+    stations = evidence.fit.model.disturbances
     change = disturbance_series([one], names, t, known, stations) - disturbance_series(
         [one], names, t, instead, stations
     )
@@ -517,7 +535,9 @@ def scatter(evidence: Evidence, along: np.ndarray) -> float:
     sum itself, as in the jackknife (Bell and McCaffrey 2002). For a correct model it equals the posterior
     standard deviation on average. Structure of the real aircraft that the model lacks makes it larger.
     """
-    along, pulls, shares = evidence.along(evidence.covariance @ along), [], []
+    along = evidence.along(evidence.covariance @ along)
+    pulls = []
+    shares = []
     criteria = evidence.criteria.structure
     for r, record in enumerate(evidence.fit.flight.records):
         first = np.arange(0, len(along), max(1, round(criteria.stretch / record.dt)))
@@ -537,7 +557,9 @@ def jackknife(evidence: Evidence, name: str, records: Sequence[int]) -> float:
     index = [slot.name for slot in evidence.fit.slots].index(name)
     if len(records) < 3:
         return 0.0
-    sums, information, without = evidence.sums, evidence.sums.information(evidence.scales), []
+    sums = evidence.sums
+    information = evidence.sums.information(evidence.scales)
+    without = []
     for r in records:
         found = scaled_inverse(information - sums.grams[r]) @ (sums.slope - sums.slopes[r])
         without.append(float(found[index]))

@@ -44,12 +44,14 @@ class Projection:
         `grams` (R, n, n) are the products of the responses with each other, `products` those of `Entrances`.
         """
         R, n = grams.shape[:2]
-        gram, match = np.zeros((R * n, R * n)), np.zeros(R * n)
+        gram = np.zeros((R * n, R * n))
+        match = np.zeros(R * n)
         cross = np.zeros((len(evidence.newton), R * n))
         for r, own in enumerate(grams):
             at = slice(r * n, (r + 1) * n)
             gram[at, at] = own
-            cross[:, at], match[at] = products[0][r], products[1][r]
+            cross[:, at] = products[0][r]
+            match[at] = products[1][r]
         return cls.of(evidence, gram, match, cross)
 
     @classmethod
@@ -67,7 +69,8 @@ def products_at(evidence: Evidence, series: Mapping[str, np.ndarray]) -> dict[st
     cross  port -> (R, k, n) with fitted parameters and small terms
     match  port -> (R, n) with the innovations
     """
-    R, k = evidence.fit.white.shape[1], len(evidence.newton)
+    R = evidence.fit.white.shape[1]
+    k = len(evidence.newton)
     both = {port: np.empty((R, k + 1, of.shape[2])) for port, of in series.items()}
     for here, own in evidence.in_records():
         for port, columns, part in _entrances(own, list(series)):
@@ -113,7 +116,8 @@ def fingerprints(evidence: Evidence, effects: Iterable[Effect], onsets: np.ndarr
     `onsets` are in s after the first sample of each record; the default is `onset_grid`. Oscillations that are too fast
     for the samples are left out.
     """
-    effects, base = list(effects), evidence.fit
+    effects = list(effects)
+    base = evidence.fit
     slowest = max(float(np.median(np.diff(record.t))) for record in base.flight.records)
     rows: list[_Row] = []
     for effect in effects:
@@ -144,7 +148,8 @@ def _of_rows(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
         by_place[_acts_on(row[0])].append(row)
     found = [one for place in ("disturbances", "readings") for one in _of_histories(evidence, by_place[place])]
     symbolic = _symbolic_columns(base, [effect for effect, _, _ in by_place["equations"]])
-    equations, together = by_place["equations"], COLUMNS
+    equations = by_place["equations"]
+    together = COLUMNS
     for some in (equations[at : at + together] for at in range(0, len(equations), together)):
         found += _fingerprints(evidence, some, _white_of_equations(base, some, symbolic))
     return found
@@ -172,7 +177,8 @@ def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]
 
 def _of_histories(evidence: Evidence, rows: Sequence[_Row]) -> list[Fingerprint]:
     """The fingerprints of rows that are time histories by port."""
-    base, together = evidence.fit, COLUMNS
+    base = evidence.fit
+    together = COLUMNS
     parts = [rows[at : at + together] for at in range(0, len(rows), together)]
     if len(rows) <= len(evidence.newton):  # one pass for each is less than one for each parameter and small term
 
@@ -264,7 +270,9 @@ def _unit_history(base: FlightFit, effect: Effect, values: Mapping[str, float], 
     if effect.quasi_steady:
         term = base.flight.term_along(effect, base.regressors)
         return {str(effect.enters): np.broadcast_to(term, base.batch.live.shape)}
-    one, names, t = _unit(effect, values, onset, base), base.batch.names, base.batch.t
+    one = _unit(effect, values, onset, base)
+    names = base.batch.names
+    t = base.batch.t
     if _acts_on(effect) == "disturbances":
         return station_series(one, names, t, base.known)
     change = readings([one], names, t, base.read, base.model.outputs, base.known) - base.read
@@ -308,7 +316,8 @@ def white_at(base: FlightFit, ports: Sequence[str], series: np.ndarray, first: n
     """(N, R, ny, n) Whitened responses to time histories (N, R, number of series) at ports, or to sums of them: from
     series number `first` (n,) of each sum to that of the next.
     """
-    disturbances, of = base.model.disturbances, np.searchsorted(first, np.arange(len(ports)), side="right") - 1
+    disturbances = base.model.disturbances
+    of = np.searchsorted(first, np.arange(len(ports)), side="right") - 1
     read = [h for h, port in enumerate(ports) if port not in disturbances]
     others = [h for h, port in enumerate(ports) if port in disturbances]
     if not read:
@@ -327,7 +336,8 @@ def white_at(base: FlightFit, ports: Sequence[str], series: np.ndarray, first: n
 
 def prints_of(evidence: Evidence, effect: Effect, histories: Iterable[np.ndarray]) -> list[Fingerprint]:
     """The fingerprints of time histories (N, R, nw) as those of an effect."""
-    base, found = evidence.fit, []
+    base = evidence.fit
+    found = []
     following = (_by_port(base.model.disturbances, one) for one in histories)
     while some := list(islice(following, COLUMNS)):
         found += _fingerprints(evidence, [(effect, {}, None)] * len(some), _whitened(base, some))
@@ -347,7 +357,8 @@ def print_of(evidence: Evidence, one: Attached) -> tuple[Fingerprint, np.ndarray
 
 def _white_of_equations(base: FlightFit, rows: Sequence[_Row], symbolic: Mapping) -> np.ndarray:
     """(N, R, ny, rows) Whitened responses to effects in the equations of the model, from their Jacobians."""
-    Y, F = np.zeros((*base.read.shape, len(rows))), np.zeros((*base.linear.defect.shape, len(rows)))
+    Y = np.zeros((*base.read.shape, len(rows)))
+    F = np.zeros((*base.linear.defect.shape, len(rows)))
     for i, (effect, _, _) in enumerate(rows):
         if effect.name in symbolic:
             Y[..., i], F[..., i] = symbolic[effect.name]

@@ -108,14 +108,16 @@ def missing_oscillation(evidence: Evidence) -> list[MissingInput]:
 
 def _peak_frequency(fit: FlightFit) -> float | None:
     """Frequency [Hz] of the highest peak, if white innovations are very unlikely to have such a peak; else None."""
-    numerics, significant = fit.criteria.numerics.missing_input, fit.criteria.significance.search
+    numerics = fit.criteria.numerics.missing_input
+    significant = fit.criteria.significance.search
     steps = np.array([record.dt for record in fit.flight.records])
     frequency = np.fft.rfftfreq(2 * fit.batch.live.shape[0], steps.min())
     highest = numerics.highest_frequency
     frequency = frequency[(frequency > 0.5 / numerics.times[0]) & (frequency < highest / steps.min())]
     if not len(frequency):
         return None
-    power, dof = np.zeros((len(frequency), len(fit.model.outputs))), np.zeros(len(frequency))
+    power = np.zeros((len(frequency), len(fit.model.outputs)))
+    dof = np.zeros(len(frequency))
     for r, dt in enumerate(steps):
         seen = fit.linear.seen[:, r]
         white = np.where(seen, fit.white[:, r], 0.0)
@@ -145,10 +147,14 @@ def _log_chance(power: np.ndarray, dof: np.ndarray) -> np.ndarray:
 
 def _oscillations(evidence: Evidence, stations: Sequence[str], frequency: float) -> list[MissingInput]:
     """An oscillation as latent input at each of these ports, whose responses go through the filter side by side."""
-    fit, ports, many = evidence.fit, [name for name in stations for _ in range(2)], 2 * len(stations)
-    since, names = fit.batch.t - fit.batch.t[0], fit.batch.names
+    fit = evidence.fit
+    ports = [name for name in stations for _ in range(2)]
+    many = 2 * len(stations)
+    since = fit.batch.t - fit.batch.t[0]
+    names = fit.batch.names
     wave = np.stack(_wave(frequency, since), axis=2) * fit.batch.live[..., None]
-    grams, matches = np.zeros((len(names), many, many)), np.zeros((len(names), many))
+    grams = np.zeros((len(names), many, many))
+    matches = np.zeros((len(names), many))
     crosses = np.zeros((len(names), len(evidence.newton), many))
     for here, own in evidence.in_records():
         white = white_at(own.fit, ports, np.tile(wave[:, here], len(stations)), np.arange(many))
@@ -157,7 +163,10 @@ def _oscillations(evidence: Evidence, stations: Sequence[str], frequency: float)
         crosses[here] = own.products(white)
     found = []
     for i, station in enumerate(stations):
-        at, gain, history, sizes = slice(2 * i, 2 * i + 2), 0.0, {}, []
+        at = slice(2 * i, 2 * i + 2)
+        gain = 0.0
+        history = {}
+        sizes = []
         for r, name in enumerate(names):
             left = Projection.of(evidence, grams[r, at, at], matches[r, at], crosses[r, :, at])
             inverse = np.linalg.pinv(left.gram, hermitian=True)
@@ -188,7 +197,8 @@ class _Grid:
 
 def _grid(evidence: Evidence, slow: bool) -> _Grid:
     """The grid for a reading (`slow`), or for the motion."""
-    fit, numerics = evidence.fit, evidence.criteria.numerics.missing_input
+    fit = evidence.fit
+    numerics = evidence.criteria.numerics.missing_input
     spacing, times = (numerics.drift_spacing, numerics.drift_times) if slow else (numerics.times[0], numerics.times)
     longest = max(record.duration for record in fit.flight.records)
     spacing = max(spacing, len(fit.flight.records) * longest / numerics.most_nodes)
@@ -230,8 +240,11 @@ def _most_likely(
     evidence: Evidence, station: str, nodes: np.ndarray, left: Projection, times: Sequence[float]
 ) -> MissingInput:
     """The latent input with the correlation time and variance of the largest marginal likelihood."""
-    gram, match, R = left.gram, left.match, len(evidence.fit.batch.names)
-    best, ratios = (0.0, times[0], 0.0), _ratios(evidence.criteria.numerics.missing_input)
+    gram = left.gram
+    match = left.match
+    R = len(evidence.fit.batch.names)
+    best = (0.0, times[0], 0.0)
+    ratios = _ratios(evidence.criteria.numerics.missing_input)
     for tau in times:
         root = _prior_root(nodes, tau)
         values, vectors = np.linalg.eigh(_between(gram, root))
@@ -266,7 +279,8 @@ def _prior_root(nodes: np.ndarray, tau: float) -> np.ndarray:
 
 def _between(gram: np.ndarray, root: np.ndarray) -> np.ndarray:
     """B' gram B, with the root in every record: B is the block-diagonal matrix of roots."""
-    n, half = len(gram), gram.reshape(-1, len(root)) @ root
+    n = len(gram)
+    half = gram.reshape(-1, len(root)) @ root
     return (root.T @ half.reshape(-1, len(root), n)).reshape(n, n)
 
 
@@ -279,8 +293,7 @@ def _history(
         return [(np.zeros(n), np.zeros(n)) for _ in range(records)]
     root = np.kron(np.eye(records), np.sqrt(variance) * _prior_root(nodes, tau))
     posterior = root @ np.linalg.inv(np.eye(records * n) + root.T @ gram @ root) @ root.T
-    mean, sigma = (
-        posterior @ match,
-        np.sqrt(np.maximum(np.diag(posterior), 0.0)),
-    )  # rounding may leave a negative variance
+    # rounding may leave a negative variance
+    mean = posterior @ match
+    sigma = np.sqrt(np.maximum(np.diag(posterior), 0.0))
     return [(mean[r * n : (r + 1) * n], sigma[r * n : (r + 1) * n]) for r in range(records)]

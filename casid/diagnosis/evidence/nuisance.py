@@ -19,7 +19,8 @@ from casid.filtering.kernel import WHOLE
 from casid.model.causes import sensor_delay
 from casid.model.effect import Effect
 
-_UNIT, _ATTITUDES = ("inertial",), ("phi", "theta", "psi")
+_UNIT = ("inertial",)
+_ATTITUDES = ("phi", "theta", "psi")
 SKEWED = (*_UNIT, *_ATTITUDES)  # groups that may be milliseconds late without a fault
 
 
@@ -39,7 +40,8 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
 
     gain  decrease of the deviance
     """
-    fit, outputs = reconstructed, reconstructed.model.outputs
+    fit = reconstructed
+    outputs = reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
     step = float(np.median(fit.batch.dt))  # readings are linear between samples
     found = [(list[Attached](), 0.0)]
@@ -66,8 +68,12 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
     if not offered:
         return [], 0.0
     left = _projected(base, enter[..., offered])
-    information, match = left.gram, left.match
-    squares, chosen, sizes, gained = float(np.sum(base.white**2)), list[int](), np.zeros(0), 0.0
+    information = left.gram
+    match = left.match
+    squares = float(np.sum(base.white**2))
+    chosen = list[int]()
+    sizes = np.zeros(0)
+    gained = 0.0
     while len(chosen) < len(offered):
         others = [i for i in range(len(offered)) if i not in chosen]
         gains = [float(_sizes(information, match, [*chosen, i]) @ match[[*chosen, i]]) for i in others]
@@ -75,7 +81,8 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
         if max(gains) - gained < base.criteria.naming.gain * misfit:
             break
         chosen.append(others[int(np.argmax(gains))])
-        sizes, gained = _sizes(information, match, chosen), max(gains)
+        sizes = _sizes(information, match, chosen)
+        gained = max(gains)
     found = [
         Attached(effect=effects[offered[i]], values={"value": float(size)}, nuisance=True)
         for i, size in zip(chosen, sizes, strict=True)

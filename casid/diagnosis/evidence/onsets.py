@@ -40,7 +40,9 @@ def moved_onsets(evidence: Evidence, one: Attached, far: bool = True) -> tuple[A
 
     intervals  95 % intervals of the onsets [s], by record
     """
-    judge, moved, intervals = Screen(evidence), one, {}
+    judge = Screen(evidence)
+    moved = one
+    intervals = {}
     if one.effect.event.lasts:  # with another size, an event that is moved to where nothing happens would not be missed
         judge = judge.holding(one.name)
     times = {record: _looked_at(evidence, record, onset, far) for record, onset in one.onsets.items()}
@@ -64,7 +66,9 @@ def _profile(judge: Screen, one: Attached, others: Iterable[Attached]) -> dict[s
 
     It is zero where the two differ by no more than the noise of the recorded input: the record cannot tell them apart.
     """
-    base, now, changes = judge.base, history(judge.base, one), []
+    base = judge.base
+    now = history(judge.base, one)
+    changes = []
     noise = np.array([base.noise.inputs.get(name, 0.0) for name in base.model.disturbances])
 
     def histories() -> Iterator[np.ndarray]:
@@ -94,10 +98,12 @@ def end_intervals(evidence: Evidence, one: Attached) -> Intervals:
 
     While the surface concerned does not move, nothing tells the end. An interval that reaches the end of the record
     says that it may not have ended."""
-    lasts, found = one.effect.event.lasts, dict[str, tuple[float, float]]()
+    lasts = one.effect.event.lasts
+    found = dict[str, tuple[float, float]]()
     if lasts is None:
         return found
-    judge, step = Screen(evidence).holding(one.name), evidence.criteria.numerics.events.coarse
+    judge = Screen(evidence).holding(one.name)
+    step = evidence.criteria.numerics.events.coarse
     for record in evidence.fit.flight.records:
         if (onset := one.onsets.get(record.name)) is not None and onset + step < record.t[-1]:
             ends = np.arange(onset, record.t[-1], step)[1:]
@@ -112,7 +118,8 @@ def _within(drops: np.ndarray, t: np.ndarray, evidence: Evidence) -> tuple[float
     spacing of its points."""
     inside = np.flatnonzero(drops > drops.max() - evidence.criteria.significance.chance)
     fine = evidence.criteria.numerics.events.fine
-    low, high = max(inside[0] - 1, 0), min(inside[-1] + 1, len(t) - 1)
+    low = max(inside[0] - 1, 0)
+    high = min(inside[-1] + 1, len(t) - 1)
     return round(float(t[low]) - 0.5 * fine, 3), round(float(t[high]) + 0.5 * fine, 3)
 
 
@@ -195,7 +202,9 @@ def _together(evidence: Evidence, one: Attached) -> dict[str, float]:
     The step has a prior with the width of the fine part of the profile, so that an onset that is not identifiable
     stays.
     """
-    base, judge, names = evidence.fit, Screen(evidence), list(evidence.fit.batch.names)
+    base = evidence.fit
+    judge = Screen(evidence)
+    names = list(evidence.fit.batch.names)
     rows = [names.index(name) for name in one.onsets]
     numerics = evidence.criteria.numerics.events
     near = edge = numerics.step
@@ -221,8 +230,11 @@ def configuration_changes(evidence: Evidence) -> list[Candidate]:
     Records, onsets and duration are those with the largest joint statistic less its penalty. The sizes are the same in
     all of these records.
     """
-    base, price, criteria = evidence.fit, Screen(evidence).price, evidence.criteria
-    names, coefficients = base.batch.names, base.flight.coefficients
+    base = evidence.fit
+    price = Screen(evidence).price
+    criteria = evidence.criteria
+    names = base.batch.names
+    coefficients = base.flight.coefficients
     onsets = onset_grid(evidence)
     durations = [values["duration"] for c in coefficients[:1] for values in configuration_change(c).further.grid]
     best: Candidate | None = None
@@ -265,7 +277,8 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     on anything else that drifts, resembles a jump somewhere. An effect that acts only now and then fits both
     descriptions, and counts as sudden.
     """
-    base, names = evidence.fit, evidence.fit.batch.names
+    base = evidence.fit
+    names = evidence.fit.batch.names
     rows = [names.index(record) for record in one.onsets]
     live = base.batch.live[:, rows]
     powers = evidence.criteria.numerics.events.slow_polynomials
@@ -294,11 +307,14 @@ def alone(evidence: Evidence, one: Attached) -> Gate:
     all other times of these records, that of this one must be significant for the best of many.
     """
     further = {name: value for name, value in one.values.items() if name != "value"}
-    step, records = evidence.criteria.numerics.events.gust_step, evidence.fit.flight.records
-    judge, lasts = Screen(evidence, exact=True), min(further.values())
+    step = evidence.criteria.numerics.events.gust_step
+    records = evidence.fit.flight.records
+    judge = Screen(evidence, exact=True)
+    lasts = min(further.values())
     shortest = min(min(shape.values()) for shape in one.effect.further.grid)
     apart = lasts if lasts < min(record.duration for record in records) else shortest
-    own, others = 0.0, list[float]()
+    own = 0.0
+    others = list[float]()
     for print_ in fingerprints(evidence, [with_grid(one.effect, further)], onset_grid(evidence, step, lasts)):
         for r, keep in enumerate(np.eye(len(records))):
             begins = float(records[r].t[0]) + (print_.onset or 0.0)
@@ -348,8 +364,10 @@ def _steps(
     evidence: Evidence, coefficients: Sequence[str], onsets: np.ndarray, durations: Sequence[float]
 ) -> list[list[_Steps]]:
     """For every duration and record the normal equations of the steps at these times after its first sample."""
-    base, c = evidence.fit, len(coefficients)
-    since, together = base.batch.t - base.batch.t[0], SAMPLES
+    base = evidence.fit
+    c = len(coefficients)
+    since = base.batch.t - base.batch.t[0]
+    together = SAMPLES
     names = [coefficient(name) for name in coefficients]
     stations = [base.model.disturbances.index(name) for name in names]
     shapes = [operators.transition(since.ravel(), o, d).reshape(since.shape) for d in durations for o in onsets]
@@ -396,7 +414,9 @@ def in_its_records(evidence: Evidence, one: Attached) -> Attached:
     An onset at either end of a record is not used: an event that helps most when it hardly acts is not an event. A
     record that would be as well without it, as while a stuck surface has no command, does not have it.
     """
-    base, judge, criteria = evidence.fit, Screen(evidence), evidence.criteria
+    base = evidence.fit
+    judge = Screen(evidence)
+    criteria = evidence.criteria
     if len(one.onsets) > 1:
         others = [replace(one, onsets={k: v for k, v in one.onsets.items() if k != name}) for name in one.onsets]
         profile = _profile(Screen(evidence).holding(one.name), one, others)
@@ -407,7 +427,8 @@ def in_its_records(evidence: Evidence, one: Attached) -> Attached:
         return one
     further = {k: v for k, v in one.values.items() if k != "value"}
     effect = with_grid(one.effect, {**further, "value": one.values["value"]})
-    step, edge = criteria.numerics.events.gust_step, criteria.numerics.events.step
+    step = criteria.numerics.events.gust_step
+    edge = criteria.numerics.events.step
     prints = fingerprints(evidence, [effect], onset_grid(evidence, step, further.get("length", np.inf)))
     onsets = dict(one.onsets)
     for r, record in enumerate(base.flight.records):

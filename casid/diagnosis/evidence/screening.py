@@ -43,8 +43,11 @@ class Screen:
     """
 
     def __init__(self, evidence: Evidence, exact: bool = False) -> None:
-        self.evidence, self.base, self.criteria = evidence, evidence.fit, evidence.criteria
-        self.covariance, self.newton = evidence.covariance, evidence.newton
+        self.evidence = evidence
+        self.base = evidence.fit
+        self.criteria = evidence.criteria
+        self.covariance = evidence.covariance
+        self.newton = evidence.newton
         if exact:
             k = len(evidence.fit.slots)
             self.covariance, self.newton = np.zeros_like(self.covariance), np.zeros_like(self.newton)
@@ -69,11 +72,13 @@ class Screen:
         square = sum(float((k**2 * p.square).sum()) for p, k in zip(parts, keep, strict=True))
         cross = sum(k @ p.cross for p, k in zip(parts, keep, strict=True))
         match = sum(float((k * p.match).sum()) for p, k in zip(parts, keep, strict=True))
-        spent, step = float(cross @ self.covariance @ cross), float(cross @ self.newton)
+        spent = float(cross @ self.covariance @ cross)
+        step = float(cross @ self.newton)
         own = self._own_term(parts[0].effect)
         if own is not None:
             # The candidate is also one of the small terms. As a cause it is free, so the small term is removed.
-            column, pivot = self.covariance[own], self.covariance[own, own]
+            column = self.covariance[own]
+            pivot = self.covariance[own, own]
             spent -= float(cross @ column) ** 2 / pivot
             step -= float(cross @ column) * self.newton[own] / pivot
         left = square - spent
@@ -158,8 +163,10 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     that does more than the model without the effect makes of it: a play, a lag or a delay that is missing there makes
     its derivatives too small.
     """
-    effect, names = prints[0].effect, np.array(judge.base.batch.names)
-    R, least = len(names), 1.0 / judge.criteria.screening.nonlinear
+    effect = prints[0].effect
+    names = np.array(judge.base.batch.names)
+    R = len(names)
+    least = 1.0 / judge.criteria.screening.nonlinear
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.traits.by_record else []
@@ -209,7 +216,8 @@ def _timed(judge: Screen, prints: Sequence[Fingerprint]) -> list[Candidate]:
     Both signs are returned for an effect for which an early decrease and a late increase look alike.
     """
     effect = prints[0].effect
-    names, R = judge.base.batch.names, len(prints[0].square)
+    names = judge.base.batch.names
+    R = len(prints[0].square)
     best: dict[bool, Candidate] = {}
     for values in effect.further.grid:
         mine = [p for p in prints if p.values is values]
@@ -276,7 +284,8 @@ class _ScreeningSums:
     def __init__(self, judge: Screen, prints: Sequence[Fingerprint]) -> None:
         self._square, self._cross = np.stack([p.square for p in prints]), np.stack([p.cross for p in prints])
         self._match = np.stack([p.match for p in prints]) - self._cross @ judge.newton
-        self._covariance, self._surviving = judge.covariance, judge.criteria.naming.approximate
+        self._covariance = judge.covariance
+        self._surviving = judge.criteria.naming.approximate
         self._spent = self._cross @ judge.covariance
         self._alone = self._square - np.sum(self._spent * self._cross, axis=2)
 
@@ -284,7 +293,8 @@ class _ScreeningSums:
         """(prints, records) Statistic of each fingerprint in a record together with the fingerprints `others` by
         record.
         """
-        rows, prints = list(others), list(others.values())
+        rows = list(others)
+        prints = list(others.values())
         fixed = self._cross[prints, rows].sum(axis=0)
         square = self._square[:, records] + self._square[prints, rows].sum()
         left = self._alone[:, records] + self._square[prints, rows].sum()

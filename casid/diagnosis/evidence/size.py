@@ -49,7 +49,9 @@ class AircraftSizes:
         An effect that is expected of some aircraft matters at any size, because without it another fault would be
         named.
         """
-        effect, value, criteria = one.effect, one.values["value"], fitted.criteria.size
+        effect = one.effect
+        value = one.values["value"]
+        criteria = fitted.criteria.size
         if effect.size.amplitude is not None:
             return consequence(fitted, one)
         smallest = fitted.flight.smallest_that_matters(effect)
@@ -62,7 +64,8 @@ class AircraftSizes:
     def missing_share(self, fitted: FlightFit, missing: MissingInput) -> float:
         """Share of a latent input: its r.m.s. over the variation of the coefficient or reading, for the air over a
         velocity."""
-        place, criteria = missing.place, fitted.criteria.size
+        place = missing.place
+        criteria = fitted.criteria.size
         if place.kind == "wind":
             return missing.rms / (criteria.wind_along if place.name == "x" else criteria.wind_across)
         if place.kind == "coefficient":
@@ -101,12 +104,14 @@ def consequence(fitted: FlightFit, one: Attached) -> float:
     live = fitted.batch.live
     if one.effect.output is not None:
         plain, seen = without_and_with(fitted, one)
-        change, size = np.std((seen - plain)[live], axis=0), np.std(plain[live], axis=0)
+        change = np.std((seen - plain)[live], axis=0)
+        size = np.std(plain[live], axis=0)
         noise = np.array([fitted.noise.measurement[name] for name in fitted.model.outputs])
         return float(np.max(change / np.maximum(np.minimum(least * size, noise), 1e-12)))
     if one.effect.target not in SURFACES or one.effect.series is None:
         return np.inf
-    moved, shares = _moved(fitted, one), [0.0]
+    moved = _moved(fitted, one)
+    shares = [0.0]
     for coefficient, size in variation(fitted).items():
         name = f"{coefficient}_{one.effect.target}"
         slope = fitted.derivatives.get(name, 0.0) + fitted.regressors.get(f"given {name}", 0.0)
@@ -117,7 +122,10 @@ def consequence(fitted: FlightFit, one: Attached) -> float:
 
 def without_and_with(fitted: FlightFit, one: Attached) -> tuple[np.ndarray, np.ndarray]:
     """(N, R, ny) readings along the motion of a fit without one of its effects, and with it."""
-    names, t, outputs, plain = fitted.batch.names, fitted.batch.t, fitted.model.outputs, fitted.output
+    names = fitted.batch.names
+    t = fitted.batch.t
+    outputs = fitted.model.outputs
+    plain = fitted.output
     without = [a for a in fitted.attached if a.name != one.name]
     if one.effect.symbolic:
         P = fitted.parameters.copy()
@@ -148,7 +156,8 @@ def _moved(fitted: FlightFit, one: Attached) -> np.ndarray:
 
 def _coefficient_share(fitted: FlightFit, one: Attached) -> float:
     """R.m.s. of what the effect adds to its coefficient, over the variation of that coefficient."""
-    size, live = variation(fitted), fitted.batch.live
+    size = variation(fitted)
+    live = fitted.batch.live
     if one.effect.series is not None:
         W = disturbance_series([one], fitted.batch.names, fitted.batch.t, fitted.known, fitted.model.disturbances)
         series = {c: W[..., fitted.model.disturbances.index(station.coefficient(c))] for c in size}

@@ -43,6 +43,7 @@ def inertia_bounds(component: str, aircraft: Airframe, criteria: SizeCriteria) -
         return -criteria.mass * inertia.Ixx, criteria.mass * inertia.Ixx
     own = getattr(inertia, component)
     one, other = (getattr(inertia, name) for name in _MOMENTS if name != component)
-    low, high = max((1.0 - criteria.mass) * own, abs(one - other)), one + other
+    low = max((1.0 - criteria.mass) * own, abs(one - other))
+    high = one + other
     high = high if aircraft.rotors else min((1.0 + criteria.mass) * own, high)
     return min(low - own, 0.0), max(high - own, 0.0)

@@ -58,7 +58,8 @@ class _Computed(Generic[T]):
             kept[self.name] = self.by(fit)
         elif self.name not in kept:
             work = Work(fit.flight, fit.attached, fit.noise, fit.free)
-            work.reference, work.filter = fit.reference, fit.filter_of_another
+            work.reference = fit.reference
+            work.filter = fit.filter_of_another
             again = evaluate(work, fit.attached, fit.values, fit.motion)
             kept.update({name: one for name, one in _KEPT[again].items() if name in _LARGE or name not in kept})
         return kept[self.name]
@@ -223,7 +224,8 @@ class Work:
     """What stays the same over the iterations of one fit."""
 
     def __init__(self, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
-        self.flight, self.noise = flight, noise
+        self.flight = flight
+        self.noise = noise
         self.free: Free = free
         self.model = flight.model([a.effect for a in attached])
         self.batch = flight.batch(self.model)
@@ -251,7 +253,8 @@ class Work:
             if slot.name in nuisance:
                 self.weight[i] = nuisance[slot.name] ** -2.0
             elif slot.attached is not None and slot.key in (usual := attached[slot.attached].effect.further.usual):
-                self.mean[i], self.weight[i] = usual[slot.key][0], usual[slot.key][1] ** -2.0
+                self.mean[i] = usual[slot.key][0]
+                self.weight[i] = usual[slot.key][1] ** -2.0
         self.reference: dict[str, np.ndarray] = {}
         self.filter: Filter | None = None
         self.filter_held = _is_held(flight, noise, self.slots)  # as `FlightFit.filter_held`
@@ -273,7 +276,9 @@ class Work:
 
         They are computed from denoised inputs, except for effects whose transmission of noise is modelled.
         """
-        names, t, stations = self.batch.names, self.batch.t, self.model.disturbances
+        names = self.batch.names
+        t = self.batch.t
+        stations = self.model.disturbances
         passing = [one for one in attached if one.passes_noise]
         others = [one for one in attached if one not in passing]
         recorded = known | {name: self.batch.U[..., i] for i, name in enumerate(self.model.inputs)}
@@ -331,7 +336,8 @@ def _regressors(fit: FlightFit) -> dict[str, np.ndarray]:
 
 def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motion: Motion) -> FlightFit:
     """The hypothesis at given values of its parameters, along a motion."""
-    batch, model = work.batch, work.model
+    batch = work.batch
+    model = work.model
     acting = acting_noise(work.noise, attached, work.dt)
     along = along_motion(work.regressors, model, acting, motion)
     at = [model.inputs.index(Station.at(name).name) for name in acting.inputs]
@@ -340,11 +346,13 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     made_of = work.with_recorded(along.known) if of_histories else {}
     W = work.series(attached, made_of)
     P = work.parameters(values, attached)
-    late, seen = lateness(attached, work.flight, model), np.isfinite(batch.Z)
+    late = lateness(attached, work.flight, model)
+    seen = np.isfinite(batch.Z)
     moved = work.seen_earlier(late) if late.any() else batch
     X, coloured = motion.about
     moving = W + scattered(model, acting.coloured, coloured) + scattered(model, acting.inputs, errors)
-    ahead, news = motion.predicted is not None, None
+    ahead = motion.predicted is not None
+    news = None
     if ahead:
         news = scattered(model, acting.coloured, coloured_news(batch.dt, acting, coloured))
     linear = linearise(work.functions, moved, P, X, moving, news)
@@ -406,8 +414,10 @@ def _products(columns: np.ndarray, white: np.ndarray) -> tuple[np.ndarray, np.nd
     """(R, slots, slots) and (R, slots) Products of whitened sensitivities (N, R, ny, slots) with each other and with
     innovations (N, R, ny), of so few rows at a time that they are read from memory once."""
     N, R, ny, k = columns.shape
-    grams, pulls = [Gram(k) for _ in range(R)], np.zeros((R, k))
-    rows, residual = by_rows(columns).reshape(R, N * ny, k), white.swapaxes(0, 1).reshape(R, N * ny)
+    grams = [Gram(k) for _ in range(R)]
+    pulls = np.zeros((R, k))
+    rows = by_rows(columns).reshape(R, N * ny, k)
+    residual = white.swapaxes(0, 1).reshape(R, N * ny)
     for r, gram in enumerate(grams):
         for first in range(0, N * ny, _ROWS):
             some = rows[r, first : first + _ROWS]
@@ -445,7 +455,8 @@ def _lost(kalman: Filter, white: np.ndarray, seen: np.ndarray) -> float:
 
     It is estimated with the mean of the other samples of the channel.
     """
-    kept, all_of_it = kalman.linear.seen.sum(axis=(0, 1)), seen.sum(axis=(0, 1))
+    kept = kalman.linear.seen.sum(axis=(0, 1))
+    all_of_it = seen.sum(axis=(0, 1))
     if np.array_equal(kept, all_of_it):
         return 0.0
     by_channel = white**2 - 2.0 * np.log(np.diagonal(kalman.inverse_root, axis1=2, axis2=3))
@@ -462,7 +473,8 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
     """
     diagonal = np.diagonal(information, axis1=-2, axis2=-1)
     scale = np.where(diagonal > 1e-30, 1.0 / np.sqrt(np.maximum(diagonal, 1e-30)), 0.0)
-    row, column = scale[..., :, None], scale[..., None, :]
+    row = scale[..., :, None]
+    column = scale[..., None, :]
     return np.linalg.pinv(information * row * column, rcond=rcond, hermitian=True) * row * column
 
 
@@ -470,7 +482,9 @@ def _slopes_of_histories(
     work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
 ) -> tuple[HistorySlope, ...]:
     """Central differences of the time histories by the values of attached effects that are made of them."""
-    batch, model, found = work.batch, work.model, []
+    batch = work.batch
+    model = work.model
+    found = []
     for slot in work.slots:
         if slot.attached is None:
             continue
@@ -507,7 +521,8 @@ def about_motion(now: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def smoothed(now: FlightFit, Y: np.ndarray, F: np.ndarray, first: np.ndarray) -> Motion:
     """Change to the most likely motion, given a residual, and to the predicted one."""
     moved, noise = now.filter.smooth(Y, F, first)
-    most, nx = now.criteria.significance.sigmas * np.array(list(now.acting.inputs.values())), now.motion.X.shape[2]
+    most = now.criteria.significance.sigmas * np.array(list(now.acting.inputs.values()))
+    nx = now.motion.X.shape[2]
     noise = np.where(now.batch.live[..., None], np.clip(noise, -most, most), 0.0)
     motion, (X, coloured) = now.motion, now.motion.about
     ahead = None if motion.predicted is None else predicted(now, Y, F, first) - motion.predicted
@@ -540,7 +555,8 @@ def held_noise(
 
 def _into_the_motion(linear: Linear, inputs: Iterable[str]) -> dict[str, np.ndarray]:
     """Name -> (states of an aircraft,) mean effect of the noise of an input on the motion, in typical sizes."""
-    model, names = linear.model, list(inputs)
+    model = linear.model
+    names = list(inputs)
     at = [model.disturbances.index(name) for name in names]
     drive = (linear.Bw0.mean(axis=(0, 1)) + linear.Bw1.mean(axis=(0, 1)))[:, at] / model.scale_vector()[:, None]
     rows = [i for i, state in enumerate(model.states) if state in STATES]
@@ -559,7 +575,8 @@ def as_strong(into: np.ndarray, reference: np.ndarray, most: float) -> float:
 
 def lateness(attached: Sequence[Attached], flight: Subject, model: Model) -> np.ndarray:
     """(R, ny) Delay of a reading in samples; the reading is compared with the state at the time that it refers to."""
-    outputs, records = model.outputs, flight.records
+    outputs = model.outputs
+    records = flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.traits.late):
         rows = [outputs.index(c) for c in flight.channels_of(one.effect) if c in outputs]
@@ -573,7 +590,8 @@ def earlier(series: np.ndarray, late: np.ndarray) -> np.ndarray:
     moved = series.copy()
     for j, i in np.argwhere(late):
         k = min(late[j, i], len(series))
-        moved[: len(series) - k, j, i], moved[len(series) - k :, j, i] = series[k:, j, i], 0
+        moved[: len(series) - k, j, i] = series[k:, j, i]
+        moved[len(series) - k :, j, i] = 0
     return moved
 
 
@@ -584,5 +602,6 @@ def as_read(late: np.ndarray, series: np.ndarray) -> np.ndarray:
     moved = series.copy()
     for j, i in np.argwhere(late):
         k = min(late[j, i], len(series))
-        moved[k:, j, i], moved[:k, j, i] = series[: len(series) - k, j, i], 0
+        moved[k:, j, i] = series[: len(series) - k, j, i]
+        moved[:k, j, i] = 0
     return moved

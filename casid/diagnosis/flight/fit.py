@@ -85,7 +85,8 @@ def fit(
         if start.noise == noise:
             work.filter = start.filter_of_another
     best = now = _first_point(work, attached, start, ahead=work.filter_held and free == "all" and not far)
-    count, gained = 1, np.inf
+    count = 1
+    gained = np.inf
     refused: list[tuple[float, np.ndarray]] = []  # longer parts of the present step, and what rises there
 
     def tried(length: float) -> _Point | None:
@@ -94,9 +95,11 @@ def fit(
             return None
         count += 1
         flight.limit.check()
-        best, after = best.lighter(), None
+        best = best.lighter()
+        after = None
         with suppress(InputError):  # a step may be too long
-            values, motion = best.fit.values + length * step[0], best.fit.motion.moved(step[1], length)
+            values = best.fit.values + length * step[0]
+            motion = best.fit.motion.moved(step[1], length)
             if not _turned_negative(attached, work.slots, best.fit.values, values):
                 after = _flown(work, attached, values, motion)
         if after is None or best.leads_to(after, tolerance, full=length == 1.0):
@@ -111,7 +114,9 @@ def fit(
             return now.converged(gained)
         if count >= 2 and now.fit.deviance - 2.0 * now.promise > give_up:
             break
-        step, now = gauss_newton_step(now.fit), None  # of the present point only what `best` keeps stays in memory
+        # of the present point only what `best` keeps stays in memory
+        step = gauss_newton_step(now.fit)
+        now = None
         refused.clear()
         now = longest(tried, numerics.shrink, numerics.shortest_step)
         gained = np.inf if now is None else abs(best.squares - now.squares)
@@ -163,15 +168,18 @@ _WITHOUT: WeakKeyDictionary[FlightFit, dict[frozenset[str], FlightFit]] = WeakKe
 def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = None) -> FlightFit:
     """The fit without some of its effects, converged; begun `near` it, with the values of its effects, if that is a
     fit of the same effects in calm air, whose filter is its own."""
-    known, left_out = _WITHOUT.setdefault(fitted, {}), frozenset(names)
+    known = _WITHOUT.setdefault(fitted, {})
+    left_out = frozenset(names)
     if left_out not in known:
-        start, others = fitted, tuple(a for a in fitted.attached if a.name not in left_out)
+        start = fitted
+        others = tuple(a for a in fitted.attached if a.name not in left_out)
         if (
             near is not None
             and not fitted.noise.coloured
             and [a.name for a in near.attached] == [a.name for a in others]
         ):
-            start, others = near, near.attached
+            start = near
+            others = near.attached
         found = fit(fitted.flight, others, fitted.noise, start, extent="settled")
         if found is fitted:  # a table of weak keys must not hold a key itself
             return found
@@ -189,7 +197,8 @@ def all_free(fitted: FlightFit) -> FlightFit:
 def relaxed(fitted: FlightFit) -> FlightFit:
     """The fit of everything that is free, converged under its own noise of inputs and its own filter; or the first that
     predicts worse than the fit before."""
-    numerics, lowest = fitted.criteria.numerics.fit, np.inf
+    numerics = fitted.criteria.numerics.fit
+    lowest = np.inf
     for _ in range(numerics.repeats if fitted.filter_held else 1):
         fitted.forget()
         before = fitted = fitted.lighter(filtered=False)  # it is fitted anew, under a filter of its own
@@ -279,7 +288,8 @@ class _Point:
             return True
         left = now.promise / self.promise if self.promise else np.inf
         numerics = now.fit.criteria.numerics.fit
-        much, as_low = left < numerics.promise, now.squares < numerics.squares * self.squares
+        much = left < numerics.promise
+        as_low = now.squares < numerics.squares * self.squares
         nearer = (much and as_low) if now.fit.noise.coloured else (much or (left < 1.0 and as_low))
         return full and nearer
 
@@ -304,7 +314,8 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit |
     Without `start` it is the result of the filter with the measured motion. The deviance of a model linearised about a
     noisy motion is not comparable with another, and a line search that starts there may not leave it.
     """
-    acting, shape = acting_noise(work.noise, attached, work.dt), work.batch.live.shape
+    acting = acting_noise(work.noise, attached, work.dt)
+    shape = work.batch.live.shape
     still = Motion(
         X=work.flight.measured(work.model),
         coloured=np.zeros((*shape, len(acting.coloured))),
@@ -329,7 +340,8 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit |
 
 def _carried(names: Iterable[str], known: Iterable[str], before: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
     """(N, R, names) Columns of `before`, which has those of `known`; missing columns are taken from `otherwise`."""
-    found, at = otherwise.copy(), list(known)
+    found = otherwise.copy()
+    at = list(known)
     for i, name in enumerate(names):
         if name in at:
             found[..., i] = before[..., at.index(name)]

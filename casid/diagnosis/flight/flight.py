@@ -244,7 +244,8 @@ class Flight:
         """The records as arrays, for one of its models."""
         batch = make_batch(model, self.records)
         if self.spacing:
-            Z, doubted = batch.Z.copy(), [model.outputs.index(o) for o in self.doubted]
+            Z = batch.Z.copy()
+            doubted = [model.outputs.index(o) for o in self.doubted]
             for j, record in enumerate(self.records):
                 for i in doubted:
                     read = spaced(record.t, Z[: len(record), j, i], self.spacing)
@@ -362,16 +363,19 @@ def prepare(
     raises   InputError if the records lack inputs of every model, or contain no outputs
     """
     criteria = criteria or Criteria()
-    noise, axes = criteria.noise, axes or axes_of(records)
+    noise = criteria.noise
+    axes = axes or axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
     aircraft = aircraft.with_derivatives(offsets)
     modelled = aircraft_model(aircraft, axes=axes, equations=False).outputs
     moved = (*modelled, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
     ready = pulled_alike(as_updated(flight_inputs(aircraft, record, axes), moved) for record in records)
     outputs = tuple(o for o in moved if moves(ready, o, noise))
-    edge, as_read = motion_edge(ready), ready
+    edge = motion_edge(ready)
+    as_read = ready
     every = _every(ready, outputs, edge, criteria) if average else 1
-    ready, stated = _averaged(ready, every), {name: value / math.sqrt(every) for name, value in aircraft.noise.items()}
+    ready = _averaged(ready, every)
+    stated = {name: value / math.sqrt(every) for name, value in aircraft.noise.items()}
     sigma = {o: stated.get(o) or sigma_of([r[o] for r in that_have(ready, o, noise)], noise) for o in outputs}
     rare = {o for o in moved if all(o in r and not has(r, o, noise) for r in ready)}
     left_out = {
@@ -439,7 +443,8 @@ _NOTHING: Mapping[str, str] = MappingProxyType({})
 
 def as_updated(record: Record, outputs: Sequence[str]) -> Record:
     """The record without repeated readings, for `outputs` that a slower recorder updates."""
-    slow, notes = {}, []
+    slow = {}
+    notes = []
     for name in (o for o in outputs if o in record):
         new = real_updates(record.t, record[name])
         if new.sum() < np.isfinite(record[name]).sum():
@@ -492,7 +497,8 @@ def hides_noise(records: Sequence[Record], name: str, criteria: NoiseCriteria) -
 
 def sigma_of(series: list[np.ndarray], criteria: NoiseCriteria) -> float:
     """1-sigma of the noise; the smallest plausible noise if there are too few samples."""
-    noise, variation = pooled_sigma(series, continuous=True), float(np.nanstd(np.concatenate(series)))
+    noise = pooled_sigma(series, continuous=True)
+    variation = float(np.nanstd(np.concatenate(series)))
     return max(noise if np.isfinite(noise) else 0.0, criteria.smallest * variation, 1e-12)
 
 

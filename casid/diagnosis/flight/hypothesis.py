@@ -73,7 +73,9 @@ class Regressors:
             station(path)
         rows = path.regressor | given_series(path)
         self.names = tuple(rows)
-        self._inputs, self._states, self._sigma = model.inputs, model.states, flight.input_sigma
+        self._inputs = model.inputs
+        self._states = model.states
+        self._sigma = flight.input_sigma
         self._batch = make_batch(model, flight.records)
         self._lengths = {"alpha": flight.aircraft.rate_length_pitch, "beta": flight.aircraft.rate_length_lateral}
         expressions = ca.vertcat(*rows.values(), path.air["V"])
@@ -85,7 +87,8 @@ class Regressors:
 
     def _quiet(self, i: int, name: str) -> list[tuple[np.ndarray, np.ndarray]]:
         """For each record, the windows over which an input may be averaged."""
-        sigma, samples = self._sigma.get(control(name), 0.0), self._batch.live.sum(axis=0)
+        sigma = self._sigma.get(control(name), 0.0)
+        samples = self._batch.live.sum(axis=0)
         return [quiet_windows(self._batch.U[:n, j, i], sigma) for j, n in enumerate(samples)]
 
     def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -95,7 +98,8 @@ class Regressors:
         it causes. The noise that remains beside the motion does not. Noise larger than possible indicates a fault; it
         is reduced in proportion to its excess.
         """
-        U, live = self._batch.U.copy(), self._batch.live
+        U = self._batch.U.copy()
+        live = self._batch.live
         for i, name in enumerate(self._inputs):
             if (station := control(name)) in noise:
                 power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
@@ -160,7 +164,8 @@ class Stated(Protocol):
 
 def prior(flight: Subject, model: Model, names: Sequence[str | None]) -> tuple[np.ndarray, np.ndarray]:
     """Mean and inverse variance of the fitted parameters; effects and unnamed parameters have no prior."""
-    mean, weight = np.zeros(len(names)), np.zeros(len(names))
+    mean = np.zeros(len(names))
+    weight = np.zeros(len(names))
     of_the_file = flight.model().parameters
     for i, name in enumerate(names):
         if name in of_the_file:
@@ -185,7 +190,8 @@ def derivative_std(flight: Stated, model: Model, name: str) -> float:
     if name.startswith(OFFSET):
         channel = name.removeprefix(OFFSET)
         return float(sensor_bias(channel).smallest_that_matters(flight.aircraft) or np.inf)
-    known, size = flight.criteria.prior, abs(model.nominal[name])
+    known = flight.criteria.prior
+    size = abs(model.nominal[name])
     if name in flight.aircraft.knots:
         return model.prior_std.get(name, known.spread * max(size, NOTABLE_DERIVATIVES[flight.aircraft.knots[name]]))
     coefficient, term = derivative_term(name)
@@ -257,7 +263,8 @@ class Attached:
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
         """With other values. An event that becomes longer begins earlier, because the data determine its middle."""
-        extent, onsets = self.effect.event.extent, self.onsets
+        extent = self.effect.event.extent
+        onsets = self.onsets
         if extent is not None and extent in values:
             longer = values[extent] - self.values[extent]
             onsets = {record: onset - 0.5 * longer for record, onset in onsets.items()}
@@ -266,7 +273,8 @@ class Attached:
 
 def acting_noise(noise: NoiseModel, attached: Sequence[Attached], dt: float) -> NoiseModel:
     """The noise model with noise of recorded inputs as changed by the attached effects that it passes through."""
-    inputs, coloured = dict(noise.inputs), dict(noise.coloured)
+    inputs = dict(noise.inputs)
+    coloured = dict(noise.coloured)
     for one in attached:
         station = control(one.effect.target)
         if one.passes_noise and one.effect.forms.noise is not None and station in inputs:
@@ -349,7 +357,8 @@ class Slopes:
 
     def whitened(self, kalman: Filter) -> np.ndarray:
         """(N, R, ny, slots) Whitened sensitivities to all slots."""
-        linear, own = kalman.linear, len(self.functions.free)
+        linear = kalman.linear
+        own = len(self.functions.free)
         stretches = self.functions.in_stretches(self.batch, self.parameters, linear.X, self.moving, ends=self.ends)
         columns = kalman.whiten_in_stretches(stretches, own, len(self.histories))
         columns[..., :own] *= self.present[:, None, :own]
@@ -366,12 +375,14 @@ class Slopes:
     def along(self, linear: Linear, change: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, R, ny, 1) and (N-1, R, nx, 1) Change of outputs and of steps for a change of all slots."""
         own = len(self.functions.free)
-        read, driven = np.zeros((*linear.output.shape, 1)), np.zeros((*linear.defect.shape, 1))
+        read = np.zeros((*linear.output.shape, 1))
+        driven = np.zeros((*linear.defect.shape, 1))
         by_parameters = self.present[:, :own] * change[:own]
         about = self.batch, self.parameters, linear.X, self.moving
         stretches = self.functions.in_stretches(*about, by_parameters, self.ends)
         for at, Dp, Bp in stretches if own else ():
-            read[at], driven[at] = Dp, Bp
+            read[at] = Dp
+            driven[at] = Bp
         for slope, by in zip(self.histories, change[own:], strict=True):
             if len(slope.stations):
                 y, f = inject(linear, slope.stations.tolist(), by * slope.series)

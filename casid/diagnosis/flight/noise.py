@@ -55,7 +55,8 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
     A result that overflows is infinite.
     """
     begin = fit.motion.X[0] if start is None else start
-    model, batch = fit.model, fit.batch
+    model = fit.model
+    batch = fit.batch
     N, R = batch.live.shape
     if fit.flight.closed_loop:
         return _predicted(fit)
@@ -80,7 +81,8 @@ def _predicted(fit: FlightFit) -> SimulatedRecords:
 
 def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:
     """What the instruments read along simulated states."""
-    model, batch = fit.model, fit.batch
+    model = fit.model
+    batch = fit.batch
     output = fit.output_along(X)
     output = readings(fit.attached, batch.names, batch.t, output, model.outputs, fit.known)
     output = np.where(np.isfinite(output), output, np.inf)
@@ -96,7 +98,8 @@ def expected_error(fit: FlightFit) -> np.ndarray:
 def most_by_chance(fit: FlightFit) -> dict[str, float]:
     """Output -> r.m.s. error of a free simulation from a measured start, as recorded and in units of its noise, that
     the right model exceeds as rarely as an interval does not hold what it should."""
-    criteria, every = fit.criteria, fit.flight.every
+    criteria = fit.criteria
+    every = fit.flight.every
     error = chance_error(fit.linear, fit.acting, criteria.given.beginning)
     noise = np.array([fit.noise.measurement[name] for name in fit.model.outputs])
     most = np.sqrt((error.most(1.0 - criteria.priors.holds) / noise**2 + every - 1) / every)
@@ -108,14 +111,17 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
 
     Noise and error are those of the samples as recorded: the white noise that averaging removed is added again.
     """
-    table, lags, every = {}, fit.criteria.numerics.fit.whiteness_lags, fit.flight.every
+    table = {}
+    lags = fit.criteria.numerics.fit.whiteness_lags
+    every = fit.flight.every
     for i, name in enumerate(fit.model.outputs):
         error = simulated.residual[..., i]
         if not fit.seen[..., i].any() or np.isnan(error).all():
             continue
         # Use the measured samples. A late reading is compared at other samples.
         measured = np.where(np.isnan(error), np.nan, fit.batch.Z[..., i])
-        flown, noise = channel_fit(measured.ravel(), (measured - error).ravel()), fit.noise.measurement[name]
+        flown = channel_fit(measured.ravel(), (measured - error).ravel())
+        noise = fit.noise.measurement[name]
         table[name] = ChannelStatistics(
             rms=math.hypot(flown.rms, noise * math.sqrt(every - 1)),
             noise=noise * math.sqrt(every),
@@ -128,7 +134,8 @@ def channel_fits(fit: FlightFit, simulated: SimulatedRecords) -> dict[str, Chann
 
 def whiteness(white: np.ndarray, seen: np.ndarray, lags: int) -> float:
     """Ljung-Box p-value with a number of `lags`, pooled over the records of a channel (N, R)."""
-    statistic, dof = 0.0, 0
+    statistic = 0.0
+    dof = 0
     for r in range(white.shape[1]):
         e = white[seen[:, r], r]
         n = len(e)
@@ -157,7 +164,9 @@ def following(fit: FlightFit) -> Following | None:
     innovations of the right model are independent of everything before them, in closed loop too (Ljung, System
     Identification, 16.6). Air that is estimated in place of something else follows the inputs.
     """
-    lags, live, U = fit.criteria.numerics.fit.whiteness_lags, fit.batch.live, fit.batch.U
+    lags = fit.criteria.numerics.fit.whiteness_lags
+    live = fit.batch.live
+    U = fit.batch.U
     moved = [i for i, name in enumerate(fit.model.inputs) if name in (*SURFACES, "thrust") and np.ptp(U[live][:, i])]
     if not moved:
         return None
@@ -165,11 +174,14 @@ def following(fit: FlightFit) -> Following | None:
     changes = np.diff(U[..., moved], axis=0, prepend=U[:1][..., moved])
     for k in range(1, lags + 1):
         before[k:, ..., k - 1] = changes[:-k]
-    before, innovations, seen = before[live], fit.white[live], fit.seen[live]
+    before = before[live]
+    innovations = fit.white[live]
+    seen = fit.seen[live]
     found = []
     for i, output in enumerate(fit.model.outputs):
         if seen[:, i].sum() > 2 * len(moved) * lags:
-            rows, e = before[seen[:, i]], innovations[seen[:, i], i]
+            rows = before[seen[:, i]]
+            e = innovations[seen[:, i], i]
             by_input = [_explained(rows[:, j], e) for j in range(len(moved))]
             statistic = _explained(rows.reshape(len(e), -1), e) - len(moved) * lags
             most = fit.model.inputs[moved[int(np.argmax(by_input))]]
@@ -246,12 +258,14 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
     if not fitted.flight.noise_by_fit:
         return fitted
     for _ in range(numerics.repeats):
-        before, level = fitted.flight.sigma, level_of(fitted)
+        before = fitted.flight.sigma
+        level = level_of(fitted)
         fitted = _under(fitted, before | level, {}, free)
         if all(abs(np.log(level[o] / before[o])) < numerics.noise_stays for o in level):
             break
     for _ in range(numerics.repeats):
-        before, colour = fitted.noise.colour, colour_of(fitted, fitted.flight.doubted)
+        before = fitted.noise.colour
+        colour = colour_of(fitted, fitted.flight.doubted)
         fitted = _under(fitted, fitted.flight.sigma, colour, free)
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < numerics.noise_stays for o in colour):
             break
@@ -282,10 +296,12 @@ def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[f
 
 def level_of(fitted: FlightFit) -> dict[str, float]:
     """Output -> r.m.s. residual of a free simulation, at most the variation of the channel; for doubted outputs."""
-    residual, found = free_simulation(fitted).residual, {}
+    residual = free_simulation(fitted).residual
+    found = {}
     for name in fitted.flight.doubted:
         i = fitted.model.outputs.index(name)
-        measured, left = fitted.batch.Z[..., i], residual[..., i]
+        measured = fitted.batch.Z[..., i]
+        left = residual[..., i]
         if np.isfinite(measured).any():
             with np.errstate(over="ignore"):
                 found[name] = float(min(np.sqrt(np.nanmean(left**2)), np.nanstd(measured)))
@@ -320,11 +336,14 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
     instrument may have are not taken for noise. A drift as large as a bias that matters may be missing at the outputs
     `drifting`. Noise as slow as that would be this drift by another name, and they have none.
     """
-    white, criteria, sigma = _innovations(fitted), fitted.criteria.noise, fitted.noise.measurement
+    white = _innovations(fitted)
+    criteria = fitted.criteria.noise
+    sigma = fitted.noise.measurement
     significant = fitted.criteria.significance
     found = white_and_slow(fitted.batch.t, white, fitted.seen)
     drift_time = min(fitted.criteria.numerics.missing_input.drift_times)
-    flown, slow = sum(record.duration for record in fitted.flight.records), {}
+    flown = sum(record.duration for record in fitted.flight.records)
+    slow = {}
     offsets = np.array([one.offsets for one in found]).T + _put_in(fitted) / np.array(
         [sigma[name] for name in fitted.model.outputs]
     )
@@ -343,8 +362,10 @@ def slow_of(fitted: FlightFit, drifting: Collection[str] = ()) -> dict[str, tupl
 
 def _put_in(fitted: FlightFit) -> np.ndarray:
     """(R, ny) Offsets of readings due to attached effects: their constant contributions."""
-    batch, output = fitted.batch, fitted.output
-    found, rounding = np.zeros(output.shape[1:]), fitted.criteria.numerics.structure.rounding
+    batch = fitted.batch
+    output = fitted.output
+    found = np.zeros(output.shape[1:])
+    rounding = fitted.criteria.numerics.structure.rounding
     for one in fitted.attached:
         if one.effect.output is not None:
             added = readings([one], batch.names, batch.t, output, fitted.model.outputs, fitted.known) - output
@@ -355,7 +376,9 @@ def _put_in(fitted: FlightFit) -> np.ndarray:
 def colour_of(fitted: FlightFit, outputs: Iterable[str], longest: float = np.inf) -> dict[str, tuple[float, float]]:
     """Output -> (1-sigma, correlation time [s], at most `longest`) of its innovations, in units of its noise, for
     measured outputs."""
-    white, seen, t = _innovations(fitted), fitted.seen, fitted.batch.t
+    white = _innovations(fitted)
+    seen = fitted.seen
+    t = fitted.batch.t
     found = {}
     for name in outputs:
         i = fitted.model.outputs.index(name)
@@ -390,7 +413,8 @@ def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
     now = replace(flight, sigma=flight.sigma | first)
     fitted = None
     for _ in range(numerics.repeats):
-        before, fitted = now.sigma, fit(now, attached, now.noise(), fitted)
+        before = now.sigma
+        fitted = fit(now, attached, now.noise(), fitted)
         residual = free_simulation(fitted).residual
         now = flight.with_noise_above(
             [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]
@@ -408,7 +432,8 @@ def _left(flight: Flight, record: Record, residual: np.ndarray) -> Record:
 def without_outliers(fitted: FlightFit) -> FlightFit:
     """The fit without the outliers that it shows, repeated until there are none."""
     for _ in range(fitted.criteria.numerics.fit.repeats):
-        at, outputs = outliers(fitted), fitted.model.outputs
+        at = outliers(fitted)
+        outputs = fitted.model.outputs
         if not at.any():
             break
         records = []
@@ -428,7 +453,9 @@ def outliers(fitted: FlightFit) -> np.ndarray:
     Samples at which a surface moves are excluded for outputs that the surface affects immediately: a surface that is
     late by a sample causes such an innovation too.
     """
-    white, seen, at_once = fitted.white, fitted.seen, _at_once(fitted)
+    white = fitted.white
+    seen = fitted.seen
+    at_once = _at_once(fitted)
     found = np.zeros(seen.shape, dtype=bool)
     for r in range(seen.shape[1]):
         for i in range(seen.shape[2]):
@@ -446,7 +473,9 @@ def _at_once(fitted: FlightFit) -> np.ndarray:
 
 def _moving(fitted: FlightFit) -> np.ndarray:
     """(N, R) True at samples at which a surface moves, and at their neighbours."""
-    flight, batch, moving = of_aircraft(fitted.flight), fitted.batch, np.zeros(fitted.batch.live.shape, dtype=bool)
+    flight = of_aircraft(fitted.flight)
+    batch = fitted.batch
+    moving = np.zeros(fitted.batch.live.shape, dtype=bool)
     for name in (one for one in SURFACES if one in fitted.model.inputs):
         U = batch.U[..., fitted.model.inputs.index(name)]
         least = flight.criteria.significance.sigmas * np.sqrt(2.0) * flight.input_sigma.get(control(name), 0.0)
@@ -497,7 +526,8 @@ def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     The innovations of each channel are taken as a first-order autoregressive process and whitened once more: timing
     shows in fast motion, and most errors of the model are slower.
     """
-    linear, batch = fitted.linear, fitted.batch
+    linear = fitted.linear
+    batch = fitted.batch
     moving = dict(zip(fitted.model.inputs, np.ptp(batch.U, axis=(0, 1)), strict=True))
     inputs = [name for name in SURFACES if moving.get(name, 0.0) > 0.0]
     stations = [fitted.model.disturbances.index(control(name)) for name in inputs]
@@ -506,16 +536,21 @@ def surface_shares(fitted: FlightFit) -> tuple[np.ndarray, np.ndarray, np.ndarra
     F = 0.5 * (linear.Bw0 + linear.Bw1)[..., stations] * last[:, :, None, :]
     white = fitted.filter.whiten(np.zeros((*fitted.read.shape, len(inputs))), F)
     left, whiter = _whiter(fitted.white)
-    k, information, match = len(fitted.slots), Gram(len(fitted.slots) + len(inputs)), 0.0
+    k = len(fitted.slots)
+    information = Gram(len(fitted.slots) + len(inputs))
+    match = 0.0
     for r in range(left.shape[1]):  # of one record at a time, as all of them take much memory
         columns = np.concatenate([whiter(fitted.columns[:, r]), whiter(white[:, r])], axis=2)
         information.add(columns.reshape(-1, columns.shape[2]))
         match = match + left[:, r].reshape(-1) @ columns.reshape(-1, columns.shape[2])
     weight = np.r_[fitted.prior_weight, np.zeros(len(inputs))]
     covariance = scaled_inverse(information.whole + np.diag(weight))[k:]
-    change, variance = covariance @ match, np.diag(covariance[:, k:])
+    change = covariance @ match
+    variance = np.diag(covariance[:, k:])
     acts = variance > 0.0  # a surface of an axis out of scope has no information, or a negative rounding error
-    change, variance, every = change[acts], variance[acts], fitted.flight.every
+    change = change[acts]
+    variance = variance[acts]
+    every = fitted.flight.every
     return fitted.flight.held + every * change, every * np.sqrt(variance), change**2 / variance
 
 
@@ -525,7 +560,8 @@ def _whiter(white: np.ndarray) -> tuple[np.ndarray, Callable[[np.ndarray], np.nd
 
     Channels with large errors of the model therefore have less weight.
     """
-    before, after = white[:-1], white[1:]
+    before = white[:-1]
+    after = white[1:]
     carried = np.sum(before * after, axis=(0, 1)) / np.maximum(np.sum(before**2, axis=(0, 1)), 1e-300)
     left = after - carried * before
     unit = np.sqrt(np.maximum(np.mean(left**2, axis=(0, 1)), 1.0))

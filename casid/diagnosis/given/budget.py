@@ -131,7 +131,9 @@ def _in_noise(view: View, channel: str, best: View) -> float:
 def _of_recorded(sigma: np.ndarray, channel: str, view: View) -> float:
     """R.m.s. of a 1-sigma (N, R, ny) over the readings of a channel as recorded, in units of its noise."""
     fit = view.fit
-    i, noise, every = fit.model.outputs.index(channel), fit.noise.measurement[channel], fit.flight.every
+    i = fit.model.outputs.index(channel)
+    noise = fit.noise.measurement[channel]
+    every = fit.flight.every
     seen = fit.seen[..., i]
     variance = float(np.mean(sigma[..., i][seen] ** 2)) if seen.any() else noise**2
     return math.sqrt((variance / noise**2 + every - 1) / every)
@@ -140,11 +142,14 @@ def _of_recorded(sigma: np.ndarray, channel: str, view: View) -> float:
 def _by_record(as_given: View, best: View, sigma: np.ndarray, *, held_out: bool) -> Iterator[RecordError]:
     """Errors of the records of two views."""
     for r, record in enumerate(best.records):
-        given, left = _in_record(as_given, r, best), _in_record(best, r, best)
+        given = _in_record(as_given, r, best)
+        left = _in_record(best, r, best)
         shared = [name for name in given if name in left]
         if not shared or record not in as_given.records:
             continue
-        outputs, noise, every = best.fit.model.outputs, best.fit.noise.measurement, best.fit.flight.every
+        outputs = best.fit.model.outputs
+        noise = best.fit.noise.measurement
+        every = best.fit.flight.every
         seen = best.fit.seen[:, r]
         variance = np.sum(np.where(seen, sigma[:, r] ** 2, 0.0), axis=0) / np.maximum(seen.sum(axis=0), 1)
         expected = [variance[outputs.index(name)] / noise[name] ** 2 for name in shared]
@@ -160,7 +165,8 @@ def _by_record(as_given: View, best: View, sigma: np.ndarray, *, held_out: bool)
 
 def _in_record(view: View, r: int, best: View) -> dict[str, float]:
     """Channel -> error in a record, in units of the noise of the best model."""
-    found, every = {}, best.fit.flight.every
+    found = {}
+    every = best.fit.flight.every
     for i, name in enumerate(view.fit.model.outputs):
         error = view.simulated.residual[:, r, i]
         if name in best.channels and not np.isnan(error).all():
@@ -191,7 +197,9 @@ class AccountStep:
 def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[AccountStep, ...]:
     """The steps of a budget, the largest share first, what is left last; `what` has the contributions of each step."""
     steps = budget.together
-    level, last, found = steps.as_given, steps.as_given, []
+    level = steps.as_given
+    last = steps.as_given
+    found = []
     whole = level if math.isfinite(level) and level > 0.0 else math.nan
     for name, reached in (("data", steps.data_mended), ("values", steps.values), ("structure", steps.structure)):
         after = min(level, reached)
@@ -199,7 +207,8 @@ def account_of(budget: Budget, what: Mapping[str, Sequence[str]]) -> tuple[Accou
         told = tuple(what.get(name, ()))
         share = (level - after) / whole
         found.append(AccountStep(step=name, before=level, after=after, share=share, what=told, grown_to=grown))
-        level, last = after, reached
+        level = after
+        last = reached
     floor = min(steps.floor, level)
     told = tuple(what.get("unexplained", ()))
     left = [

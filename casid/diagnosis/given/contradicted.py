@@ -65,7 +65,8 @@ class FlightValue:
 
     def against(self, given: float, margin: float, criteria: Criteria) -> bool:
         """Whether both slopes differ from `given` by more than a margin and by more than three deviations."""
-        sigmas, both = criteria.significance.sigmas, (self, self.stated)
+        sigmas = criteria.significance.sigmas
+        both = (self, self.stated)
         return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)
 
 
@@ -79,13 +80,16 @@ def flight_values(
     the records leave it open how the air moves, `otherwise` is the fit in its other form, whose distance is part of
     the 1-sigma. The 95 % interval reaches the values of all `others`, explanations that change values by so much.
     """
-    fit, found = evidence.fit, {}
+    fit = evidence.fit
+    found = {}
     quantile = float(ndtri(0.5 * (1.0 + fit.criteria.priors.holds)))
-    coloured, bends = coloured_deviation(fit), _bends(fit) if isinstance(fit.flight, Flight) else {}
+    coloured = coloured_deviation(fit)
+    bends = _bends(fit) if isinstance(fit.flight, Flight) else {}
     lines = straight_lines(evidence)
     wake = by_the_wake(evidence, lines)
     for i, slot in enumerate(fit.slots):
-        value, weight = float(fit.values[i]), float(fit.prior_weight[i])
+        value = float(fit.values[i])
+        weight = float(fit.prior_weight[i])
         variance = float(lines[i] @ evidence.covariance @ lines[i])
         from_records = 1.0 - weight * variance
         slope = deviation_along(evidence, lines[i], value)
@@ -112,10 +116,12 @@ def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
     downwash, 2 CL_alpha / (pi A) (B. Etkin, Dynamics of Flight, 3.9). Records show the sum of the two; a file may state
     either of them.
     """
-    fit, found = evidence.fit, np.zeros(len(evidence.fit.slots))
+    fit = evidence.fit
+    found = np.zeros(len(evidence.fit.slots))
     if not any(term == "alphadot" for _, term in evidence.terms):
         return found  # as of any system that is no aircraft
-    number, aircraft = {slot.name: i for i, slot in enumerate(fit.slots)}, of_aircraft(fit.flight).aircraft
+    number = {slot.name: i for i, slot in enumerate(fit.slots)}
+    aircraft = of_aircraft(fit.flight).aircraft
     lift = next((abs(fit.derivatives[name]) for name in ("CL_alpha", "CZ_alpha") if name in fit.derivatives), 0.0)
     slope = min(2.0 * lift * aircraft.moment_length_pitch**2 / (math.pi * aircraft.area), 1.0)
     for j, (coefficient, term) in enumerate(evidence.terms, len(fit.slots)):
@@ -179,7 +185,8 @@ def coloured_deviation(fit: FlightFit) -> np.ndarray:
     if not len(known):
         return found
     prior = np.diag(fit.prior_weight[known])
-    sums, every = gathered(_pieces(fit, known)), np.eye(len(known))
+    sums = gathered(_pieces(fit, known))
+    every = np.eye(len(known))
     information = prior.copy()
     for own in sums.values():
         spread(information, own.gram(1.0))
@@ -196,7 +203,8 @@ def coloured_deviation(fit: FlightFit) -> np.ndarray:
 
 def _pieces(fit: FlightFit, known: np.ndarray) -> Iterator[WhitePiece]:
     """Whitened sensitivities and innovations, one record after the other."""
-    seen, columns = fit.seen, np.arange(len(known))
+    seen = fit.seen
+    columns = np.arange(len(known))
     for record in range(fit.white.shape[1]):
         for channel in range(fit.white.shape[2]):
             here = seen[:, record, channel]
@@ -311,7 +319,8 @@ def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Cr
     """The same for the effects of the file."""
     for value in aircraft.effects:
         effect = effect_of(value)
-        stated, margin = _flight_says(effect, flight), value.std or criteria.prior.unstated * abs(value.value)
+        stated = _flight_says(effect, flight)
+        margin = value.std or criteria.prior.unstated * abs(value.value)
         if stated is not None and stated.against(value.value, margin, criteria) and possible(effect, value.value):
             yield _against(effect.name, effect.unit, value.value, stated, margin)
 

@@ -27,7 +27,8 @@ from casid.model.plausible import Doubt
 from casid.model.terms import derivative_term
 from casid.signals import SURFACES
 
-_FORCES, _MOMENTS = ("CL", "CD", "CY", "CX", "CZ"), ("Cl", "Cm", "Cn")
+_FORCES = ("CL", "CD", "CY", "CX", "CZ")
+_MOMENTS = ("Cl", "Cm", "Cn")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +153,8 @@ def common_factors(
     increments.
     """
     by = criteria or Criteria()
-    left, found = _ratios(aircraft, flight, by, slopes), []
+    left = _ratios(aircraft, flight, by, slopes)
+    found = []
     for group in _GROUPS:
         members = [one for one in left if group.holds(one.coefficient, one.variable)]
         scope = {(one.coefficient, one.variable) for one in members}
@@ -229,11 +231,13 @@ def _gains(
     lengths = {"q": aircraft.rate_length_pitch, **dict.fromkeys(("p", "r"), aircraft.rate_length_lateral)}
     per = aircraft.trim.get("V", 0.0) / lengths[quantity] if quantity in lengths else 1.0
     for name, given in aircraft.derivatives.items():
-        coefficient, variable = derivative_term(name)[0], name.partition("_")[2]
+        coefficient = derivative_term(name)[0]
+        variable = name.partition("_")[2]
         power = flight.get(f"{coefficient}_{surface}")
         if variable != quantity or power is None or name not in flight:
             continue
-        arm, one = power.value * per, flight[name].nearest(given)
+        arm = power.value * per
+        one = flight[name].nearest(given)
         if not arm or not (one.determined and power.determined):
             continue
         ratio = (one.value - given) / arm
@@ -298,7 +302,8 @@ def _common(
         return None
     weights = [one.std**-2 for one in members]
     value = math.fsum(w * one.ratio for w, one in zip(weights, members, strict=True)) / math.fsum(weights)
-    std, sigmas = math.fsum(weights) ** -0.5, criteria.significance.sigmas
+    std = math.fsum(weights) ** -0.5
+    sigmas = criteria.significance.sigmas
     alike = all(abs(one.ratio - value) <= sigmas * one.std for one in members)
     other = abs(value - null) > max(sigmas * std, least)
     each = sum(abs(one.ratio - null) > sigmas * one.std for one in members)
@@ -329,7 +334,8 @@ def borne_out(
     derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
     """
     ratios = _ratios(aircraft, flight, criteria or Criteria(), slopes)
-    kept, known = [], dict.fromkeys((*FILE_UNITS, *file_units(aircraft)))
+    kept = []
+    known = dict.fromkeys((*FILE_UNITS, *file_units(aircraft)))
     for doubt in doubts:
         units = [unit for unit in known if unit.parameter == doubt.parameter]
         refuted = [_refuted(unit.scale_of, ratios) for unit in units]

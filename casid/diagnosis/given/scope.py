@@ -147,7 +147,8 @@ def axes_that_tell(
     if wanted is not None:
         left_out = _motions(_OTHER.get(wanted), f"{wanted} axes were asked for")
         if wanted in _OTHER and fed == "full" and (share := _share(records, wanted, _OTHER[wanted])) < still:
-            what, because = f"what moves the {wanted} motion", _rests(records, wanted, share)
+            what = f"what moves the {wanted} motion"
+            because = _rests(records, wanted, share)
             left_out = (*left_out, NotJudged(what=what, because=f"{because}: small couplings make as much of it"))
         return Axes(name=wanted, not_judged=left_out)
     if fed != "full":
@@ -219,14 +220,16 @@ def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes:
     stands = {r.name: np.zeros(len(r)) if axes == "lateral" else _balance(aircraft, r, nodes) for r in bare}
     found = tuple(r.with_channels(thrust=stands[r.name]) if r.name in stands else r for r in records)
     if axes == "lateral":
-        lost, unknown = NotJudged(what="asymmetric thrust", because=why), ("thrust",)
+        lost = NotJudged(what="asymmetric thrust", because=why)
+        unknown = ("thrust",)
     elif any(np.ptp(series) > 0.0 for series in stands.values()):
         because = f"{why}: a time history that balances the drag of the file stands for it"
         lost = NotJudged(what="thrust, its line, and drag", because=because)
         unknown = ("thrust", derivative_term(drag_level(aircraft))[0])
     else:
         because = f"{why}: a constant that balances the drag of the file stands for it"
-        lost, unknown = NotJudged(what="thrust, its line, and the level of drag", because=because), ("thrust",)
+        lost = NotJudged(what="thrust, its line, and the level of drag", because=because)
+        unknown = ("thrust",)
     return Powered(records=found, lost=(lost,), unknown=unknown)
 
 
@@ -282,14 +285,17 @@ def _balance(aircraft: Aircraft, record: Record, nodes: float) -> np.ndarray:
     unpowered = flight_inputs(aircraft, record.with_channels(thrust=np.zeros(len(record))), "longitudinal")
     pull = force_inputs([record])
     model = aircraft_model(aircraft, axes="longitudinal", outputs=("ax",), effects=(), known=pull)
-    X, U = model.guess(unpowered), unpowered.matrix(model.inputs)
+    X = model.guess(unpowered)
+    U = unpowered.matrix(model.inputs)
     ax = ca.Function("ax", [model.x, model.u], [ca.substitute(model.h, ca.vertcat(model.p, model.w), _known(model))])
     dragged = ax.map(len(record))(X.T, U.T).full()[0]
-    state, acting = dict(zip(model.states, X.T, strict=True)), dict(zip(model.inputs, U.T, strict=True))
+    state = dict(zip(model.states, X.T, strict=True))
+    acting = dict(zip(model.inputs, U.T, strict=True))
     measured = record["ax"] if "ax" in record else _along_the_path(aircraft, unpowered, state)
     needed = aircraft.mass * (measured - dragged)
     level = np.full(len(record), float(np.nanmean(needed)))
-    alpha, pressure = np.arctan2(state["w"], state["u"]), state["u"] ** 2 + state["w"] ** 2
+    alpha = np.arctan2(state["w"], state["u"])
+    pressure = state["u"] ** 2 + state["w"] ** 2
     wrong = pressure * np.stack([alpha, alpha**2, state["q"], acting["delta_e"]])
     history = _history(record.t, needed, wrong, nodes)
     return level if history is None else level + history
@@ -304,7 +310,8 @@ def _history(t: np.ndarray, needed: np.ndarray, wrong: np.ndarray, nodes: float)
     hats = np.stack([np.interp(t, grid, one) for one in np.eye(len(grid))], axis=1)
     spread = np.maximum(np.ptp(wrong, axis=1), 1e-300)
     errors = ((wrong - wrong.mean(axis=1, keepdims=True)) / spread[:, None]).T
-    constant, free = np.column_stack([np.ones(len(t)), errors]), np.column_stack([hats, errors])
+    constant = np.column_stack([np.ones(len(t)), errors])
+    free = np.column_stack([hats, errors])
     if known.sum() <= free.shape[1]:
         return None
     by_constant, by_history = (np.linalg.lstsq(A[known], needed[known], rcond=None)[0] for A in (constant, free))

@@ -170,14 +170,17 @@ class _Basis:
         factor = np.ones(len(one.y)) if self.times == _ALONE else one.variables[self.times]
         rows = factor[:, None] * self.design(one.variables[self.over])
         weight = one.sigma**-2.0 / np.sum(one.sigma**-2.0)
-        rows, y = rows - weight @ rows, one.y - weight @ one.y
+        rows = rows - weight @ rows
+        y = one.y - weight @ one.y
         return rows / one.sigma[:, None], y / one.sigma
 
     def fitted(self, equations: Sequence[Equations], penalty: float) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients and their covariance, by least squares with a penalty on second differences."""
         rows, y = (np.concatenate(part) for part in zip(*equations, strict=True))
-        gram, size = rows.T @ rows, rows.shape[1]
-        bend, scale = np.diff(np.eye(size), 2, axis=0), float(np.trace(gram)) / size
+        gram = rows.T @ rows
+        size = rows.shape[1]
+        bend = np.diff(np.eye(size), 2, axis=0)
+        scale = float(np.trace(gram)) / size
         inverse = np.linalg.pinv(gram + scale * (_BY.ridge * np.eye(size) + penalty * bend.T @ bend), hermitian=True)
         coefficients = inverse @ rows.T @ y
         freedom = max(len(y) - float(np.trace(inverse @ gram)), 1.0)

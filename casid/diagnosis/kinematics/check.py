@@ -59,7 +59,8 @@ class KinematicCheck:
         """Whether the kinematics find the cause with about the same size: most of it, or what their noise leaves."""
         if not self.judges:
             return False
-        least, apart = 1.0 - self.criteria.kinematics.refuted, gates.contradiction(self.predicted, self.achieved)
+        least = 1.0 - self.criteria.kinematics.refuted
+        apart = gates.contradiction(self.predicted, self.achieved)
         larger = self._elsewhere and least * self.achieved > self.predicted
         by_noise = self.achieved > 0.0 and apart <= self.criteria.significance.chance
         return (self.achieved > least * self.predicted or by_noise) and not larger
@@ -115,7 +116,9 @@ def _fitted_check(without: FlightFit, one: Attached) -> KinematicCheck:
         found = kinematics.again(without, [*without.attached, one])
     except InputError:  # at this size no motion agrees with the readings, and the kinematics cannot judge
         return KinematicCheck(criteria=without.criteria)
-    size, gain, criteria = one.values["value"], without.deviance - found.deviance, without.criteria
+    size = one.values["value"]
+    gain = without.deviance - found.deviance
+    criteria = without.criteria
     part = found[one.name] / size
     if gain <= 0.0:
         # If the size stays, its 1-sigma is no measure: the deviance may be just as insensitive down to zero.
@@ -170,7 +173,8 @@ def judge_kinematics(
     """
     if not kinematics.available(flight):
         return no_kinematics(flight, offsets)
-    of_the_file, nuisance = [one for one in known if one.effect.kinematic], list[Attached]()
+    of_the_file = [one for one in known if one.effect.kinematic]
+    nuisance = list[Attached]()
     calm = kinematics.reconstruct(flight, of_the_file)
     turbulent = turbulence(flight, calm)
     if turbulent.named:
@@ -209,7 +213,8 @@ def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
     """
     if not kinematics.available(flight):
         return False
-    far, tried = flight.criteria.significance.chance, flight.criteria.numerics.naming.trials
+    far = flight.criteria.significance.chance
+    tried = flight.criteria.numerics.naming.trials
     calm = kinematics.reconstruct(flight, [one for one in known if one.effect.kinematic])
     if not is_far(calm, far):
         return True
@@ -258,7 +263,8 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
         air = kinematics.reconstruct(flight, faulty.attached, moving, faulty)
         return kinematics.with_offsets(air).deviance
 
-    faulty, evidence = calm, weigh(kinematics.with_offsets(calm), discrepancy=False)
+    faulty = calm
+    evidence = weigh(kinematics.with_offsets(calm), discrepancy=False)
     if drifts(evidence)[0].gain > criteria.turbulence.one_reading * turbulent.gain:
         return still_air(flight)
     in_moving_air = [moved(calm)]
@@ -273,7 +279,8 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
         rested = weigh(kinematics.with_offsets(other), discrepancy=False)
         if evidence.deviance - rested.deviance < (1.0 - criteria.kinematics.refuted) * ranked[0].net:
             break  # the fit does not confirm the prediction: turbulence also resembles an instrument fault
-        faulty, evidence = other, rested
+        faulty = other
+        evidence = rested
         in_moving_air.append(moved(faulty))
     if faulty is calm:
         return turbulent
@@ -292,6 +299,7 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
         return True
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)
     moving = fit(flight, refitted.attached, flight.noise(air), refitted, extent="rough")
-    calm, least = as_slow_as_left(refitted).deviance, turbulent.criteria.verdict.missing
+    calm = as_slow_as_left(refitted).deviance
+    least = turbulent.criteria.verdict.missing
     # none is a case of slow noise: where turbulence explains as much without it, it does so beside it
     return calm - moving.deviance > least or calm - as_slow_as_left(moving).deviance > least

@@ -428,7 +428,8 @@ def _stands_out(air: Turbulence, hidden: list[str], evidence: Evidence, one: Att
     The aircraft answers gusts, in closed loop or by itself, so that air that moves is correlated with the motion. Up to
     its own r.m.s. it reads like any error that is proportional to the motion.
     """
-    fit, speed = evidence.fit, kinematics.typical_speed(of_aircraft(evidence.fit.flight))
+    fit = evidence.fit
+    speed = kinematics.typical_speed(of_aircraft(evidence.fit.flight))
     moved = {"V": air.sigma, "alpha": air.sigma / speed, "beta": air.sigma / speed}
     channels = [name for name in one.effect.reads if name in moved and name in fit.model.outputs]
     plain, seen = without_and_with(fit, one)
@@ -532,7 +533,8 @@ class SteadyWind:
     @property
     def sentence(self) -> str:
         """The wind in words."""
-        speed, towards = np.hypot(self.north, self.east), np.degrees(np.arctan2(self.east, self.north)) % 360.0
+        speed = np.hypot(self.north, self.east)
+        towards = np.degrees(np.arctan2(self.east, self.north)) % 360.0
         return (
             f"Steady wind {speed:.2g} m/s towards {towards:.0f} deg: north {self.north:.3g} +- {self.north_std:.2g}, "
             f"east {self.east:.3g} +- {self.east_std:.2g} m/s; {self.varies:.2g} m/s r.m.s. are left."
@@ -546,7 +548,8 @@ def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | Non
 
     The result is None if the velocity over ground or the heading is not recorded.
     """
-    blocks, rest = [], []
+    blocks = []
+    rest = []
     for j, record in enumerate(records):
         if not all(name in record for name in (*GROUND, "psi")):
             return None
@@ -557,7 +560,8 @@ def steady_wind(records: Sequence[Record], found: FlightFit) -> SteadyWind | Non
             return None
         blocks += [part.mean(axis=0) for part in np.array_split(known, 5) if len(part)]
         rest.append(known)
-    means, every = np.stack(blocks), np.concatenate(rest)
+    means = np.stack(blocks)
+    every = np.concatenate(rest)
     north, east = (float(value) for value in every.mean(axis=0))
     north_std, east_std = (float(value) for value in means.std(axis=0, ddof=1) / np.sqrt(len(means)))
     varies = float(np.sqrt(np.mean(np.sum((every - every.mean(axis=0)) ** 2, axis=1))))
@@ -569,7 +573,8 @@ def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
 
     Motion that is not reconstructed is taken from the record, or is zero; so is an angle of flow without its vane.
     """
-    states, outputs = found.model.states, found.model.outputs
+    states = found.model.states
+    outputs = found.model.outputs
 
     def series(name: str) -> np.ndarray:
         if name in states:
@@ -579,7 +584,8 @@ def _through_the_air(record: Record, found: FlightFit, j: int) -> np.ndarray:
     u, v, w = (series(name) for name in "uvw")
     speed = np.sqrt(u**2 + v**2 + w**2)
     # Without a vane a velocity across the fuselage drifts with the bias of its accelerometer, which is not determined.
-    v, w = v * ("beta" in outputs), w * ("alpha" in outputs)
+    v = v * ("beta" in outputs)
+    w = w * ("alpha" in outputs)
     u = np.sqrt(speed**2 - v**2 - w**2)
     phi, theta, psi = (series(name) for name in ("phi", "theta", "psi"))
     ahead = np.cos(theta) * u + np.sin(theta) * (np.sin(phi) * v + np.cos(phi) * w)

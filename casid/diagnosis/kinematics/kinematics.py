@@ -83,10 +83,13 @@ def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria
     """
     if rate not in flight.outputs:
         return criteria.unmeasured_moment
-    squares, lasts, time = [], [], criteria.time
+    squares = []
+    lasts = []
+    time = criteria.time
     for record in flight.records:
         there = np.isfinite(record[rate])
-        t, values = record.t[there], record[rate][there]
+        t = record.t[there]
+        values = record[rate][there]
         lag = max(1, round(time / float(np.median(np.diff(t))))) if len(t) > 1 else 1
         if len(t) <= lag:
             continue

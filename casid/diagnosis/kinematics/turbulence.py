@@ -28,7 +28,8 @@ from casid.native.processors import side_by_side
 WIND = ("wind_x", "wind_y", "wind_z")
 # moment due to the air's own rotation -> the derivative that causes it
 _DAMPING: Mapping[str, str] = MappingProxyType({"dCl": "Cl_p", "dCm": "Cm_q", "dCn": "Cn_r"})
-_ROLLING, _TURNED = ("dCl",), ("q", "r")
+_ROLLING = ("dCl",)
+_TURNED = ("q", "r")
 _NO_MOMENTS: Mapping[str, float] = MappingProxyType({})
 
 
@@ -109,7 +110,9 @@ def gusts(
     axes     axes along which the air moves
     dict     port -> r.m.s. and time constant [s].
     """
-    aircraft, speed, criteria = flight.aircraft, typical_speed(flight), flight.criteria.turbulence
+    aircraft = flight.aircraft
+    speed = typical_speed(flight)
+    criteria = flight.criteria.turbulence
     length = criteria.scale_length if length is None else length
     processes = {name: (sigma, length / speed) for name in axes}
     mean = float(np.sqrt(length * 2.0 * aircraft.rate_length_lateral))
@@ -139,9 +142,12 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     What the air does above the band of the motion is in the noise that was measured there, which is too large. With a
     wrong share of the two the prediction errors are not white, and a derivative by which the air acts is biased.
     """
-    search, noise, linear = fitted.criteria.numerics.levels, fitted.held, fitted.linear
+    search = fitted.criteria.numerics.levels
+    noise = fitted.held
+    linear = fitted.linear
     fitted.forget()  # the linearisation alone is needed
-    dt, at = float(np.median(fitted.batch.dt)), [fitted.model.disturbances.index(name) for name in noise.coloured]
+    dt = float(np.median(fitted.batch.dt))
+    at = [fitted.model.disturbances.index(name) for name in noise.coloured]
     moved = np.any(linear.Dw[..., at] != 0.0, axis=(0, 1, 3))
     readings = [name for name, one in zip(fitted.model.outputs, moved, strict=True) if one]
     velocities = {name: sigma for name, (sigma, _) in noise.coloured.items()}
@@ -183,7 +189,9 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
     approximate model of turbulence leaves.
     """
 
-    scales, signs, far = flight.criteria.numerics.turbulence.rolling, dict(TURNING), False
+    scales = flight.criteria.numerics.turbulence.rolling
+    signs = dict(TURNING)
+    far = False
 
     def turned_about(*axes: str) -> Mapping[str, float]:
         """The rotation of the air with the opposite sign about some axes."""
@@ -210,10 +218,12 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
     first = other(_ROLLING, scales[0], start, signs)
     if is_far(first, flight.criteria.significance.chance):
         # the predicted motion may depart from far away, and the forms be compared where no fit has ended
-        ahead, far = first.lighter(filtered=False), True
+        ahead = first.lighter(filtered=False)
+        far = True
         first = other(_ROLLING, scales[0], start, signs)
         if ahead.deviance < first.deviance:
-            first, far = ahead, False
+            first = ahead
+            far = False
     forms = (({}, ()), *((turned_about(axis), _ROLLING) for axis in _TURNED))
     uniform, *others = side_by_side(lambda form: other(form[1], scales[0], first, form[0]), forms)
     turned = [axis for axis, one in zip(_TURNED, others, strict=True) if one is not first]
@@ -234,10 +244,12 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
 
     Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
     """
-    flight, wind = of_aircraft(fitted.flight), {n: one for n, one in fitted.noise.coloured.items() if n in WIND}
+    flight = of_aircraft(fitted.flight)
+    wind = {n: one for n, one in fitted.noise.coloured.items() if n in WIND}
     sigma = max(velocity for velocity, _ in wind.values())
     length = typical_speed(flight) * max(tau for _, tau in wind.values())
-    turning, moments = ({}, {}) if flight.turning else (TURNING, dict.fromkeys(_ROLLING, 1.0))
+    turning = {} if flight.turning else TURNING
+    moments: dict[str, float] = {} if flight.turning else dict.fromkeys(_ROLLING, 1.0)
     turned = gusts(flight, sigma, moments, length, axes=())
     moving = {name: one for name, one in turned.items() if name in fitted.model.disturbances}
     noise = replace(fitted.noise, coloured=wind | moving)
@@ -250,8 +262,11 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
 
     The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.
     """
-    criteria, numerics = flight.criteria.turbulence, flight.criteria.numerics.turbulence
-    velocities, unknown, worse = numerics.velocities, criteria.scale_length, flight.criteria.significance.search
+    criteria = flight.criteria.turbulence
+    numerics = flight.criteria.numerics.turbulence
+    velocities = numerics.velocities
+    unknown = criteria.scale_length
+    worse = flight.criteria.significance.search
     begin = velocities[len(velocities) // 2]
 
     no_step = (1, flight.criteria.numerics.fit.nearly[1])
@@ -267,7 +282,8 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
         for sigma in sigmas:
             last = at(sigma, unknown, last)
             if last.deviance < best.deviance:
-                best, best_sigma = last, sigma
+                best = last
+                best_sigma = sigma
             if last.deviance > best.deviance + worse:
                 break
         return best, best_sigma
@@ -301,7 +317,8 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
     factors = np.array([1.0 / numerics.length_ratio, 1.0, numerics.length_ratio])
     by_length = side_by_side(lambda f: at(best * f**0.5, f * unknown, found, step=False).deviance, factors.tolist())
     factor, spread = _lowest(factors, by_length, numerics.beyond)
-    length, middle = factor * unknown, best * factor**0.5
+    length = factor * unknown
+    middle = best * factor**0.5
     sigmas = middle * (velocities[1] / velocities[0]) ** np.array([-0.5, 0.0, 0.5])
     by_velocity = side_by_side(lambda s: at(s, length, found, step=False).deviance, sigmas.tolist())
     sigma, narrow = _lowest(sigmas, by_velocity, numerics.beyond)
@@ -318,7 +335,8 @@ def _lowest(points: np.ndarray, deviance: Sequence[float], beyond: float) -> tup
     minimum   position of the minimum; the best of the three points if the parabola opens downwards
     std       standard deviation of its logarithm; one step if the parabola opens downwards
     """
-    x, step = np.log(points), float(np.log(points[1] / points[0]))
+    x = np.log(points)
+    step = float(np.log(points[1] / points[0]))
     bend, slope, _ = np.polyfit(x - x[1], deviance, 2)
     if bend <= 0.0:
         return float(points[int(np.argmin(deviance))]), step

@@ -20,12 +20,15 @@ _AXES = {"roll": "p", "pitch": "q", "yaw": "r", "climb": "w"}
 def axis_responses(given: Aircraft, extended: Aircraft, records: Sequence[Record]) -> AxisResponses:
     """The answers to steps of the inputs by which the file rolls, pitches, yaws and climbs alone, with 1 rad/s2 or
     1 m/s2, about the mean inputs of the records."""
-    rotors, after = given.rotors, _behind(extended)
+    rotors = given.rotors
+    after = _behind(extended)
     assert rotors is not None
     at = {name: float(np.mean(np.concatenate([record[name] for record in records]))) for name in rotors.inputs}
     file, found = (_per_input(aircraft, at) for aircraft in (given, extended))
-    steps, t = np.linalg.pinv(file), np.linspace(0.0, 0.5, 201)
-    rise, risen = _rise(rotors, t), _rise(after, t)
+    steps = np.linalg.pinv(file)
+    t = np.linspace(0.0, 0.5, 201)
+    rise = _rise(rotors, t)
+    risen = _rise(after, t)
     return AxisResponses(
         t=t,
         as_given={axis: rise @ (file[i] * steps[:, i]) for i, axis in enumerate(_AXES)},

@@ -69,7 +69,8 @@ def diagnose_system(
     library = require(library or Library(), Library, "diagnose: library", "cs.Library(...)")
     if model.events:
         raise InputError(f"diagnose: model '{model.name}' has events, which are not taken here; give one without")
-    stages, limit = Stages(report), TimeLimit(seconds)
+    stages = Stages(report)
+    limit = TimeLimit(seconds)
     stages.begin("reading the records")
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)
@@ -110,7 +111,8 @@ def diagnose_rotorcraft(
 
     Raises InputError for records that lack an input of a rotor, and for channels that no record has.
     """
-    stages, limit = Stages(report), TimeLimit(seconds)
+    stages = Stages(report)
+    limit = TimeLimit(seconds)
     stages.begin("reading the records")
     rotors = aircraft.rotors
     assert rotors is not None

@@ -65,18 +65,21 @@ class Extended:
     def model(self) -> Model:
         """The extended model: causes in its equations are parameters, a lag of an instrument is a state. A cause of
         some records has an input of its name in brackets, 1 where it is there."""
-        draft, base = Draft(self.base, self.terms), self.base
+        draft = Draft(self.base, self.terms)
+        base = self.base
         own = [one for one in self.attached if one.effect.symbolic or one.effect.forms.instrument]
         values = {one.name: ca.SX.sym("value") for one in own}
         there = {f"[{one.name}]": ca.SX.sym("there") for one in own if one.effect.symbolic and one.records}
         states: dict[str, tuple[ca.SX, ca.SX]] = {}
         for one in own:
-            value, target = values[one.name], one.effect.target
+            value = values[one.name]
+            target = one.effect.target
             if one.effect.forms.instrument is None:
                 assert one.effect.change is not None
                 one.effect.change(draft, {"value": value * there.get(f"[{one.name}]", 1.0)})
                 continue
-            state, true = ca.SX.sym("lagged"), draft.h[base.outputs.index(target)]
+            state = ca.SX.sym("lagged")
+            true = draft.h[base.outputs.index(target)]
             states[f"lagged[{target}]"] = state, one.effect.forms.instrument(true, state, {"value": value})
             draft.reads(target, lambda y, state=state: state)
         rates = ca.vertcat(draft.f, *[rate for _, rate in states.values()])
@@ -109,7 +112,9 @@ class Extended:
         instrument that is stuck."""
         channels: dict[str, np.ndarray] = {}
         for one in sorted(self.attached, key=lambda one: one.effect.timed):  # an onset is on the clock without delay
-            effect, target, concerned = one.effect, one.effect.target, one.concerns(record.name)
+            effect = one.effect
+            target = one.effect.target
+            concerned = one.concerns(record.name)
             if effect.symbolic and one.records:
                 channels[f"[{one.name}]"] = np.full(len(record), float(concerned))
             elif effect.enters == control(target) and concerned:

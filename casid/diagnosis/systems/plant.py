@@ -47,7 +47,8 @@ class Draft:
     """A model under change; expressions that are added, as its `terms`, are in the symbols of the model as given."""
 
     def __init__(self, model: Model, terms: Mapping[str, ca.SX]) -> None:
-        self.model, self.terms = model, terms
+        self.model = model
+        self.terms = terms
         self.f, self.h, self.p = ca.SX(model.f), ca.SX(model.h), ca.SX(model.p)
 
     def adds(self, state: str, expression: Any) -> None:
@@ -69,7 +70,9 @@ class Terms:
 
     def __init__(self, plant: Plant, model: Model) -> None:
         self._batch = plant.batch(model)
-        self._states, self._inputs, self._sigma = model.states, model.inputs, plant.input_sigma
+        self._states = model.states
+        self._inputs = model.inputs
+        self._sigma = plant.input_sigma
         names = [control(name) for name in model.inputs]
         self._acting = [model.disturbances.index(n) if n in model.disturbances else None for n in names]
         self._terms = tuple(map(as_term, plant.terms_of))
@@ -85,7 +88,8 @@ class Terms:
         any; noise larger than possible indicates a fault and is reduced in proportion to its excess."""
         if not noise:
             return self._batch.U
-        U, live = self._batch.U.copy(), self._batch.live
+        U = self._batch.U.copy()
+        live = self._batch.live
         for i, name in enumerate(self._inputs):
             if (station := control(name)) in noise:
                 power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
@@ -188,7 +192,8 @@ class Plant:
             model = self.build(effects)
             own = {"nominal": {**model.nominal, **self.base.nominal}, "prior_std": self.base.prior_std}
             return replace(model, state_scale=self.base.state_scale, **own)
-        base, draft = self.base, Draft(self.base, self.terms_of)
+        base = self.base
+        draft = Draft(self.base, self.terms_of)
         values = {effect.name: ca.SX.sym("value") for effect in effects}
         for effect in effects:
             assert effect.change is not None
@@ -229,7 +234,8 @@ class Plant:
 
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
         """This plant with values of its parameters, and other records under its noise."""
-        base, records = replace(self.base, nominal={**self.base.nominal, **values}), tuple(self.prepare(records))
+        base = replace(self.base, nominal={**self.base.nominal, **values})
+        records = tuple(self.prepare(records))
         smoothed = self.criteria.numerics.fit.repeats
         paths = motions(base, records, self.sigma, smoothed) if self.build is None else {}
         return replace(
@@ -266,8 +272,10 @@ class Plant:
         for name, make in self.imitated.items():
             if not any(slot.name == name for slot in fit.slots):
                 continue
-            given, std = self.base.nominal[name], self.base.prior_std.get(name, np.inf)
-            change, moves = fit[name] - given, math.sqrt(max(std**2 - fit.std(name) ** 2, 0.0))
+            given = self.base.nominal[name]
+            std = self.base.prior_std.get(name, np.inf)
+            change = fit[name] - given
+            moves = math.sqrt(max(std**2 - fit.std(name) ** 2, 0.0))
             if abs(change) > fit.criteria.significance.sigmas * moves:
                 found.append((make, change / given, std / given))
         return found
@@ -290,10 +298,12 @@ def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float],
     smoother, run some `times`, to which every equation is as uncertain as it is large. A record on which that departs
     has none."""
     wide = with_ports(model, [port for port in ports_of(model) if port.kind == "state derivative"])
-    functions, found = PointFunctions(wide, ()), {}
+    functions = PointFunctions(wide, ())
+    found = {}
     rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.densify(model.f)])
     for record in records:
-        batch, P = make_batch(wide, [record]), model.nominal_vector()[None]
+        batch = make_batch(wide, [record])
+        P = model.nominal_vector()[None]
         X = model.guess(record)[:, None]
         sizes = np.std(rates(X[:, 0].T, batch.U[:, 0].T, P[0], np.zeros(len(model.disturbances))).full(), axis=1)
         white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
@@ -344,7 +354,8 @@ def plant_of(
 def for_systems(criteria: Criteria, duration: float) -> Criteria:
     """The criteria with times as long as the records of a system, which last a `duration` [s], are to those of an
     aircraft, and with as wide a search as its quick fits allow."""
-    by, wider = criteria.numerics.naming, criteria.numerics.systems.wider
+    by = criteria.numerics.naming
+    wider = criteria.numerics.systems.wider
     more = {name: wider * getattr(by, name) for name in ("trials", "further_trials")}
     iterations, tolerance = criteria.numerics.fit.trial
     table = {"naming": more, "fit": {"trial": (wider * iterations, tolerance)}}
@@ -426,7 +437,9 @@ class PlantSizes:
         At an equation it is the relative change of a reading if that is larger: little damping is a small part of an
         acceleration, but a large change of a swing.
         """
-        effect, value, share = one.effect, one.values["value"], fit.criteria.size.share
+        effect = one.effect
+        value = one.values["value"]
+        share = fit.criteria.size.share
         if effect.timed:
             return abs(value) / share  # nothing is left of a reading that does not move
         if effect.traits.relative:
@@ -441,7 +454,9 @@ class PlantSizes:
 
     def told(self, fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
         """Value and 1-sigma of a cause for a person: of a limit, or of the level at which a reading is stuck."""
-        effect, value, records = one.effect, one.effect.in_words(one.values)["value"], fit.flight.records
+        effect = one.effect
+        value = one.effect.in_words(one.values)["value"]
+        records = fit.flight.records
         if effect.timed:
             concerned = [record for record in records if one.concerns(record.name) and effect.target in record]
             read = [record[effect.target][record.t > one.onsets[record.name]] for record in concerned]
@@ -496,13 +511,16 @@ def _port(fit: FlightFit, station: str | None) -> Port:
 
 def _history(fit: FlightFit, one: Attached) -> np.ndarray:
     """(N, R) what a cause adds where it enters."""
-    effect, names, t = one.effect, fit.batch.names, fit.batch.t
+    effect = one.effect
+    names = fit.batch.names
+    t = fit.batch.t
     if effect.regressor is not None:
         return one.values["value"] * fit.regressors[as_term(effect.regressor)]
     if effect.series is not None:
         W = disturbance_series([one], names, t, fit.known, fit.model.disturbances)
         return W[..., fit.model.disturbances.index(str(effect.enters))]
-    i, read = fit.model.outputs.index(effect.target), fit.linear.output
+    i = fit.model.outputs.index(effect.target)
+    read = fit.linear.output
     if effect.output is not None:
         return (readings([one], names, t, read, fit.model.outputs, fit.known) - read)[..., i]
     assert effect.change is not None
@@ -523,14 +541,16 @@ class _Read:
 
 def _size(values: np.ndarray) -> float:
     """Size of an effect: the value of a constant, the variation of anything else."""
-    varies, whole = float(np.std(values)), float(np.sqrt(np.mean(values**2)))
+    varies = float(np.std(values))
+    whole = float(np.sqrt(np.mean(values**2)))
     return varies if varies > 1e-9 * whole else whole
 
 
 def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> float:
     """Largest r.m.s. change of a reading by a history (N, R) at a port, over the variation of that reading; the motion
     linearised, from the same initial state."""
-    linear, at = fit.linear, fit.model.disturbances.index(port.disturbance)
+    linear = fit.linear
+    at = fit.model.disturbances.index(port.disturbance)
     change = _simulated(linear, at, history)
     variation = np.array(
         [
@@ -544,7 +564,8 @@ def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> floa
 
 def _simulated(linear: Linear, at: int, history: np.ndarray) -> np.ndarray:
     """(N, R, ny) change of the readings by a history (N, R) at a disturbance."""
-    x, h = np.zeros(linear.X.shape), history[..., None]
+    x = np.zeros(linear.X.shape)
+    h = history[..., None]
     driven = linear.Bw0[: len(x) - 1, ..., at] * h[:-1] + linear.Bw1[: len(x) - 1, ..., at] * h[1:]
     for k, added in enumerate(driven):
         x[k + 1] = (linear.A[k] @ x[k, ..., None])[..., 0] + added

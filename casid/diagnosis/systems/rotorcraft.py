@@ -128,7 +128,8 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
         inputs={control(name): sigma for name, sigma in commanded.items() if np.isfinite(sigma) and sigma > 0.0},
     )
     every = [possible(e, aircraft, criteria.size) for e in catalogue(aircraft, outputs) if _can_show(e, aircraft)]
-    there, terms = {effect_of(value).key for value in aircraft.effects}, _terms_of_wing(aircraft, base, every)
+    there = {effect_of(value).key for value in aircraft.effects}
+    terms = _terms_of_wing(aircraft, base, every)
     told = [e for e in every if e.regressor in terms or (e.regressor is None and e.target not in COEFFICIENTS)]
     effects = [_in_all_records(e) for e in told if e.key not in there]
     beside = replace(aircraft, effects=tuple(value for value in aircraft.effects if value not in own))
@@ -251,8 +252,12 @@ def most_likely_noise(
     the noise of the readings is that of their high band: a reading may have more, for a filter or a slow update hides
     some of it, and hardly less.
     """
-    linear, by, search = _smoothed(model, records, free, start), criteria.rotors, criteria.numerics.levels
-    sigma, white, Z = dict(start.measurement), dict(start.white), linear.residual + linear.output
+    linear = _smoothed(model, records, free, start)
+    by = criteria.rotors
+    search = criteria.numerics.levels
+    sigma = dict(start.measurement)
+    white = dict(start.white)
+    Z = linear.residual + linear.output
     read = {equation(n) for n, reading in _READ_BY.items() if reading in start.measurement}
     bounds = {
         name: (value / (by.widest if name in read else by.unread), value * by.unread) for name, value in white.items()
@@ -308,7 +313,8 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     length = sum(record.duration for record in plant.records)
     longest = length / (2.0 * fitted.criteria.significance.sigmas**2)
     for _ in range(fitted.criteria.numerics.fit.repeats):
-        before, colour = plant.colour, colour_of(fitted, plant.outputs, longest)
+        before = plant.colour
+        colour = colour_of(fitted, plant.outputs, longest)
         plant = replace(plant, colour=colour)
         fitted = fit(plant, fitted.attached, plant.noise(), fitted, extent="first")
         stays = fitted.criteria.numerics.fit.noise_stays
@@ -319,8 +325,10 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
 
 def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], noise: NoiseModel) -> Linear:
     """The model linearised about the motion that a smoother makes of the measured one."""
-    functions, batch = PointFunctions(model, free), make_batch(model, records)
-    P, X = np.tile(model.nominal_vector(), (len(records), 1)), padded([model.guess(record) for record in records])
+    functions = PointFunctions(model, free)
+    batch = make_batch(model, records)
+    P = np.tile(model.nominal_vector(), (len(records), 1))
+    X = padded([model.guess(record) for record in records])
     measured = linearise(functions, batch, P, X)
     try:
         moved, _ = kalman_filter(measured, noise).smooth(*residual_column(measured))
@@ -388,7 +396,8 @@ def with_thrust_curve(found: Diagnosis) -> Diagnosis:
     """The diagnosis with the thrust by the records in words, beside the first cause that changes the curve of the
     file."""
     weight = found.extended_aircraft.mass * found.extended_aircraft.gravity
-    rotors, changing = found.extended_aircraft.rotors, []
+    rotors = found.extended_aircraft.rotors
+    changing = []
     assert rotors is not None
     for cause in found.causes:
         make = cause.effect.forms.into_rotors
@@ -417,7 +426,8 @@ class RotorSizes:
     def _of_term(self, fit: FlightFit, one: Attached) -> float:
         """Largest r.m.s. acceleration by a term of the wing, over that by the part of the weight that matters, at the
         arm of a rotor for the moments."""
-        linear, at = fit.linear, fit.model.disturbances.index(str(one.effect.enters))
+        linear = fit.linear
+        at = fit.model.disturbances.index(str(one.effect.enters))
         term = np.broadcast_to(fit.flight.term_along(one.effect, fit.regressors), fit.batch.live.shape)
         rates = one.values["value"] * term[:-1, :, None] * (linear.Bw0 + linear.Bw1)[..., at] / linear.dt[..., None]
         least = _usual_disturbances(self.aircraft, fit.criteria.size.share)

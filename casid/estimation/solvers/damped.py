@@ -13,7 +13,9 @@ from casid.estimation.solvers.gauss_newton import Iteration
 from casid.estimation.solvers.point import Linearised, SolverStep, moved
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Status
 
-_FIRST, _MOST = 1e-3, 1e30  # damping
+# damping
+_FIRST = 1e-3
+_MOST = 1e30
 _SINGULAR = 1e-10  # damping by which it is judged where the undamped step does not exist
 _LEAST_GAIN = 1e-4  # of the promised descent
 _PRICE = 2.0  # times the largest multiplier: what a violated constraint costs
@@ -44,7 +46,8 @@ class DampedSearch:
         """The step with this damping, which says how near the solution is."""
         step = self._step(at, linear, damping)
         if step is not None:
-            at.stationarity, at.multipliers = at.objective.length(step, at.value), step.limit_multipliers
+            at.stationarity = at.objective.length(step, at.value)
+            at.multipliers = step.limit_multipliers
         return step
 
     def _step(self, at: Iteration, linear: Linearised, damping: float) -> SolverStep | None:

@@ -9,7 +9,8 @@ class Effort:
     """Simulations and linearisations `spent`, of those that are `allowed`; all objectives of one attempt share it."""
 
     def __init__(self, allowed: float = math.inf) -> None:
-        self.allowed, self.spent = allowed, 0
+        self.allowed = allowed
+        self.spent = 0
 
     def add(self) -> None:
         """Count one more."""

@@ -21,11 +21,13 @@ class FixedPoint:
         the residual has grown: the map is not yet linear."""
         residual = image - x
         if self._residual and np.abs(residual).max(initial=0.0) > np.abs(self._residual[-1]).max(initial=0.0):
-            self._x, self._residual = [], []
+            self._x = []
+            self._residual = []
         self._x = [*self._x, x][-_DEPTH - 1 :]
         self._residual = [*self._residual, residual][-_DEPTH - 1 :]
         if len(self._x) == 1:
             return image
-        by_x, by_residual = np.diff(self._x, axis=0).T, np.diff(self._residual, axis=0).T
+        by_x = np.diff(self._x, axis=0).T
+        by_residual = np.diff(self._residual, axis=0).T
         weights = np.linalg.lstsq(by_residual, residual, rcond=_INDEPENDENT)[0]
         return image - (by_x + by_residual) @ weights

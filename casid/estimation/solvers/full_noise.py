@@ -71,7 +71,8 @@ class FullNoise:
         direction."""
         if self.fixed:
             return self, 0.0
-        matrix, whiten = self._likeliest(moments), np.linalg.inv(np.linalg.cholesky(self.matrix))
+        matrix = self._likeliest(moments)
+        whiten = np.linalg.inv(np.linalg.cholesky(self.matrix))
         change = 0.5 * float(np.abs(np.log(np.linalg.eigvalsh(whiten @ matrix @ whiten.T))).max())
         return replace(self, matrix=matrix), change
 
@@ -128,9 +129,11 @@ class FullNoise:
 
     def _likeliest(self, moments: np.ndarray) -> np.ndarray:
         """The covariance of highest likelihood for residuals with these moments."""
-        matrix, moments = self.matrix, moments + self.floor
+        matrix = self.matrix
+        moments = moments + self.floor
         for _ in range(_ROUNDS):
-            former, matrix = matrix, self._expected(moments, matrix)
+            former = matrix
+            matrix = self._expected(moments, matrix)
             sigma = np.sqrt(np.diagonal(matrix))
             if (np.abs(matrix - former) < _SETTLED * np.outer(sigma, sigma)).all():
                 break
@@ -138,7 +141,8 @@ class FullNoise:
 
     def _expected(self, moments: np.ndarray, matrix: np.ndarray) -> np.ndarray:
         """Mean over the samples of the expected r r', where a channel is missing under `matrix`."""
-        total, samples = np.zeros_like(matrix), 0
+        total = np.zeros_like(matrix)
+        samples = 0
         for p, s, count in self.patterns:
             own = np.ix_(s, s)
             gain = np.linalg.solve(matrix[own], matrix[s]).T
@@ -146,7 +150,8 @@ class FullNoise:
             total += gain @ moments[p][own] @ gain.T
             if len(s) < len(matrix):
                 rest = matrix - gain @ matrix[s]
-                rest[s], rest[:, s] = 0.0, 0.0
+                rest[s] = 0.0
+                rest[:, s] = 0.0
                 total += count * rest
             samples += count
         return 0.5 * (total + total.T) / samples

@@ -70,8 +70,12 @@ _WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _SHORTEST = 1e-4  # part of a step
 _NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
-_OVERSHOT, _ALIGNED = 0.5, 0.5  # of the last step's length: that goes back; of the squared one: along the last step
-_COURSE, _TOO_MANY = 15, 100  # iterations that are looked at, and those that may still be needed at their rate
+# of the last step's length: that goes back; of the squared one: along the last step
+_OVERSHOT = 0.5
+_ALIGNED = 0.5
+# iterations that are looked at, and those that may still be needed at their rate
+_COURSE = 15
+_TOO_MANY = 100
 
 
 class Search(Protocol):
@@ -88,18 +92,22 @@ class Iteration:
     """State of one minimisation from the objective's start: its point with value and linearisation."""
 
     def __init__(self, objective: Objective, clock: Clock, tolerance: float) -> None:
-        self.objective, self.clock, self.tolerance = objective, clock, tolerance
+        self.objective = objective
+        self.clock = clock
+        self.tolerance = tolerance
         self.point = objective.start()
         self.value = objective.value(self.point)
         self.linear: Linearised | None = None
         self.multipliers = np.zeros(len(objective.limits))
         self.noise_change = 0.0 if objective.noise.levels.fixed else np.inf
-        self.stationarity, self.attracted = np.inf, False
+        self.stationarity = np.inf
+        self.attracted = False
         self.course: list[float] = []  # stationarity of all iterations
 
     def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
         """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status."""
-        count, status = 0, None if np.isfinite(self.value.cost) else DIVERGES
+        count = 0
+        status = None if np.isfinite(self.value.cost) else DIVERGES
         while status is None:
             count += 1
             status = self._advanced(search)
@@ -134,7 +142,9 @@ class Iteration:
 
     def move(self, point: Point, value: ObjectiveValue) -> None:
         """Go to another point."""
-        self.point, self.value, self.linear = point, value, None
+        self.point = point
+        self.value = value
+        self.linear = None
 
     def is_solution(self, step: SolverStep) -> bool:
         """Whether the step is negligible against the noise, that has settled, and constraints are met."""
@@ -200,7 +210,8 @@ class FilterSearch:
         point, value, length = found
         self.last = (step.theta, length) if self.damping < _WHOLE else None
         whole = length == 1.0 and self.damping < _WHOLE
-        self.before, at.attracted = at.stationarity if whole else 0.0, at.attracted and whole
+        self.before = at.stationarity if whole else 0.0
+        at.attracted = at.attracted and whole
         at.move(point, value)
         at.multipliers = step.limit_multipliers
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
@@ -243,13 +254,15 @@ class FilterSearch:
         def cost_of(value: ObjectiveValue) -> float:
             return at.objective.likelihood_cost(value) if relaxing else value.cost
 
-        cost, violation = cost_of(at.value), at.value.violation()
+        cost = cost_of(at.value)
+        violation = at.value.violation()
         rounding = 1e-11 * max(abs(at.value.cost), abs(cost))
 
         def tried(length: float) -> tuple[Point, ObjectiveValue, float] | None:
             point = moved(at.point, step, length)
             value = at.objective.value(point, at.value.noise)
-            new_violation, new_cost = value.violation(), cost_of(value)
+            new_violation = value.violation()
+            new_cost = cost_of(value)
             if not (np.isfinite(new_cost) and np.isfinite(new_violation)):
                 return None
             # descent of the cost outweighs what the violation is worth: then it is the cost that must fall

@@ -67,7 +67,8 @@ def determined_along(
         return tuple(names), free[:, :0]
     eigenvalues, vectors = np.linalg.eigh(scaled)
     known = scale[:, None] * vectors
-    weight, confused = np.zeros(len(names)), known[:, eigenvalues < _RANK]
+    weight = np.zeros(len(names))
+    confused = known[:, eigenvalues < _RANK]
     if confused.size:
         weight = np.abs(free @ confused).max(axis=1) / (np.abs(free) @ scale + 1e-300)
     determined = free @ known[:, eigenvalues >= _RANK]

@@ -121,7 +121,10 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
     if built is None:
         return Outcome(point=point, value=value, status=_TIME_LIMIT, iterations=0, **unsolved)
     function, programme = built
-    iterations, status, multipliers, settling = 0, _TIME_LIMIT, np.zeros(programme.g.numel()), FixedPoint()
+    iterations = 0
+    status = _TIME_LIMIT
+    multipliers = np.zeros(programme.g.numel())
+    settling = FixedPoint()
     for _ in range(_ROUNDS):
         result, stats = function(
             until=deadline,
@@ -172,11 +175,13 @@ def _built(
 ) -> tuple[CompilableProgramme, Programme] | None:
     """The programme, made now or before; None where making it takes longer than until the deadline, as those of fewer
     steps took, which were made before: the time is proportional to the steps of a segment."""
-    model, simulated = objective.problem.model, objective.dynamics is not None
+    model = objective.problem.model
+    simulated = objective.dynamics is not None
     segments, steps = (objective.layout.segments, objective.layout.length) if simulated else (0, 1)
     kind = (solver.hessian, solver.tolerance, solver.iterations)  # the time is no part of it
     took = cached(model, ("seconds per step to build", kind, segments), list)
-    programmes, key = cached(model, ("programmes", kind), dict), _signature(objective, x, d)
+    programmes = cached(model, ("programmes", kind), dict)
+    key = _signature(objective, x, d)
     begin = time.perf_counter()
     if key not in programmes and begin + max(took, default=0.0) * steps < deadline:
         programmes[key] = _solver(objective, x, d, solver)
@@ -213,7 +218,8 @@ def _solver(objective: Objective, x: Packing, d: Packing, solver: Ipopt) -> tupl
 
 
 def _gauss_newton_hessian(programme: Programme) -> ca.Function:
-    factor, multipliers = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", programme.g.numel())
+    factor = ca.MX.sym("lam_f")
+    multipliers = ca.MX.sym("lam_g", programme.g.numel())
     jacobian = ca.jacobian(programme.residual, programme.x)
     hessian = ca.triu(factor * programme.gain * (jacobian.T @ jacobian))
     given = [programme.x, programme.p, factor, multipliers]
@@ -256,7 +262,8 @@ def _relaxed(
 ) -> tuple[NoiseState, float]:
     """Noise where it is expected to settle, soft-defect covariance as the present point says; the largest change, of
     the noise in units of its standard deviations, of the covariance relative to it."""
-    noise, change = value.noise, 0.0
+    noise = value.noise
+    change = 0.0
     levels = noise.levels
     if not levels.fixed:
         before = levels.coordinates

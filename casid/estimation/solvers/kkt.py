@@ -36,18 +36,22 @@ class BandedKKT:
     """The system of a record with `segments` segments and n states; `solve` fills and factorises."""
 
     def __init__(self, segments: int, n: int) -> None:
-        self.segments, self.n = segments, n
-        self.size, self.band = n * (2 * segments - 1), 2 * n - 1
+        self.segments = segments
+        self.n = n
+        self.size = n * (2 * segments - 1)
+        self.band = 2 * n - 1
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, ...]:
         """Where the n x n blocks stand in LAPACK's band storage."""
-        n, rows = self.n, 3 * self.band + 1
+        n = self.n
+        rows = 3 * self.band + 1
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")
         step = 2 * n * np.arange(self.segments)
 
         def place(first_row: np.ndarray, first_column: np.ndarray) -> np.ndarray:
-            r, c = first_row[:, None, None] + i, first_column[:, None, None] + j
+            r = first_row[:, None, None] + i
+            c = first_column[:, None, None] + j
             return (2 * self.band + r - c + rows * c).ravel()
 
         tied = step[:-1]
@@ -81,7 +85,8 @@ class BandedKKT:
         Raises numpy.linalg.LinAlgError when the system is singular.
         """
         if kernel is None:
-            a, b = transition[:-1, :, : self.n], transition[:-1, :, self.n :]
+            a = transition[:-1, :, : self.n]
+            b = transition[:-1, :, self.n :]
             return self._by_lapack(hessian, gradient, a, b, defect, covariance, scale)
         states, multipliers, information = kernel.reduce(hessian, gradient, transition, defect, covariance, scale)
         if not np.isfinite(information).all():  # every unknown is in it
@@ -106,7 +111,8 @@ class BandedKKT:
         covariance: np.ndarray | None,
         scale: np.ndarray,
     ) -> Reduced:
-        n, m = self.n, self.segments
+        n = self.n
+        m = self.segments
         f = hessian.shape[1] - n
         diagonal = np.diagonal(hessian[:, :n, :n], axis1=1, axis2=2) * scale**2
         so = 1.0 / max(float(diagonal.max(axis=1).mean()), 1e-300)
@@ -134,7 +140,8 @@ class BandedKKT:
         reduced = hessian[:, n:, n:].sum(axis=0) - border.T @ solution[:, 1:] / so
         slope = gradient[:, n:].sum(axis=0) + border.T @ solution[:, 0] / so
         solution = solution.reshape(2 * m - 1, n, f + 1)
-        states, multipliers = solution[0::2] * scale[:, None], solution[1::2] / (so * scale[:, None])
+        states = solution[0::2] * scale[:, None]
+        multipliers = solution[1::2] / (so * scale[:, None])
         return Reduced(
             ds0=states[..., 0],
             ds_p=states[..., 1:],
@@ -149,7 +156,8 @@ def without_starts(hessian: np.ndarray, gradient: np.ndarray, n: int) -> tuple[n
     """Start states (n) of segments that nothing ties, eliminated from hessian (..., n+f, n+f) and gradient (..., n+f):
     (..., n, f+1) by how much they follow the parameters and, last, by themselves; information (..., f, f) and gradient
     (..., f) of the parameters."""
-    by_state, by_parameter = hessian[..., :n, n:], hessian[..., n:, :n]
+    by_state = hessian[..., :n, n:]
+    by_parameter = hessian[..., n:, :n]
     follow = np.linalg.solve(hessian[..., :n, :n], np.concatenate([by_state, gradient[..., :n, None]], axis=-1))
     inner = hessian[..., n:, n:] - by_parameter @ follow[..., :-1]
     return follow, inner, gradient[..., n:] - (by_parameter @ follow[..., -1:])[..., 0]

@@ -92,7 +92,8 @@ class NoiseLevels:
 
     def concentrated(self, squares: np.ndarray) -> float:
         """The cost with sigma at its optimum for these residuals, up to a constant (same slope as `cost` there)."""
-        rms, counts = self.rms(squares), self.share * self.present
+        rms = self.rms(squares)
+        counts = self.share * self.present
         if self.proportional:
             return float(counts.sum() * np.log(self._common_factor(rms)))
         return float((counts * np.log(rms / self.start)).sum())

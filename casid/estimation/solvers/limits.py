@@ -22,7 +22,9 @@ class ParameterLimits:
         count = len(problem.parameters)
         self.linear = np.zeros((0, count))
         self.single: list[int | None] = []
-        lower, upper, rows = [], [], []
+        lower = []
+        upper = []
+        rows = []
         curved: list[ca.SX] = []
         theta = ca.SX.sym("theta", count)
         for constraint in problem.constraints:
@@ -54,10 +56,12 @@ class ParameterLimits:
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(values (rows,), Jacobian (rows, parameters)) at parameters (parameters,)."""
-        values, rows = self.linear @ theta, self.linear
+        values = self.linear @ theta
+        rows = self.linear
         if self._curved is not None:
             value, slope = self._curved[1](theta)
-            values, rows = values + value.full()[:, 0], rows + slope.full()
+            values = values + value.full()[:, 0]
+            rows = rows + slope.full()
         return values, rows
 
     def curvature(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:

@@ -45,7 +45,9 @@ _FLAT = 1e-6  # of the curvature of Gauss-Newton: less is no minimum
 _GAIN = 0.01  # of ln(likelihood), as good as its integration is
 _BENT = 1e-3  # of it: less curvature downwards changes ln(likelihood) by less than its integration does
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
-_LEAST, _MOST = 1e-3, 1e8  # damping
+# damping
+_LEAST = 1e-3
+_MOST = 1e8
 _ROUNDING = 1e-15  # of the largest eigenvalue
 
 
@@ -166,7 +168,9 @@ class _Newton:
     """State of one minimisation; `cost` of a settled point is the one with the noise at its optimum."""
 
     def __init__(self, objective: Objective, solver: Automatic, begun: Outcome, deadline: float) -> None:
-        self.objective, self.solver, self.begun = objective, solver, begun
+        self.objective = objective
+        self.solver = solver
+        self.begun = begun
         self.clock = Clock(deadline - time.perf_counter(), objective)
         self.damping = 0.0
         self.multipliers = begun.limit_multipliers
@@ -178,7 +182,8 @@ class _Newton:
         at = self._settled(self.begun.point, noise) or self._settled(measured, noise)
         if at is None:
             return self.begun
-        status, iteration = None, 0
+        status = None
+        iteration = 0
         while status is None and iteration < self.solver.iterations:
             iteration += 1
             try:
@@ -291,8 +296,10 @@ class _Newton:
 
     def _settled(self, point: Point, noise: NoiseState) -> _Settled | None:
         """States and noise to their optimum with the parameters as they are; None when they find none."""
-        objective, former = self.objective, np.inf
-        fixed, nothing = np.zeros_like(point.theta), np.zeros(len(objective.limits))
+        objective = self.objective
+        former = np.inf
+        fixed = np.zeros_like(point.theta)
+        nothing = np.zeros(len(objective.limits))
         value = objective.value(point, noise)
         for _ in range(_INNER):
             if not np.isfinite(value.cost) or self.clock.is_late():
@@ -305,7 +312,9 @@ class _Newton:
             value = objective.reweighed(point, value, linear.noise)
             step = objective.step_along(point, linear, fixed, nothing)
             apart = max(np.abs(value.defects).max(initial=0.0), np.abs(value.gap).max(initial=0.0))
-            grown, former = step.curvature >= former, step.curvature  # next to the optimum that is rounding
+            # next to the optimum that is rounding
+            grown = step.curvature >= former
+            former = step.curvature
             still = objective.negligible(step, value, 100 * _EXACT if grown else _EXACT)
             if still and change < _EXACT and apart < _EXACT:
                 cost = value.cost if value.noise.levels.fixed else objective.likelihood_cost(value)

@@ -56,7 +56,8 @@ class Packing:
 
     def unpack(self, vector: np.ndarray) -> dict[str, np.ndarray]:
         """Arrays by name, from the numbers."""
-        out, at = {}, 0
+        out = {}
+        at = 0
         for name, symbol in self.symbols.items():
             out[name] = vector[at : at + symbol.numel()].reshape(symbol.shape, order="F")
             at += symbol.numel()
@@ -122,7 +123,8 @@ def data(objective: Objective, noise: NoiseState, scale: np.ndarray, gain: float
 
 def _weights(objective: Objective, levels: Levels) -> dict[str, np.ndarray]:
     """A factor for every measurement; with a full covariance the triangle of each pattern and which samples have it."""
-    pattern, weights = objective.layout.pattern.ravel(), objective.whitening(levels)
+    pattern = objective.layout.pattern.ravel()
+    weights = objective.whitening(levels)
     if not levels.full:
         return {"weights": np.diagonal(weights, axis1=1, axis2=2)[pattern].T}
     which = pattern == np.arange(len(weights))[:, None]
@@ -132,7 +134,8 @@ def _weights(objective: Objective, levels: Levels) -> dict[str, np.ndarray]:
 def _whitened(difference: ca.MX, s: dict) -> ca.MX:
     if "weights" in s:
         return s["weights"] * difference
-    o, count = difference.shape[0], s["which"].shape[0]
+    o = difference.shape[0]
+    count = s["which"].shape[0]
     triangles = ca.horzsplit(s["triangles"], o)
     parts = [(triangles[k] @ difference) * ca.repmat(s["which"][k, :], o, 1) for k in range(count)]
     return sum(parts[1:], parts[0])
@@ -140,7 +143,8 @@ def _whitened(difference: ca.MX, s: dict) -> ca.MX:
 
 def build(objective: Objective, x: Packing, d: Packing) -> Programme:
     """The programme in the symbols of `x` (variables) and `d` (data)."""
-    v, s = x.symbols, d.symbols
+    v = x.symbols
+    s = d.symbols
     arguments = _arguments(objective, v, s) if objective.dynamics is not None else None
     motion = objective.dynamics.symbolic(arguments) if objective.dynamics is not None and arguments else None
     residual, constraints = _posed(objective, v, s, motion)
@@ -168,7 +172,8 @@ def build(objective: Objective, x: Packing, d: Packing) -> Programme:
 
 def _free(objective: Objective, v: dict, s: dict) -> list[ca.MX]:
     """Free parameters of each record."""
-    problem, theta = objective.problem, v["theta"] * s["scale"]
+    problem = objective.problem
+    theta = v["theta"] * s["scale"]
     return [theta[[int(i) for i in problem.columns(r)]] for r in range(len(problem.records))]
 
 
@@ -177,10 +182,12 @@ def _nodes(objective: Objective, v: dict) -> ca.MX:
 
 
 def _arguments(objective: Objective, v: dict, s: dict) -> ProblemSymbols:
-    records, free = [int(r) for r in objective.layout.record], _free(objective, v, s)
+    records = [int(r) for r in objective.layout.record]
+    free = _free(objective, v, s)
     points = v["points"] * ca.repmat(ca.DM(objective.scale), 1, v["points"].shape[1]) if "points" in v else None
     given = {name: s[name] for name in ("u0", "u1", "dt")}
-    base, own = s["base"][:, records], ca.horzcat(*[free[r] for r in records])
+    base = s["base"][:, records]
+    own = ca.horzcat(*[free[r] for r in records])
     return ProblemSymbols(nodes=_nodes(objective, v), points=points, base=base, free=own, **given)
 
 
@@ -213,7 +220,8 @@ def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> 
 def _separable(objective: Objective, v: dict, s: dict, motion: Simulated, at: ProblemSymbols) -> Separable:
     """What the segments' own derivatives take; without path constraints nothing but end and outputs is simulated."""
     assert motion.derivatives is not None
-    end, y = ca.MX.sym("end", *motion.end.shape), ca.MX.sym("y", *motion.y.shape)
+    end = ca.MX.sym("end", *motion.end.shape)
+    y = ca.MX.sym("y", *motion.y.shape)
     residual, constraints = _posed(objective, v, s, replace(motion, end=end, y=y))
     others = sum(symbol.numel() for name, symbol in v.items() if name not in ("theta", "nodes"))
     nodes = np.tile(objective.scale, v["nodes"].shape[1])
@@ -244,17 +252,21 @@ def _defects(objective: Objective, nodes: ca.MX, end: ca.MX, v: dict, s: dict) -
 
 def _paths(objective: Objective, v: dict, states: ca.MX, y: ca.MX) -> list[_Bounded]:
     """Limits at the samples, in sizes of the quantities; where they are soft, an excess >= 0 is taken off."""
-    problem, paths = objective.problem, objective.paths
+    problem = objective.problem
+    paths = objective.paths
     samples = [int(i) for sample in objective.layout.sample for i in sample]
     found: list[_Bounded] = []
     for c, constraint in enumerate(problem.path_constraints):
         assert paths is not None
-        names, values = problem.model.states, states
+        names = problem.model.states
+        values = states
         if constraint.name not in names:
-            names, values = problem.model.outputs, y
+            names = problem.model.outputs
+            values = y
         size = float(paths.scale[c])
         signal = ca.vec(values[names.index(constraint.name), samples]) / size
-        low, high = constraint.lower / size, constraint.upper / size
+        low = constraint.lower / size
+        high = constraint.upper / size
         if not paths.soft[c]:
             found.append((signal, low, high))
             continue

@@ -43,7 +43,9 @@ class Objective:
         begin: Point | None = None,
         effort: Effort | None = None,
     ) -> None:
-        self.problem, self.dynamics, self._begin = problem, dynamics, begin
+        self.problem = problem
+        self.dynamics = dynamics
+        self._begin = begin
         self.effort = effort or Effort()
         self.part, self.equation_share = problem.weights
         self.equations = equations_of(problem) if self.equation_share else None
@@ -90,7 +92,8 @@ class Objective:
             measured = _side_by_side(measured, np.concatenate(self.equations.targets))
         share = np.full(measured.shape[1], self.equation_share)
         share[: self._outputs] = self.part
-        noise, names = self.problem.noise, self.channel_names
+        noise = self.problem.noise
+        names = self.channel_names
         if isinstance(noise, StudentT | Huber):  # solved by weights; elsewhere its scale is what noise there is
             noise = noise.sigma
         if not isinstance(noise, str | np.ndarray):
@@ -100,7 +103,8 @@ class Objective:
                 else noise
             )
             return noise_levels(known, names, measured, share)
-        independent, layout = noise_levels(None, names, measured, share), self.layout
+        independent = noise_levels(None, names, measured, share)
+        layout = self.layout
         given = noise if isinstance(noise, np.ndarray) else None
         return full_noise(independent, given, names, layout.seen, layout.pattern, layout.z)
 
@@ -169,7 +173,8 @@ class Objective:
     def value(self, point: Point, noise: NoiseState | None = None) -> ObjectiveValue:
         """Simulate and weigh with `noise`, that of the start if None; not finite where the simulation departs."""
         self.effort.add()
-        trajectory, parameters = None, self.problem.model_parameters(point.theta)
+        trajectory = None
+        parameters = self.problem.model_parameters(point.theta)
         if self.dynamics is not None:
             trajectory = self.dynamics.trajectory(point.nodes, parameters[self.layout.record], point.points)
         equations = self.equations.value(parameters) if self.equations is not None else None
@@ -212,9 +217,11 @@ class Objective:
                 gap = trajectory.gap / self.scale
             if self.paths is not None:
                 at_samples = self.paths.values(trajectory)
-                beyond_path, rest = self.paths.violation(at_samples), rest + 2.0 * self.paths.paid(at_samples)
+                beyond_path = self.paths.violation(at_samples)
+                rest = rest + 2.0 * self.paths.paid(at_samples)
         squares = self._squares(trajectory, equations)
-        at, limits = self.limits.at(point.theta)[0], self.limits
+        at = self.limits.at(point.theta)[0]
+        limits = self.limits
         beyond = np.maximum(at - limits.upper, 0.0) + np.minimum(at - limits.lower, 0.0)
         return ObjectiveValue(
             cost=0.5 * rest + noise.levels.cost(squares),
@@ -240,16 +247,21 @@ class Objective:
         """
         self.effort.add()
         precision = 1.0 / self.problem.prior_std**2
-        hessian, equation_hessian = np.diag(precision), np.zeros((len(precision), len(precision)))
+        hessian = np.diag(precision)
+        equation_hessian = np.zeros((len(precision), len(precision)))
         gradient = precision * (point.theta - self.problem.nominal)
         channels = np.zeros((len(self.channel_names), len(gradient)))
         reduced: list[Reduced] = []
-        blocks, paths, noise = None, None, value.noise
+        blocks = None
+        paths = None
+        noise = value.noise
         if value.trajectory is not None and self.dynamics is not None:
-            layout, n = self.layout, len(self.scale)
+            layout = self.layout
+            n = len(self.scale)
             parameters = value.parameters[layout.record]
             blocks = self.dynamics.blocks(value.trajectory, parameters, self.whitening(noise.levels))
-            diagonal, weight = np.arange(n), self.initial_precision**2
+            diagonal = np.arange(n)
+            weight = self.initial_precision**2
             blocks.hessian[layout.first[:, None], diagonal, diagonal] += weight
             blocks.gradient[layout.first, :n] += (point.nodes[layout.first] - self.centre) * weight
             if self.exact.any():
@@ -374,7 +386,8 @@ class Objective:
 
     def _within_limits(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
         at, rows = self.limits.at(point.theta)
-        lower, upper = self.limits.lower - at, self.limits.upper - at
+        lower = self.limits.lower - at
+        upper = self.limits.upper - at
         if self.paths is None:
             theta, limits = parameter_step(curvature, linear.gradient, rows, lower, upper)
             return self.step_along(point, linear, theta, limits)
@@ -404,7 +417,9 @@ class Objective:
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
         curvature = float(theta @ (precision * theta))
         price = float(np.abs(limit_multipliers).max(initial=0.0))
-        nodes, noise, points = np.zeros_like(point.nodes), np.zeros_like(point.noise), None
+        nodes = np.zeros_like(point.nodes)
+        noise = np.zeros_like(point.noise)
+        points = None
         if linear.blocks is not None:
             blocks = linear.blocks
             local = np.stack([theta[self.problem.columns(r)] for r in range(len(self.problem.records))])
@@ -413,7 +428,8 @@ class Objective:
             else:
                 sides = [np.concatenate(pair) for pair in zip(local, path.forces, strict=True)]
                 nodes, multipliers = self._expand(path.reduced, sides)
-                slope, price = slope + path.change, max(price, path.price)
+                slope = slope + path.change
+                price = max(price, path.price)
             whole = np.concatenate([nodes, local[self.layout.record]], axis=1)
             slope += float((blocks.gradient * whole).sum())
             curvature += float((whole * (blocks.hessian @ whole[..., None])[..., 0]).sum())
@@ -475,7 +491,8 @@ class Objective:
         counts = np.maximum(levels.share * levels.present, 1.0)
         root = linear.channel_gradients.T * np.sqrt(2.0 / counts)
         scale = jacobi_scale(linear.hessian)
-        scaled, matrix = root * scale[:, None], linear.hessian * np.outer(scale, scale)
+        scaled = root * scale[:, None]
+        matrix = linear.hessian * np.outer(scale, scale)
         if not (np.isfinite(matrix).all() and np.isfinite(scaled).all()):  # LAPACK prints complaints of these
             raise np.linalg.LinAlgError("the sensitivities are no numbers here")
         inner = scaled.T @ np.linalg.lstsq(matrix, scaled, rcond=1e-12)[0]

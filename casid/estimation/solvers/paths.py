@@ -79,8 +79,11 @@ class PathLimits:
     """
 
     def __init__(self, problem: Problem, dynamics: Dynamics) -> None:
-        self._problem, self._layout = problem, dynamics.layout
-        constraints, model, layout = problem.path_constraints, problem.model, dynamics.layout
+        self._problem = problem
+        self._layout = dynamics.layout
+        constraints = problem.path_constraints
+        model = problem.model
+        layout = dynamics.layout
         names = tuple(dict.fromkeys(c.name for c in constraints))
         self._watching = dynamics.watching(names)
         self._column = np.array([names.index(c.name) for c in constraints])
@@ -102,7 +105,8 @@ class PathLimits:
 
     def excess(self, values: np.ndarray) -> np.ndarray:
         """(constraints, N) how far beyond a limit: positive above, negative below, else zero."""
-        above, below = values - self.upper[:, None], values - self.lower[:, None]
+        above = values - self.upper[:, None]
+        below = values - self.lower[:, None]
         return np.maximum(above, 0.0) + np.minimum(below, 0.0)
 
     def violation(self, values: np.ndarray) -> np.ndarray:
@@ -122,7 +126,8 @@ class PathLimits:
         """At a trajectory with parameters (K, model parameters), where initial states `exact` (records, n) are held."""
         layout = self._watching.layout
         count = layout.segments
-        identity, rows = np.eye(layout.z.shape[2])[None], np.zeros(0)
+        identity = np.eye(layout.z.shape[2])[None]
+        rows = np.zeros(0)
         for slab in self._watching.slabs(trajectory, parameters, identity, slice(0, count)):
             if not rows.size:
                 rows = np.zeros((count, layout.length, *slab.rows.shape[2:]))
@@ -158,7 +163,8 @@ class PathLimits:
             new = returned | (self._peaks(beyond) & ~working & (pushed == 0.0))
             if not new.any() or (rounds >= _ELASTIC_ROUNDS and not found.feasible):
                 break
-            working, pushed = working | new, np.where(returned, 0.0, pushed)
+            working = working | new
+            pushed = np.where(returned, 0.0, pushed)
         price = np.abs((found.multipliers * self.scale[:, None])[~self.soft]).max(initial=0.0)
         return theta, own, replace(found, change=change, price=float(price))
 
@@ -166,16 +172,23 @@ class PathLimits:
         self, reduce: Reduce, point: Point, linear: Linearised, limits: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> HeldPaths | None:
         """What holds at a solution; arguments as of `step`. None where no sample is held."""
-        paths, problem, count = linear.paths, self._problem, len(linear.gradient)
+        paths = linear.paths
+        problem = self._problem
+        count = len(linear.gradient)
         assert paths is not None
         pressed = self.step(reduce, point, linear, linear.hessian, limits)[2].multipliers
         held = (pressed != 0.0) & self._near(paths.values) & ~self.soft[:, None]
         if not held.any():
             return None
-        rows, roots, multipliers, equal, motion = [], [], [], [], []
+        rows = []
+        roots = []
+        multipliers = []
+        equal = []
+        motion = []
         for r in range(len(problem.records)):
             own = np.argwhere(held & (self.record == r))
-            solved, f = self._bordered(reduce, point, linear, r, own, np.zeros_like(pressed)), len(problem.columns(r))
+            solved = self._bordered(reduce, point, linear, r, own, np.zeros_like(pressed))
+            f = len(problem.columns(r))
             together = self._together(own, pressed)
             root = _root(-solved.hessian[f:, f:])
             motion.append(solved.ds_p[..., f:] @ np.linalg.pinv(root).T)
@@ -245,7 +258,8 @@ class PathLimits:
             by_parameter[:, problem.columns(r)] = reduced[r].hessian[f:, :f]
             blocks.append(by_parameter)
             roots.append(_root(-reduced[r].hessian[f:, f:]))
-        every, index = np.concatenate(chosen), [own[:, 0] for own in chosen]
+        every = np.concatenate(chosen)
+        index = [own[:, 0] for own in chosen]
         reached = np.concatenate([reduced[r].gradient[len(problem.columns(r)) :] for r in range(len(chosen))])
         which = np.concatenate(index)
         matrix = diagonal(rows, *roots)
@@ -284,9 +298,12 @@ class PathLimits:
     ) -> Reduced:
         """The reduced system of a record with the multipliers of samples `own` (w, 2) behind its parameters, and
         forces `pushed` (constraints, N) on others."""
-        blocks, paths, segments = linear.blocks, linear.paths, self._layout.segments_of(record)
+        blocks = linear.blocks
+        paths = linear.paths
+        segments = self._layout.segments_of(record)
         assert blocks is not None and paths is not None
-        hessian, gradient = blocks.hessian[segments], blocks.gradient[segments]
+        hessian = blocks.hessian[segments]
+        gradient = blocks.gradient[segments]
         (count, size), more = gradient.shape, len(own)
         wide = np.zeros((count, size + more, size + more))
         wide[:, :size, :size] = hessian
@@ -304,7 +321,8 @@ class PathLimits:
 
     def _predicted(self, linear: Linearised, theta: np.ndarray, step: PathStep) -> np.ndarray:
         """(constraints, N) values after a whole step, by the linearisation."""
-        paths, problem = linear.paths, self._problem
+        paths = linear.paths
+        problem = self._problem
         assert paths is not None
         local = [theta[problem.columns(r)] for r in range(len(problem.records))]
         nodes = np.concatenate(

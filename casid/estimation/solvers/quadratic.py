@@ -67,11 +67,13 @@ def parameter_step(
     Raises numpy.linalg.LinAlgError when H is not positive definite or the constraints contradict each other.
     """
     scale = jacobi_scale(hessian)
-    h, g = hessian * np.outer(scale, scale), gradient * scale
+    h = hessian * np.outer(scale, scale)
+    g = gradient * scale
     for row, value in zip(rows[lower == upper] * scale, lower[lower == upper], strict=True):
         # what an equality holds needs no data: the square of its residual, zero at the solution, leaves that as it is
         size = np.linalg.norm(row)
-        h, g = h + np.outer(row, row) / size**2, g - row * value / size**2
+        h = h + np.outer(row, row) / size**2
+        g = g - row * value / size**2
     inverse = _inverse(h)
     if inverse is None:
         raise np.linalg.LinAlgError("the parameters cannot be told apart")
@@ -84,7 +86,9 @@ def parameter_step(
     if ((lower > 0.0) | (upper < 0.0))[~moves].any():  # a limit that no step moves
         raise NoStepError(INFEASIBLE)
     size = np.where(moves, size, 1.0)
-    c, low, high = c / size[:, None], lower / size, upper / size
+    c = c / size[:, None]
+    low = lower / size
+    high = upper / size
     inside = c @ free
     if ((inside >= low) & (inside <= high)).all():
         return free * scale, np.zeros(len(rows))
@@ -96,7 +100,8 @@ def parameter_step(
     far = _FAR * unit * max(float(np.sqrt(np.linalg.norm(inverse))), 1.0)
     if not np.isfinite(far):
         raise NoStepError(NOT_NUMBERS)
-    low, high = np.where(low < -far, -np.inf, low), np.where(high > far, np.inf, high)
+    low = np.where(low < -far, -np.inf, low)
+    high = np.where(high > far, np.inf, high)
     step, multipliers = _interior_point(h, g / unit, c, low / unit, high / unit, weight / unit)
     return unit * step * scale, unit * multipliers / size
 
@@ -107,11 +112,13 @@ def _interior_point(
     """The step and the multipliers of `parameter_step` in scaled unknowns, rows of unit length: by PIQP's proximal
     interior point method, and exactly for the limits that it finds active."""
     soft = np.isfinite(price)
-    n, excess = len(g), int(soft.sum())
+    n = len(g)
+    excess = int(soft.sum())
     quadratic = np.zeros((n + excess, n + excess))
     quadratic[:n, :n] = h
     # with the excess s >= 0 of each soft limit: c d - s <= high, c d + s >= low
-    slack, which = np.eye(excess), np.concatenate([np.flatnonzero(~soft), *[np.flatnonzero(soft)] * 2])
+    slack = np.eye(excess)
+    which = np.concatenate([np.flatnonzero(~soft), *[np.flatnonzero(soft)] * 2])
     matrix = np.hstack([c[which], np.vstack([np.zeros((len(c) - excess, excess)), -slack, slack])])
     first = np.concatenate([low[~soft], np.full(excess, -np.inf), low[soft]])
     last = np.concatenate([high[~soft], high[soft], np.full(excess, np.inf)])
@@ -119,7 +126,10 @@ def _interior_point(
     order = order[(np.isfinite(first) | np.isfinite(last))[order]]
     if not len(order):
         raise NoStepError(NOT_NUMBERS)
-    matrix, first, last, which = matrix[order], first[order], last[order], which[order]
+    matrix = matrix[order]
+    first = first[order]
+    last = last[order]
+    which = which[order]
     structure = {"h": ca.Sparsity.dense(*quadratic.shape), "a": ca.Sparsity.dense(*matrix.shape)}
     least = np.concatenate([np.full(n, -np.inf), np.zeros(excess)])
     given = {
@@ -165,11 +175,13 @@ def _polished(
     for _ in range(_CORRECTIONS):
         held = np.flatnonzero(active & ~paid)
         pushed = np.where(paid, side * price, 0.0) if paid.any() else np.zeros(len(c))
-        limit, rows = np.where(side > 0.0, high, low), c[held]
+        limit = np.where(side > 0.0, high, low)
+        rows = c[held]
         matrix = np.block([[h, rows.T], [rows, np.zeros((len(held), len(held)))]])
         right = np.concatenate([-g - c.T @ np.where(paid, pushed, 0.0), limit[held]])
         solved = np.linalg.lstsq(matrix, right, rcond=1e-13)[0]
-        exact, dual = solved[:n], np.where(paid, pushed, 0.0)
+        exact = solved[:n]
+        dual = np.where(paid, pushed, 0.0)
         dual[held] = solved[n:]
         at = c @ exact
         # by how much each row contradicts what it is taken for

@@ -31,6 +31,7 @@ def rises_from_the_start(refused: Sequence[tuple[float, np.ndarray]]) -> bool:
     if len(refused) < 2:
         return False
     (long, far), (short, near) = refused
-    steep, steeper = near / short, far / long
+    steep = near / short
+    steeper = far / long
     begins = steep - (steeper - steep) * short / (long - short)
     return bool(np.all(steeper >= steep) and np.all(begins > 0.0))

@@ -35,7 +35,8 @@ def separable_functions(
     objective: Objective, at: Separable, x: ca.MX, p: ca.MX, gain: ca.MX, exact: bool
 ) -> dict[str, ca.Function]:
     """jac_g and hess_lag, as casadi.nlpsol takes them; exact, or with the Hessian of Gauss and Newton."""
-    multipliers, factor = ca.MX.sym("lam_g", at.g.numel()), ca.MX.sym("lam_f")
+    multipliers = ca.MX.sym("lam_g", at.g.numel())
+    factor = ca.MX.sym("lam_f")
     return {
         "jac_g": _jacobian(objective, at, x, p),
         "hess_lag": _hessian(objective, at, [x, p, factor, multipliers], gain, exact),
@@ -44,14 +45,17 @@ def separable_functions(
 
 def _places(objective: Objective) -> np.ndarray:
     """(K, n+f) where start state and free parameters of each segment stand among the variables."""
-    problem, layout, n = objective.problem, objective.layout, len(objective.scale)
+    problem = objective.problem
+    layout = objective.layout
+    n = len(objective.scale)
     nodes = len(problem.parameters) + np.arange(layout.segments * n).reshape(-1, n)
     own = np.array([problem.columns(r) for r in range(len(problem.records))], dtype=int)
     return np.hstack([nodes, own.reshape(len(problem.records), -1)[layout.record]])
 
 
 def _jacobian(objective: Objective, at: Separable, x: ca.MX, p: ca.MX) -> ca.Function:
-    places, n = _places(objective), len(objective.scale)
+    places = _places(objective)
+    n = len(objective.scale)
     count, nf = places.shape
     rows = np.broadcast_to(np.arange(count * n).reshape(count, 1, n), (count, nf, n)).ravel()
     columns = np.repeat(places.ravel(), n)
@@ -68,11 +72,13 @@ def _hessian(objective: Objective, at: Separable, given: list[ca.MX], gain: ca.M
     if exact:
         lagrangian = 0.5 * factor * gain * ca.sumsqr(at.residual) + ca.dot(multipliers, at.g)
         direct = ca.hessian(lagrangian, x)[0]
-        into_end, into_y = ca.gradient(lagrangian, at.end), ca.gradient(lagrangian, at.y)
+        into_end = ca.gradient(lagrangian, at.end)
+        into_y = ca.gradient(lagrangian, at.y)
     else:
         slope = ca.jacobian(at.residual, x)
         direct = factor * gain * (slope.T @ slope)
-        into_end, into_y = ca.MX.zeros(*at.end.shape), ca.MX.zeros(*at.y.shape)
+        into_end = ca.MX.zeros(*at.end.shape)
+        into_y = ca.MX.zeros(*at.y.shape)
     curvature = factor * gain * at.curvature
     triangles = at.derivatives.second(*at.arguments, ca.densify(into_end), ca.densify(into_y), curvature)
     pattern, gathering = _gathering(_places(objective), x.numel())
@@ -86,7 +92,8 @@ def _gathering(places: np.ndarray, size: int) -> tuple[ca.Sparsity, ca.DM]:
     """The upper triangle that the segments' triangles (column-major) fill, and the matrix that sums them there."""
     j, i = np.tril_indices(places.shape[1])  # the upper triangle, column after column
     ends = places[:, i].ravel(), places[:, j].ravel()
-    first, second = np.minimum(*ends), np.maximum(*ends)
+    first = np.minimum(*ends)
+    second = np.maximum(*ends)
     keys, target = np.unique(second * size + first, return_inverse=True)
     pattern = ca.Sparsity.triplet(size, size, (keys % size).tolist(), (keys // size).tolist())
     into = ca.Sparsity.triplet(len(keys), len(target), target.ravel().tolist(), list(range(len(target))))

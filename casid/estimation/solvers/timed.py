@@ -21,13 +21,16 @@ class Clock:
     evaluations of `objective` are spent."""
 
     def __init__(self, seconds: float, objective: Objective) -> None:
-        self._last, self._seconds, self._effort = time.perf_counter(), seconds, objective.effort
+        self._last = time.perf_counter()
+        self._seconds = seconds
+        self._effort = objective.effort
         self.deadline = self._last + seconds
 
     def is_up(self) -> bool:
         """To be asked after every step."""
         now = time.perf_counter()
-        took, self._last = now - self._last, now
+        took = now - self._last
+        self._last = now
         return now + took > self.deadline or self._effort.is_spent
 
     def is_late(self) -> bool:

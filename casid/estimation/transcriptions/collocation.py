@@ -58,12 +58,14 @@ class PlainLift:
     ) -> tuple[np.ndarray, float]:
         """As of `CollocationKernel`."""
         count, n = nodes.shape
-        steps, before = np.empty_like(self.correction), nodes
+        steps = np.empty_like(self.correction)
+        before = nodes
         for j in range(steps.shape[1]):
             whole = np.concatenate([before, local], axis=1)
             steps[:, j] = self.correction[:, j] + (self.gain[:, j] @ whole[..., None])[..., 0]
             before = steps[:, j, -n:]
-        costate, price = multipliers, 0.0
+        costate = multipliers
+        price = 0.0
         for j in range(steps.shape[1] - 1, -1, -1):
             price = max(price, float(np.abs(costate * scale).max(initial=0.0)))
             costate = self.pull[:, j] + np.einsum("kab,ka->kb", self.gain[:, j, -n:, :n], costate)
@@ -80,7 +82,11 @@ class LiftedCollocation:
     soft = False
 
     def __init__(self, model: Model, free: np.ndarray, layout: Layout, degree: int, lifted: bool = True) -> None:
-        self.layout, self.degree, self._model, self._free, self._lifted = layout, degree, model, free, lifted
+        self.layout = layout
+        self.degree = degree
+        self._model = model
+        self._free = free
+        self._lifted = lifted
         self.tau, self.c = radau(degree)
         self.shape = (layout.segments, layout.length, degree, len(model.states))
         self._jumps = Jumps(model, free, layout)
@@ -114,14 +120,16 @@ class LiftedCollocation:
         interior = points if points is not None else self.points0
         if interior is None:
             interior = self._motion(nodes, parameters)
-        states, kernel = self._states(nodes, interior), self.kernel
+        states = self._states(nodes, interior)
+        kernel = self.kernel
         if kernel is not None:
             y, gap, squares = kernel.gaps(self._packed_for(kernel), nodes, interior, parameters)
             kept = gap if self._lifted else None
             return self._trajectory(states, y, interior, parameters, kept, squares)
         begin = time.perf_counter()
         count, length, d, n = self.shape
-        slope, outputs = compiled(self._model, dynamics_function), compiled(self._model, output_function)
+        slope = compiled(self._model, dynamics_function)
+        outputs = compiled(self._model, output_function)
         repeated = np.repeat(parameters, length, axis=0)
         many = np.repeat(repeated, d, axis=0)
         slopes = slope.mapped(count * length * d)(interior, self._inputs_at_points(slice(None)), many)[0]
@@ -152,7 +160,9 @@ class LiftedCollocation:
         if kernel is not None:
             scale = self._model.scale_vector()
             return kernel.motion(self._packed_for(kernel), nodes, parameters, scale, _SOLVED)
-        begin, points, state = time.perf_counter(), np.empty((count, length, d, n)), nodes
+        begin = time.perf_counter()
+        points = np.empty((count, length, d, n))
+        state = nodes
         for j in range(length):
             which = np.arange(count) * length + j
             points[:, j], _ = self.solved(which, state, np.repeat(state[:, None], d, axis=1), parameters)
@@ -179,7 +189,9 @@ class LiftedCollocation:
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
     ) -> Iterator[Slab]:
         """As of `Shooting`."""
-        points, length, kernel = _points_of(trajectory), self.shape[1], self.kernel
+        points = _points_of(trajectory)
+        length = self.shape[1]
+        kernel = self.kernel
         lanes = 1 if kernel is None else kernel.lanes
         group = max(_SLAB // (lanes * length), 1) * lanes
         for first in range(segments.start // group * group, segments.stop, group):
@@ -224,14 +236,17 @@ class LiftedCollocation:
         """Of all samples but the last of each record, (P, n) states a sample interval after the first guess of their
         state, (P, n, n) their derivative by that, and (P, o, n) derivative of the outputs there; parameters (records,
         model parameters). Not finite where there is no motion."""
-        layout, n = self.layout, self.shape[3]
+        layout = self.layout
+        n = self.shape[3]
         begin = np.concatenate([sample[:-1] for sample in layout.sample])
         values = parameters[layout.record[begin // layout.length]]
-        state, transition = layout.guess.reshape(-1, n)[begin], np.tile(np.eye(n), (len(begin), 1, 1))
+        state = layout.guess.reshape(-1, n)[begin]
+        transition = np.tile(np.eye(n), (len(begin), 1, 1))
         for j in range(layout.substeps):
             guess = np.repeat(state[:, None], self.degree, axis=1)
             points, by_state = self.solved(begin + j, state, guess, values)
-            state, transition = points[:, -1], by_state @ transition
+            state = points[:, -1]
+            transition = by_state @ transition
         last = layout.u1.reshape(layout.dt.size, -1)[begin + layout.substeps - 1]
         key = tuple(int(i) for i in self._free)
         outputs = compiled(self._model, _output_derivatives, key).mapped(len(begin))(state, last, values)[0]
@@ -245,7 +260,8 @@ class LiftedCollocation:
         count, length, _, n = self.shape
         before = self._states(nodes, points).reshape(-1, n)
         guess = halves.refined(self, nodes, points).reshape(count * length, 2, -1, n)
-        half, after = np.arange(count * length)[:, None] * 2 + [0, 1], before
+        half = np.arange(count * length)[:, None] * 2 + [0, 1]
+        after = before
         repeated = np.repeat(parameters, length, axis=0)
         for k in range(2):
             after = halves.solved(half[:, k], after, guess[:, k], repeated)[0][:, -1]
@@ -265,7 +281,8 @@ class LiftedCollocation:
         by_node = np.broadcast_to(self.c[0][:, None, None] * np.eye(n), (len(fx), d, n, n)).reshape(-1, d * n, n)
         solved = np.linalg.solve(self._matrix(self.layout.dt.reshape(-1, 1), fx), by_node)
         transition = -solved[:, -n:].reshape(count, length, n, n)
-        off, states = np.zeros((count, n)), trajectory.states.copy()
+        off = np.zeros((count, n))
+        states = trajectory.states.copy()
         for j in range(length):
             states[:, j] += off
             off = (transition[:, j] @ off[..., None])[..., 0] + made[:, j]
@@ -283,9 +300,12 @@ class LiftedCollocation:
         d, n = guess.shape[1:]
         u = self._inputs_at_points(slice(None))
         u = u.reshape(self.layout.dt.size, *u.shape[2:])[which]
-        dt, many = self.layout.dt.ravel()[which, None, None], np.repeat(parameters, d, axis=0)
+        dt = self.layout.dt.ravel()[which, None, None]
+        many = np.repeat(parameters, d, axis=0)
         derivatives = compiled(self._model, _slope_function).mapped(len(which) * d)
-        X, size, by_state = guess.copy(), self._model.scale_vector(), np.zeros((len(which), n, n))
+        X = guess.copy()
+        size = self._model.scale_vector()
+        by_state = np.zeros((len(which), n, n))
         by_node = np.tile((self.c[0][:, None, None] * np.eye(n)).reshape(d * n, n), (len(which), 1, 1))
         left = np.full(len(which), np.inf)
         for _ in range(_NEWTON):
@@ -296,8 +316,10 @@ class LiftedCollocation:
                 solved = np.linalg.solve(self._matrix(dt[..., 0], fx), right)
             except np.linalg.LinAlgError:
                 break
-            step, former = solved[..., 0].reshape(X.shape), left
-            X, by_state = X - step, -solved[:, -n:, 1:]
+            step = solved[..., 0].reshape(X.shape)
+            former = left
+            X = X - step
+            by_state = -solved[:, -n:, 1:]
             left = (np.abs(step) / np.maximum(np.abs(X), size)).max(axis=(1, 2))
             if not (left > _SOLVED).any() or not (left < former).any():
                 break
@@ -312,7 +334,8 @@ class LiftedCollocation:
 
     def _inputs_at_points(self, segments: slice) -> np.ndarray:
         """(k, L, d, m)."""
-        u0, u1 = self.layout.u0[segments, :, None], self.layout.u1[segments, :, None]
+        u0 = self.layout.u0[segments, :, None]
+        u1 = self.layout.u1[segments, :, None]
         return u0 + self.tau[:, None] * (u1 - u0)
 
     def _packed_for(self, kernel: CollocationKernel) -> Packed:
@@ -322,14 +345,19 @@ class LiftedCollocation:
 
     def _plain(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice) -> Blocks:
         """Blocks of some segments with their rows, and how their interior states follow."""
-        data, points, gap = self.layout, _points_of(trajectory), trajectory.gap
+        data = self.layout
+        points = _points_of(trajectory)
+        gap = trajectory.gap
         gap = np.zeros_like(points) if gap is None else gap
-        states, y = trajectory.states[segments], trajectory.y[segments]
+        states = trajectory.states[segments]
+        y = trajectory.y[segments]
         count, length, n = states.shape
         derived = self._derived(states, points[segments], parameters[segments], segments)
         correction, gain = self._eliminated(derived[0], derived[1], gap[segments], segments)
-        s, offset = np.tile(np.eye(n, n + len(self._free)), (count, 1, 1)), np.zeros((count, n))
-        sensitivity, offsets = [], []
+        s = np.tile(np.eye(n, n + len(self._free)), (count, 1, 1))
+        offset = np.zeros((count, n))
+        sensitivity = []
+        offsets = []
         for j in range(length):
             sensitivity.append(s)
             offsets.append(offset)
@@ -337,7 +365,8 @@ class LiftedCollocation:
             s = last[..., :n] @ s
             s[..., n:] += last[..., n:]
             offset = correction[:, j, -n:] + (last[..., :n] @ offset[..., None])[..., 0]
-        hx, hp = derived[2], derived[3]
+        hx = derived[2]
+        hp = derived[3]
         rows = hx @ np.stack(sensitivity, axis=1)
         rows[..., n:] += hp
         pattern = data.pattern[segments]
@@ -366,7 +395,8 @@ class LiftedCollocation:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """df/dx, df/dp_free (k, L, d, n, ...) at the points, dh/dx, dh/dp_free (k, L, o, ...) at the samples."""
         count, length, n = states.shape
-        d, key = self.degree, tuple(int(i) for i in self._free)
+        d = self.degree
+        key = tuple(int(i) for i in self._free)
         repeated = np.repeat(parameters, length, axis=0)
         inner = compiled(self._model, _point_derivatives, key).mapped(count * length * d)
         outer = compiled(self._model, _output_derivatives, key).mapped(count * length)
@@ -447,7 +477,9 @@ def _output_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
 
 def _kernel_functions(model: Model, free: Sequence[int]) -> dict[str, ca.Function]:
     """What `collocation_source` takes."""
-    f, h, q = (quiet(model, model.f), quiet(model, model.h), _free_parameters(model, free))
+    f = quiet(model, model.f)
+    h = quiet(model, model.h)
+    q = _free_parameters(model, free)
     results = {
         "slope": [ca.densify(f)],
         "output": [ca.densify(h)],

@@ -35,15 +35,16 @@ class CollocationKernel:
     def __init__(self, library: str, sizes: Sizes, degree: int) -> None:
         loaded = ctypes.CDLL(library)
         self.sizes, self.degree, self.lanes, self.reduce = sizes, degree, int(loaded.lanes()), Reduction(loaded, sizes)
-        number, address = ctypes.c_long, ctypes.c_void_p
+        number = ctypes.c_long
+        address = ctypes.c_void_p
         loaded.kept.restype = number
         self._kept = int(loaded.kept())
-        self._gaps, self._lift, self._follow = loaded.gaps, loaded.lift, loaded.follow
+        self._gaps = loaded.gaps
+        self._lift = loaded.lift
+        self._follow = loaded.follow
         self._motion = loaded.motion
-        self._motion.argtypes, self._motion.restype = (
-            (number, number, *[address] * 4, ctypes.c_double, *[address] * 2),
-            None,
-        )
+        self._motion.argtypes = (number, number, *[address] * 4, ctypes.c_double, *[address] * 2)
+        self._motion.restype = None
         self._gaps.argtypes = (number, number, *[address] * 8)
         self._lift.argtypes = (number, number, *[address] * 5, number, *[address] * 8)
         self._follow.argtypes = (number, number, *[address] * 7)
@@ -56,8 +57,12 @@ class CollocationKernel:
         self, packed: Packed, nodes: np.ndarray, points: np.ndarray, parameters: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """y (K, L, o), gap like points (K, L d, n), squares (K, o)."""
-        count, length, o = len(nodes), packed.data.shape[1], self.sizes.o
-        y, gap, squares = np.empty((count, length, o)), np.empty(points.shape), np.empty((count, o))
+        count = len(nodes)
+        length = packed.data.shape[1]
+        o = self.sizes.o
+        y = np.empty((count, length, o))
+        gap = np.empty(points.shape)
+        squares = np.empty((count, o))
         call(self._gaps, count, length, packed.data, nodes, points, parameters, packed.seen, y, gap, squares)
         return y, gap, squares
 
@@ -82,8 +87,10 @@ class CollocationKernel:
     ) -> Blocks:
         """weights (patterns, o, o) as in `Shooting.blocks`; keep: what interior states follow by."""
         (count, n), (blocks, length) = nodes.shape, packed.data.shape[:2]
-        o, nf = self.sizes.o, n + self.sizes.f
-        shift, kept = np.empty((count, nf + 2)), aligned((blocks, length, self._kept, self.lanes)) if keep else None
+        o = self.sizes.o
+        nf = n + self.sizes.f
+        shift = np.empty((count, nf + 2))
+        kept = aligned((blocks, length, self._kept, self.lanes)) if keep else None
         found = Blocks(
             hessian=np.empty((count, nf, nf)),
             channel_gradient=np.empty((count, o, nf)),
@@ -106,7 +113,8 @@ class CollocationKernel:
         """Step of the interior states (K, L d, n) for steps of nodes (K, n) and parameters (K, f), and the largest
         costate times scale (n,), from the multipliers (K, n) of the ends."""
         (count, n), length = nodes.shape, kept.shape[1]
-        steps, price = np.empty((count, length * self.degree, n)), np.empty(count)
+        steps = np.empty((count, length * self.degree, n))
+        price = np.empty(count)
         call(self._follow, count, length, kept, nodes, local, multipliers, scale, steps, price)
         return steps, float(price.max(initial=0.0))
 

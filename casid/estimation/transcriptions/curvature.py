@@ -21,7 +21,9 @@ _STAGES = ((0.0, 1.0), (0.5, 2.0), (0.5, 2.0), (1.0, 1.0))  # of Runge-Kutta: wh
 
 def shot_derivatives(model: Model, free: np.ndarray, length: int, count: int) -> ShotDerivatives:
     """The derivatives of `count` segments of `length` samples."""
-    n, nf, o = len(model.states), len(model.states) + len(free), len(model.outputs)
+    n = len(model.states)
+    nf = len(model.states) + len(free)
+    o = len(model.outputs)
     ahead, back = cached(model, ("curvature", tuple(free)), lambda: (_ahead(model, free), _back(model, free)))
     given = [ca.MX.sym("x", n), *(ca.MX.sym("u", len(model.inputs), length) for _ in range(2))]
     given += [ca.MX.sym("dt", 1, length), ca.MX.sym("base", len(model.parameters)), ca.MX.sym("q", len(free))]
@@ -30,7 +32,9 @@ def shot_derivatives(model: Model, free: np.ndarray, length: int, count: int) ->
     begin = ca.vertcat(x, ca.vec(ca.MX(ca.DM(np.eye(n, nf)))))
     states = ahead.mapaccum(length)(begin, *data)
     first = ca.Function("first", given, [states[n:, -1]])
-    a, mu, c = ca.MX.sym("a", n), ca.MX.sym("mu", o, length), ca.MX.sym("c", o, length)
+    a = ca.MX.sym("a", n)
+    mu = ca.MX.sym("mu", o, length)
+    c = ca.MX.sym("c", o, length)
     before = ca.horzcat(begin, states[:, :-1]) if length > 1 else begin
     backward = [e[:, list(range(length))[::-1]] for e in (before, *data, mu, c)]
     found = back.mapaccum(length)(ca.vertcat(a, ca.MX.zeros(nf * nf)), *backward)
@@ -47,14 +51,18 @@ class _Sample:
         of = SampleSymbols(model, free)
         self.n, self.f = of.x.shape[0], len(free)
         self.data = [ca.MX.sym("d", *e.shape) for e in (of.u0, of.u1, of.dt, of.base, of.q)]
-        f, y = dynamics_function(model)(of.x, of.u0, of.p), ca.densify(output_function(model)(of.x, of.u0, of.p))
-        given, whole = [of.x, of.u0, of.base, of.q], ca.vertcat(of.x, of.q)
-        weight, mu = ca.SX.sym("k", self.n), ca.SX.sym("mu", y.shape[0])
+        f = dynamics_function(model)(of.x, of.u0, of.p)
+        y = ca.densify(output_function(model)(of.x, of.u0, of.p))
+        given = [of.x, of.u0, of.base, of.q]
+        whole = ca.vertcat(of.x, of.q)
+        weight = ca.SX.sym("k", self.n)
+        mu = ca.SX.sym("mu", y.shape[0])
         self.slope = ca.Function("slope", given, ca.cse([ca.densify(f), *self._split(ca.jacobian(f, whole))]))
         bent = ca.hessian(weight.T @ f, whole)[0]
         through = [ca.densify(ca.jacobian(f, of.x).T @ weight)]
         self.bent = ca.Function("bent", [*given, weight], ca.cse(through + self._blocks(bent)))
-        bent, rows = ca.hessian(mu.T @ y, whole)[0], ca.jacobian(y, whole)
+        bent = ca.hessian(mu.T @ y, whole)[0]
+        rows = ca.jacobian(y, whole)
         through = [ca.densify(ca.jacobian(y, of.x).T @ mu)]
         found = through + self._split(rows) + self._blocks(bent)
         self.seen = ca.Function("seen", [*given, mu], ca.cse(found))
@@ -71,27 +79,34 @@ class _Sample:
 
     def congruent(self, s: ca.MX, xx: ca.MX, xq: ca.MX, qq: ca.MX) -> ca.MX:
         """Z' H Z for Z = [s; 0 1], of H by its blocks."""
-        upper, lower = ca.densify(xx @ s + self.beside(xq)), xq.T @ s + self.beside(qq)
+        upper = ca.densify(xx @ s + self.beside(xq))
+        lower = xq.T @ s + self.beside(qq)
         return s.T @ upper + ca.vertcat(ca.MX(self.n, self.n + self.f), lower)
 
     def stages(self, x: ca.MX, s: ca.MX) -> tuple[ca.MX, ca.MX, list[tuple[list[ca.MX], ca.MX]]]:
         """State and sensitivity after a step from (x, s); where each stage takes its slope, and the sensitivity
         there."""
         u0, u1, dt, base, q = self.data
-        after, s_after, k, ks, at = x, s, ca.MX(self.n, 1), ca.MX(*s.shape), []
+        after = x
+        s_after = s
+        k = ca.MX(self.n, 1)
+        ks = ca.MX(*s.shape)
+        at = []
         for reach, share in _STAGES:
             s_here = ca.densify(s + reach * dt * ks)
             at.append(([x + reach * dt * k, u0 + reach * (u1 - u0), base, q], s_here))
             k, fx, fq = self.slope(*at[-1][0])
             ks = ca.densify(fx @ s_here + self.beside(fq))
-            after, s_after = after + share / 6 * dt * k, s_after + share / 6 * dt * ks
+            after = after + share / 6 * dt * k
+            s_after = s_after + share / 6 * dt * ks
         return after, s_after, at
 
 
 def _ahead(model: Model, free: np.ndarray) -> ca.Function:
     """(state and sensitivity, data) -> the same one sample later."""
     sample = _Sample(model, free)
-    n, nf = sample.n, sample.n + sample.f
+    n = sample.n
+    nf = sample.n + sample.f
     both = ca.MX.sym("xs", n + n * nf)
     after, s_after, _ = sample.stages(both[:n], ca.reshape(both[n:], n, nf))
     return ca.Function("ahead", [both, *sample.data], [ca.vertcat(after, ca.vec(s_after))])
@@ -100,20 +115,29 @@ def _ahead(model: Model, free: np.ndarray) -> ca.Function:
 def _back(model: Model, free: np.ndarray) -> ca.Function:
     """(multipliers of the state after it and Hessian so far, state and sensitivity before it, data, multipliers and
     curvature of the outputs) -> (multipliers of the state before it, Hessian with this sample)."""
-    sample, o = _Sample(model, free), len(model.outputs)
-    n, nf = sample.n, sample.n + sample.f
-    later, both = ca.MX.sym("ah", n + nf * nf), ca.MX.sym("xs", n + n * nf)
-    mu, c = ca.MX.sym("mu", o), ca.MX.sym("c", o)
-    a, x, s = later[:n], both[:n], ca.reshape(both[n:], n, nf)
+    sample = _Sample(model, free)
+    o = len(model.outputs)
+    n = sample.n
+    nf = sample.n + sample.f
+    later = ca.MX.sym("ah", n + nf * nf)
+    both = ca.MX.sym("xs", n + n * nf)
+    mu = ca.MX.sym("mu", o)
+    c = ca.MX.sym("c", o)
+    a = later[:n]
+    x = both[:n]
+    s = ca.reshape(both[n:], n, nf)
     u0, _, dt, base, q = sample.data
     back, by_state, by_free, *blocks = sample.seen(x, u0, base, q, mu)
     rows = ca.densify(by_state @ s + sample.beside(by_free))
     total = rows.T @ (ca.repmat(c, 1, nf) * rows) + sample.congruent(s, *blocks)
-    before, following, into = a + back, 0.0, ca.MX(n, 1)
+    before = a + back
+    following = 0.0
+    into = ca.MX(n, 1)
     for (reach, share), (where, s_here) in reversed(list(zip(_STAGES, sample.stages(x, s)[2], strict=True))):
         # a slope counts in the state after the step, and in where the stage behind takes its own
         into, *blocks = sample.bent(*where, dt * (share / 6 * a + following * into))
         total += sample.congruent(s_here, *blocks)
-        before, following = before + into, reach
+        before = before + into
+        following = reach
     found = ca.vertcat(before, later[n:] + ca.vec(total))
     return ca.Function("back", [later, both, *sample.data, mu, c], [found])

@@ -157,7 +157,8 @@ class EquationPart:
     eliminated = 0
 
     def __init__(self, problem: Problem, pieces: Sequence[tuple[int, np.ndarray]] | None = None) -> None:
-        self.problem, model = problem, problem.model
+        self.problem = problem
+        model = problem.model
         form = equation_form(model)
         self.names = form.names
         residual = form.prediction - form.target
@@ -219,10 +220,12 @@ class EquationPart:
     def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
         """Samples of a record and the derivatives (samples, equations, free) there in its free parameters, zero where
         a signal is missing; not all at once, which would take most of the memory."""
-        data, p = self.data[record], parameters[self._record[record]]
+        data = self.data[record]
+        p = parameters[self._record[record]]
         size = min(max(map(len, self.data)), _SLAB_SAMPLES)
         values = np.tile(p, (size, 1))
-        derivatives, residuals = self._jacobian.mapped(size), self._residual.mapped(size)
+        derivatives = self._jacobian.mapped(size)
+        residuals = self._residual.mapped(size)
         for first in range(0, len(data), size):
             part = data[first : first + size]
             filled = np.concatenate([part, np.repeat(part[-1:], size - len(part), axis=0)])

@@ -43,7 +43,9 @@ class Jumps:
     """The jumps of a layout; falsy where it has none. `free` are the free parameters of the model."""
 
     def __init__(self, model: Model, free: np.ndarray, layout: Layout) -> None:
-        self._model, self._free, self._layout = model, free, layout
+        self._model = model
+        self._free = free
+        self._layout = layout
         self._at = {name: np.flatnonzero(layout.jump == i) for i, name in enumerate(model.events)}
         self._at = {name: which for name, which in self._at.items() if len(which)}
 
@@ -53,7 +55,8 @@ class Jumps:
     @cached_property
     def _functions(self) -> dict[str, ca.Function]:
         """Event -> (x, u, p) -> x after it, its derivatives in x and in the free parameters."""
-        model, key = self._model, ("jumps", *(int(i) for i in self._free))
+        model = self._model
+        key = ("jumps", *(int(i) for i in self._free))
         free = ca.vertcat(*[model.p[int(i)] for i in self._free])
 
         def build() -> dict[str, ca.Function]:
@@ -75,11 +78,13 @@ class Jumps:
         """The blocks of segments that were linearised with the ends `at` (K, n)."""
         if not self:
             return blocks
-        n, f = at.shape[1], len(self._free)
+        n = at.shape[1]
+        f = len(self._free)
         after, by_state, by_free = self._derivatives(at, parameters)
         transition = by_state @ blocks.transition
         transition[..., n : n + f] += by_free
-        spread, lift = blocks.covariance, blocks.lift
+        spread = blocks.covariance
+        lift = blocks.lift
         return replace(
             blocks,
             transition=transition,
@@ -98,7 +103,9 @@ class Jumps:
     def _derivatives(self, end: np.ndarray, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(K, n) states after, (K, n, n) and (K, n, f) their derivatives; of segments without a jump the end itself."""
         (count, n), f = end.shape, len(self._free)
-        after, by_state, by_free = end.copy(), np.tile(np.eye(n), (count, 1, 1)), np.zeros((count, n, f))
+        after = end.copy()
+        by_state = np.tile(np.eye(n), (count, 1, 1))
+        by_free = np.zeros((count, n, f))
         for name, which in self._at.items():
             inputs = self._layout.u0[which + 1, 0]
             many = self._functions[name].map(len(which))
@@ -112,13 +119,15 @@ class Jumps:
         """(n, K) ends after jumps, as an expression."""
         if not self:
             return end
-        columns, length = ca.horzsplit(end), self._layout.length
+        columns = ca.horzsplit(end)
+        length = self._layout.length
         for name, which in self._at.items():
             p = ca.SX.sym("base", len(self._model.parameters)), ca.SX.sym("q", len(self._free))
             whole = ca.SX(p[0])
             for j, i in enumerate(self._free):
                 whole[int(i)] = p[1][j]
-            x, u = ca.SX.sym("x", end.shape[0]), ca.SX.sym("u", len(self._model.inputs))
+            x = ca.SX.sym("x", end.shape[0])
+            u = ca.SX.sym("u", len(self._model.inputs))
             jump = ca.Function("jump", [x, u, *p], [self._functions[name](x, u, whole)[0]])
             for k in which.tolist():
                 columns[k] = jump(columns[k], at.u0[:, (k + 1) * length], at.base[:, k], at.free[:, k])

@@ -33,7 +33,9 @@ FLAGS = (
     "-fPIC",
     *(("-DCASID_MVEC", "-lmvec") if _GLIBC else ()),
 )
-_COMPILE_BASE, _COMPILE_PER_INSTRUCTION = 0.2, 1.2e-4  # s, measured with gcc on one core
+# s, measured with gcc on one core
+_COMPILE_BASE = 0.2
+_COMPILE_PER_INSTRUCTION = 1.2e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +49,8 @@ class Packed:
 
     def part(self, blocks: slice, first: int, stop: int) -> Packed:
         """Of some blocks, samples first ... stop-1."""
-        data, live = self.data[blocks, first:stop], np.clip(self.live[blocks] - first, 0, stop - first)
+        data = self.data[blocks, first:stop]
+        live = np.clip(self.live[blocks] - first, 0, stop - first)
         copy = aligned(data.shape)
         copy[...] = data
         return replace(self, data=copy, live=live)
@@ -55,8 +58,11 @@ class Packed:
 
 def pack(layout: Layout, sizes: Sizes, lanes: int) -> Packed:
     """The data of a layout; the last block is filled up with the last segment."""
-    count, w = layout.segments, lanes
-    blocks, m, o = -(-count // w), sizes.m, sizes.o
+    count = layout.segments
+    w = lanes
+    blocks = -(-count // w)
+    m = sizes.m
+    o = sizes.o
     packed = aligned((blocks, layout.length, sizes.stride, w))
     parts = (
         (0, layout.u0),
@@ -78,9 +84,11 @@ class Reduction:
 
     def __init__(self, loaded: ctypes.CDLL, sizes: Sizes) -> None:
         self.sizes = sizes
-        self._reduce, self._work = loaded.reduce, loaded.work
+        self._reduce = loaded.reduce
+        self._work = loaded.work
         self._reduce.argtypes = (ctypes.c_long, *[ctypes.c_void_p] * 10)
-        self._work.argtypes, self._work.restype = (ctypes.c_long,), ctypes.c_long
+        self._work.argtypes = (ctypes.c_long,)
+        self._work.restype = ctypes.c_long
         self._space = np.empty(0)
 
     def __call__(
@@ -94,11 +102,14 @@ class Reduction:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """states (M, n, 1+f), multipliers (M-1, n, 1+f) and (f, 1+f) minus the gradient and information, see `kkt`; not
         for two threads at once. Raises numpy.linalg.LinAlgError when the system is singular."""
-        count, sides = len(hessian), 1 + self.sizes.f
-        n, size = self.sizes.n, int(self._work(len(hessian)))
+        count = len(hessian)
+        sides = 1 + self.sizes.f
+        n = self.sizes.n
+        size = int(self._work(len(hessian)))
         if len(self._space) < size:
             self._space = aligned((size,))
-        states, multipliers = np.empty((count, n, sides)), np.empty((count - 1, n, sides))
+        states = np.empty((count, n, sides))
+        multipliers = np.empty((count - 1, n, sides))
         information = np.empty((self.sizes.f, sides))
         given = hessian, gradient, transition, defect, covariance, scale
         if call(self._reduce, count, *given, self._space, states, multipliers, information):
@@ -112,8 +123,10 @@ class Kernel:
     def __init__(self, library: str, sizes: Sizes) -> None:
         loaded = ctypes.CDLL(library)
         self.sizes, self.lanes = sizes, int(loaded.lanes())
-        number, address = ctypes.c_long, ctypes.c_void_p
-        self._simulate, self._linearise = loaded.simulate, loaded.linearise
+        number = ctypes.c_long
+        address = ctypes.c_void_p
+        self._simulate = loaded.simulate
+        self._linearise = loaded.linearise
         self._simulate.argtypes = (number, number, *[address] * 9)
         self._linearise.argtypes = (number, number, *[address] * 5, number, *[address] * 7)
         self._simulate.restype = self._linearise.restype = None
@@ -125,8 +138,10 @@ class Kernel:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """states (K, L, n), y (K, L, o), end (K, n), squares (K, o)."""
         (count, n), length, o = nodes.shape, packed.data.shape[1], self.sizes.o
-        states, y = np.empty((count, length, n)), np.empty((count, length, o))
-        end, squares = np.empty((count, n)), np.empty((count, o))
+        states = np.empty((count, length, n))
+        y = np.empty((count, length, o))
+        end = np.empty((count, n))
+        squares = np.empty((count, o))
         given = packed.live, packed.data, nodes, parameters, packed.seen
         call(self._simulate, count, length, *given, states, y, end, squares)
         return states, y, end, squares
@@ -208,7 +223,9 @@ class KernelOffer(Generic[K]):
 
     def __init__(self, name: str, write: Callable[[], tuple[str, int]], load: Callable[[str], K]) -> None:
         self.spent = 0.0
-        self._name, self._make, self._load = name, write, load
+        self._name = name
+        self._make = write
+        self._load = load
         self._kernel: K | None = None
         self._settled = self._looked = self._cached = False
         self._source: tuple[str, float] | None = None

@@ -89,7 +89,10 @@ class _Cut:
 
 def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> _Cut:
     """Segments of `interval` rows, new ones at every jump (row, event); padding repeats the row that comes next."""
-    row, live, jump, first = [], [], [], 0
+    row = []
+    live = []
+    jump = []
+    first = 0
     for last, event in (*jumps, (rows, -1)):
         count = max(-(-(last - first) // interval), 1)
         own = np.minimum(first + np.arange(count * interval), min(last, rows - 1))
@@ -103,12 +106,16 @@ def _cut(rows: int, jumps: list[tuple[int, int]], interval: int) -> _Cut:
 def build_layout(problem: Problem, interval: int | None, substeps: int = 1) -> Layout:
     """Segments of `interval` samples, None: one segment per record, with `substeps` steps between two samples. Events
     are points between samples too, and begin a segment."""
-    model, order = problem.model, list(problem.model.events)
+    model = problem.model
+    order = list(problem.model.events)
     lines = [timeline(model, record) for record in problem.records]
     length = (interval or max(_longest(line) for line in lines)) * substeps
     parts: dict[str, list[np.ndarray]] = {k: [] for k in ("u0", "u1", "dt", "z", "present", "guess")}
     per_segment: dict[str, list[np.ndarray]] = {k: [] for k in ("record", "live", "jump")}
-    first, tied, sample, times = [], [], [], []
+    first = []
+    tied = []
+    sample = []
+    times = []
     count = 0
     for r, (record, line) in enumerate(zip(problem.records, lines, strict=True)):
         t = _refined(line.t, substeps)

@@ -48,7 +48,10 @@ class Shooting:
         noise: dict[str, float],
         feedback: SampledFeedback | None = None,
     ) -> None:
-        self.layout, self._model, self._free, self._feedback = layout, model, free, feedback
+        self.layout = layout
+        self._model = model
+        self._free = free
+        self._feedback = feedback
         self.shape = (layout.segments, layout.length)
         self._jumps = Jumps(model, free, layout)
         self.noise_names = tuple(noise)
@@ -66,9 +69,11 @@ class Shooting:
     @cached_property
     def _mapped(self) -> tuple[Batch, Batch, Batch]:
         """Simulation of a group of segments, outputs of its samples, derivatives over a slab, by CasADi."""
-        model, feedback = self._model, self._feedback
+        model = self._model
+        feedback = self._feedback
         count, length = self.shape
-        step, outputs = compiled(model, step_function, feedback), compiled(model, output_function)
+        step = compiled(model, step_function, feedback)
+        outputs = compiled(model, output_function)
         derivatives = compiled(model, sample_derivatives, tuple(self._free), self.noise_names, feedback)
         group = self._group
         simulate = step.accumulated(length, group)
@@ -96,10 +101,12 @@ class Shooting:
             states, y, end, squares = kernel.simulate(self._packed_for(kernel), nodes, parameters)
             after_jump = self._jumps.end(end, parameters)
             return Trajectory(states=states, y=y, arrived=end, end=after_jump, squares=squares)
-        begin, data = time.perf_counter(), self.layout
+        begin = time.perf_counter()
+        data = self.layout
         simulate, outputs, _ = self._mapped
         count, length = self.shape
-        states, y = np.empty((count, length, nodes.shape[1])), np.empty((count, length, data.z.shape[2]))
+        states = np.empty((count, length, nodes.shape[1]))
+        y = np.empty((count, length, data.z.shape[2]))
         end = np.empty_like(nodes)
         for first in range(0, count, self._group):
             # the size of a batch is fixed: the last one is filled up with the last segment
@@ -107,7 +114,9 @@ class Shooting:
             repeated = np.repeat(parameters[own], length, axis=0)
             after = simulate(nodes[own], data.u0[own], data.u1[own], data.dt[own], repeated)[0]
             after = after.reshape(len(own), *states.shape[1:])
-            states[own, 0], states[own, 1:], end[own] = nodes[own], after[:, :-1], after[:, -1]
+            states[own, 0] = nodes[own]
+            states[own, 1:] = after[:, :-1]
+            end[own] = after[:, -1]
             y[own] = outputs(states[own], data.u0[own], repeated)[0].reshape(len(own), *y.shape[1:])
         self._offer.spent += time.perf_counter() - begin
         return Trajectory(states=states, y=y, arrived=end, end=self._jumps.end(end, parameters))
@@ -117,7 +126,8 @@ class Shooting:
         each pattern of present samples, zero in the rows and columns of what is missing."""
         kernel = self.kernel
         if kernel is not None:
-            nodes, packed = trajectory.states[:, 0], self._packed_for(kernel)
+            nodes = trajectory.states[:, 0]
+            packed = self._packed_for(kernel)
             blocks = kernel.linearise(packed, nodes, parameters, weights, self.intensity)
         else:
             begin = time.perf_counter()
@@ -134,7 +144,8 @@ class Shooting:
             for slab, _, _ in self._mapped_slabs(trajectory, parameters, weights, segments):
                 yield slab
             return
-        packed, lanes = self._packed_for(kernel), kernel.lanes
+        packed = self._packed_for(kernel)
+        lanes = kernel.lanes
         before = np.empty(0)
         for own, samples in _plan(segments, self.shape[1], lanes):
             blocks = slice(own.start // lanes, -(-own.stop // lanes))
@@ -149,9 +160,11 @@ class Shooting:
             )
             inner = slice(own.start - covered.start, own.stop - covered.start)
             assert found.rows is not None
-            rows, after = found.rows[inner], found.transition[inner]
+            rows = found.rows[inner]
+            after = found.transition[inner]
             if samples.start > 0:
-                rows, after = _chained(rows, before[:, None]), _chained(after, before)
+                rows = _chained(rows, before[:, None])
+                after = _chained(after, before)
             before = after
             yield Slab(segments=own, samples=samples, rows=rows)
 
@@ -181,9 +194,11 @@ class Shooting:
 
     def _mapped_blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:
         data, (count, _) = self.layout, self.shape
-        n, o = trajectory.end.shape[1], data.z.shape[2]
+        n = trajectory.end.shape[1]
+        o = data.z.shape[2]
         nf = n + len(self._free)
-        hessian, channel_gradient = np.zeros((count, nf, nf)), np.zeros((count, o, nf))
+        hessian = np.zeros((count, nf, nf))
+        channel_gradient = np.zeros((count, o, nf))
         transition = np.empty((count, n, nf))
         covariance = np.empty((count, n, n)) if len(self.intensity) else None
         for slab, after, spread in self._mapped_slabs(trajectory, parameters, weights, slice(0, count)):
@@ -210,9 +225,11 @@ class Shooting:
         """Each slab, the sensitivity (k, n, n+f) of the state after it, and the covariance (k, n, n) it has then."""
         n = trajectory.end.shape[1]
         for own, samples in _plan(segments, self.shape[1], 1):
-            at, size = (own, samples), own.stop - own.start
+            at = (own, samples)
+            size = own.stop - own.start
             if samples.start == 0:
-                s, spread = _identity(size, n, n + len(self._free)), np.zeros((size, n, n))
+                s = _identity(size, n, n + len(self._free))
+                spread = np.zeros((size, n, n))
             a, b, g, c, d = self._derivatives(trajectory, parameters, own, samples)
             states = np.empty((size, samples.stop - samples.start, *s.shape[1:]))
             for i in range(states.shape[1]):
@@ -232,14 +249,16 @@ class Shooting:
         self, trajectory: Trajectory, parameters: np.ndarray, segments: slice, samples: slice
     ) -> list[np.ndarray]:
         """(k, l, rows, columns) of A, B, G, C, D."""
-        data, at = self.layout, (segments, samples)
+        data = self.layout
+        at = (segments, samples)
         k, length = data.dt[at].shape
         batch = self._mapped[2]
         given = [trajectory.states[at], data.u0[at], data.u1[at], data.dt[at][..., None]]
         flat = [v.reshape(k * length, -1) for v in given] + [np.repeat(parameters[segments], length, axis=0)]
         total = min(data.dt.size, _SLAB_SAMPLES)  # the size of a batch is fixed
         raw = batch(*(np.concatenate([v, np.repeat(v[-1:], total - k * length, axis=0)]) for v in flat))
-        n, o = trajectory.end.shape[1], data.z.shape[2]
+        n = trajectory.end.shape[1]
+        o = data.z.shape[2]
         heights = (n, n, n, o, o)
         parts = (r.reshape(total, rows, r.shape[1])[: k * length] for r, rows in zip(raw, heights, strict=True))
         return [p.reshape(k, length, *p.shape[1:]) for p in parts]

@@ -34,14 +34,17 @@ def _advanced(model: Model, x: ca.SX, u0: ca.SX, u1: ca.SX, dt: ca.SX, p: ca.SX)
 
 
 def _symbols(model: Model) -> tuple[ca.SX, ...]:
-    n, m, q = len(model.states), len(model.inputs), len(model.parameters)
+    n = len(model.states)
+    m = len(model.inputs)
+    q = len(model.parameters)
     return ca.SX.sym("x", n), ca.SX.sym("u0", m), ca.SX.sym("u1", m), ca.SX.sym("dt"), ca.SX.sym("p", q)
 
 
 def noise_vector(model: Model, names: Sequence[str]) -> tuple[ca.SX, ca.SX]:
     """(v, f with v): noise v on the named states' equations, or through the named disturbances."""
     v = ca.SX.sym("v", len(names))
-    w, f = ca.SX.zeros(len(model.disturbances)), ca.SX(model.f)
+    w = ca.SX.zeros(len(model.disturbances))
+    f = ca.SX(model.f)
     for i, name in enumerate(names):
         if name in model.states:
             f[model.states.index(name)] += v[i]
@@ -132,7 +135,8 @@ def stage_functions(
         x, u0, u1, dt, p = symbols = _symbols(model)
         plain = [step_function(model, feedback)(*symbols), output_function(model)(x, u0, p)]
         law = ca.SX(u0.shape[0], x.shape[0])
-        first, last = u0, u1
+        first = u0
+        last = u1
         if feedback is not None:
             first = last = feedback.at(x, u0)
             law = ca.sparsify(ca.jacobian(first, x))
@@ -145,7 +149,9 @@ def stage_functions(
                 ca.Function("advance", list(symbols), ca.cse(plain)),
                 ca.Function("derive", list(symbols), ca.cse(linear)),
             )
-        after, k, stages = x, ca.SX.zeros(x.shape[0]), []
+        after = x
+        k = ca.SX.zeros(x.shape[0])
+        stages = []
         for reach, share, u in ((0.0, 1, first), (0.5, 2, middle), (0.5, 2, middle), (1.0, 1, last)):
             k, fx, fq, fu = slope(x + reach * dt * k, u, p)
             after += share * dt / 6 * k
@@ -184,12 +190,16 @@ def _discrete(slope: ca.Function, free: int, x: ca.SX, u0: ca.SX, dt: ca.SX, p: 
 
 def _chained_rk4(slope: ca.Function, x, u0, u1, dt, p) -> tuple[ca.SX, ca.SX]:
     """Derivatives of the step by the chain rule through its stages: half the instructions of a blind derivative."""
-    um, eye = (u0 + u1) / 2, ca.SX.eye(x.shape[0])
+    um = (u0 + u1) / 2
+    eye = ca.SX.eye(x.shape[0])
     k1, a1, b1, _ = slope(x, u0, p)
     k2, fx, fq, _ = slope(x + dt / 2 * k1, um, p)
-    a2, b2 = fx @ (eye + dt / 2 * a1), fq + fx @ (dt / 2 * b1)
+    a2 = fx @ (eye + dt / 2 * a1)
+    b2 = fq + fx @ (dt / 2 * b1)
     k3, fx, fq, _ = slope(x + dt / 2 * k2, um, p)
-    a3, b3 = fx @ (eye + dt / 2 * a2), fq + fx @ (dt / 2 * b2)
+    a3 = fx @ (eye + dt / 2 * a2)
+    b3 = fq + fx @ (dt / 2 * b2)
     _, fx, fq, _ = slope(x + dt * k3, u1, p)
-    a4, b4 = fx @ (eye + dt * a3), fq + fx @ (dt * b3)
+    a4 = fx @ (eye + dt * a3)
+    b4 = fq + fx @ (dt * b3)
     return eye + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4), dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4)

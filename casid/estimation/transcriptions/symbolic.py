@@ -15,7 +15,9 @@ class SampleSymbols:
     """SX symbols of one sample interval; only `x`, `points` and the free parameters `q` are to be differentiated."""
 
     def __init__(self, model: Model, free: np.ndarray, degree: int = 0) -> None:
-        n, m, count = len(model.states), len(model.inputs), len(model.parameters)
+        n = len(model.states)
+        m = len(model.inputs)
+        count = len(model.parameters)
         self.x, self.points = ca.SX.sym("x", n), ca.SX.sym("c", n, degree)
         self.u0, self.u1, self.dt = ca.SX.sym("u0", m), ca.SX.sym("u1", m), ca.SX.sym("dt")
         self.base, self.q = ca.SX.sym("base", count), ca.SX.sym("q", len(free))
@@ -31,7 +33,8 @@ def with_data(name: str, inputs: list, outputs: list, variable: tuple[int, ...])
 
 def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> Simulated:
     """By Runge-Kutta steps from every node."""
-    count, length = layout.segments, layout.length
+    count = layout.segments
+    length = layout.length
     of = SampleSymbols(model, free)
     y = _outputs(model, of)
     advanced = step_function(model)(of.x, of.u0, of.u1, of.dt, of.p)
@@ -40,7 +43,8 @@ def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> 
     u0, u1, dt = (
         ca.MX.sym(name, rows, length) for name, rows in (("u0", of.u0.shape[0]), ("u1", of.u1.shape[0]), ("dt", 1))
     )
-    many_b, many_f = ca.repmat(b, 1, length), ca.repmat(f, 1, length)
+    many_b = ca.repmat(b, 1, length)
+    many_f = ca.repmat(f, 1, length)
     after = step.mapaccum("segment", length)(x, u0, u1, dt, many_b, many_f)
     states = ca.horzcat(x, after[:, :-1]) if length > 1 else x
     outputs = y.map(length)(states, u0, many_b, many_f)
@@ -54,8 +58,10 @@ def collocated(
 ) -> Simulated:
     """By polynomials through the state before a step and the interior states after it; tau and c as `radau` gives
     them."""
-    degree, scale = len(tau), ca.DM(model.scale_vector())
-    of, f = SampleSymbols(model, free, degree), dynamics_function(model)
+    degree = len(tau)
+    scale = ca.DM(model.scale_vector())
+    of = SampleSymbols(model, free, degree)
+    f = dynamics_function(model)
     together = ca.horzcat(of.x, of.points)
     equations = [
         together @ ca.DM(c[:, i]) - of.dt * f(of.points[:, i], of.u0 + tau[i] * (of.u1 - of.u0), of.p)
@@ -65,12 +71,14 @@ def collocated(
     inputs = [of.x, of.points, of.u0, of.u1, of.dt, of.base, of.q]
     interval = with_data("interval", inputs, [scaled], (0, 1, 6))
     assert at.points is not None
-    length, steps = layout.length, layout.segments * layout.length
+    length = layout.length
+    steps = layout.segments * layout.length
     after = at.points[:, degree - 1 :: degree]
     before = [k // length if k % length == 0 else layout.segments + k - 1 for k in range(steps)]
     states = ca.horzcat(at.nodes, after)[:, before]
     record = [k // length for k in range(steps)]
-    base, own = at.base[:, record], at.free[:, record]
+    base = at.base[:, record]
+    own = at.free[:, record]
     gap = ca.vec(interval.map(steps)(states, at.points, at.u0, at.u1, at.dt, base, own))
     y = _outputs(model, of).map(steps)(states, at.u0, base, own)
     return Simulated(states=states, end=after[:, length - 1 :: length], y=y, gap=gap)

@@ -18,7 +18,9 @@ from casid.estimation.transcriptions.shooting import Shooting
 from casid.model.system import check_continuous
 
 _STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
-_EXPLICIT_ORDER, _IMPLICIT_ORDER = 4, 2 * _STAGES - 1  # of Runge and Kutta's method, and of Radau's
+# of Runge and Kutta's method, and of Radau's
+_EXPLICIT_ORDER = 4
+_IMPLICIT_ORDER = 2 * _STAGES - 1
 
 
 class Transcription(Protocol):

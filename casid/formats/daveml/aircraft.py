@@ -149,7 +149,8 @@ class DaveAerodynamics:
             fx, fy, fz, roll, pitch, yaw = (look(_varid(file, name)) for name in (*_FORCES, *_MOMENTS))
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
-        b, c = 2.0 * self.lateral, 2.0 * self.pitch
+        b = 2.0 * self.lateral
+        c = 2.0 * self.pitch
         x, y, z = self.cm
         return {
             "CX": fx,

@@ -67,7 +67,8 @@ def bare(node: ET.Element) -> str:
 
 def expression(node: ET.Element, look: Look) -> Any:
     """The value of a node, variables by `look`. Raises InputError for an operator that is not known."""
-    tag, children = bare(node), list(node)
+    tag = bare(node)
+    children = list(node)
     if tag == "cn":
         return ca.SX(number_of(node.text, "cn"))
     if tag == "ci":

@@ -105,7 +105,8 @@ class JsbsimAerodynamics:
             total = _forces_and_moments(aerodynamics, look, metrics_of(root))
         except InputError as error:
             raise InputError(f"{self.path}: {error}") from None
-        force, moment = total[:3], total[3:]
+        force = total[:3]
+        moment = total[3:]
         dx, dy, dz = (float(x) for x in body_arm(reference_point(root), np.array(self.cg)))
         dx = dx + _shift(aerodynamics, look, metrics_of(root))
         fx, fy, fz = force
@@ -114,7 +115,8 @@ class JsbsimAerodynamics:
         found = {"Cl": moment[0] / m["bw-ft"], "Cm": moment[1] / m["cbarw-ft"], "Cn": moment[2] / m["bw-ft"], "CY": fy}
         if self.axes == "body":
             return found | {"CX": fx, "CZ": fz}, look
-        sin_a, cos_a = ca.sin(s.alpha), ca.cos(s.alpha)
+        sin_a = ca.sin(s.alpha)
+        cos_a = ca.cos(s.alpha)
         return found | {"CL": fx * sin_a - fz * cos_a, "CD": -fx * cos_a - fz * sin_a}, look
 
 
@@ -190,8 +192,12 @@ def _forces_and_moments(aerodynamics: ET.Element, look: Properties, metrics: Met
 
 def _wind_to_body(drag: Any, side: Any, lift: Any, look: Mapping[str, Any] | Properties) -> list[Any]:
     assert isinstance(look, Properties)
-    alpha, beta = look("aero/alpha-rad"), look("aero/beta-rad")
-    sin_a, cos_a, sin_b, cos_b = ca.sin(alpha), ca.cos(alpha), ca.sin(beta), ca.cos(beta)
+    alpha = look("aero/alpha-rad")
+    beta = look("aero/beta-rad")
+    sin_a = ca.sin(alpha)
+    cos_a = ca.cos(alpha)
+    sin_b = ca.sin(beta)
+    cos_b = ca.cos(beta)
     return [
         -drag * cos_a * cos_b - side * cos_a * sin_b + lift * sin_a,
         -drag * sin_b + side * cos_b,

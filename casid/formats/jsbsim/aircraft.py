@@ -67,7 +67,8 @@ def _of_point(mass: float, arm: np.ndarray) -> np.ndarray:
 
 def _of_form(form: ET.Element, mass: float) -> np.ndarray:
     """Of a solid about its own centre, its axis along x."""
-    r, length = amount(form.find("radius"), "FT"), amount(form.find("length"), "FT")
+    r = amount(form.find("radius"), "FT")
+    length = amount(form.find("length"), "FT")
     across = {"tube": mass / 12.0 * (6.0 * r**2 + length**2), "cylinder": mass / 12.0 * (3.0 * r**2 + length**2)}
     along = {"tube": mass * r**2, "cylinder": mass / 2.0 * r**2, "sphere": mass / 1.5 * r**2, "ball": mass / 2.5 * r**2}
     shape = form.get("shape", "").strip().lower()
@@ -91,7 +92,8 @@ def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, A
     """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
     root = load(path)
     try:
-        metrics, mass = metrics_of(root), mass_properties(root)
+        metrics = metrics_of(root)
+        mass = mass_properties(root)
         J = mass.inertia * SLUG * FOOT**2
         given = {name: number(value, f"held: '{name}'") for name, value in held.items()}
         aerodynamics = aerodynamics_of(path, given)

@@ -16,7 +16,9 @@ from casid.formats.jsbsim.functions import value_of
 from casid.formats.jsbsim.source import number_of, part
 from casid.signals import DEGREE, FOOT, POUND_FORCE, SLUG
 
-_TEMPERATURE_R, _SUTHERLAND_R, _BETA = 518.67, 198.72, 2.269690e-08
+_TEMPERATURE_R = 518.67
+_SUTHERLAND_R = 198.72
+_BETA = 2.269690e-08
 HELD = ("fcs/", "gear/", "systems/", "propulsion/", "external_reactions/", "ap/", "autopilot/", "simulation/")
 _HYSTERESIS = "aero/stall-hyst-norm"
 
@@ -118,7 +120,9 @@ class Properties:
     """
 
     def __init__(self, s: Any, metrics: Metrics, functions: Mapping[str, ET.Element], root: ET.Element) -> None:
-        self._s, self._metrics, self._functions = s, metrics, functions
+        self._s = s
+        self._metrics = metrics
+        self._functions = functions
         self._components = Components(root, RECORDED)
         self.values: dict[str, Any] = {}
         self.held: dict[str, float] = {}
@@ -289,5 +293,6 @@ def _unscaled(component: ET.Element, y: Any) -> Any:
     if not (gain * below and gain * above):
         raise InputError(f'<aerosurface_scale name="{component.get("name", "")}"> makes nothing of its input')
     y = y / gain
-    up, down = y / above, y / below
+    up = y / above
+    down = y / below
     return up if above == below else ca.if_else((y > 0.0) if above > 0.0 else (y < 0.0), up, down)

@@ -201,11 +201,13 @@ def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict
     if names[0] != "DRAG":
         sign = "<value>-1</value>" if names[0] == "AXIAL" else "<value>1</value>"
         return {names[0]: _product(sign, x), names[1]: side, names[2]: _product(sign, z)}
-    alpha, beta = _property("aero/alpha-rad"), _property("aero/beta-rad")
+    alpha = _property("aero/alpha-rad")
+    beta = _property("aero/beta-rad")
     (sa, ca), (sb, cb) = ((f"<sin>{a}</sin>", f"<cos>{a}</cos>") for a in (alpha, beta))
     minus = "<value>-1</value>"
     if "CD" in known or "CL" in known:
-        drag, lift = known.get("CD", zero), known.get("CL", zero)
+        drag = known.get("CD", zero)
+        lift = known.get("CL", zero)
     else:
         drag = f"<sum>{_product(minus, x, ca)}{_product(minus, z, sa)}</sum>"
         lift = f"<difference>{_product(x, sa)}{_product(z, ca)}</difference>"
@@ -287,7 +289,8 @@ def _component_around(text: str, at: int) -> str:
 
 
 def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
-    balance, mass = part(root, "mass_balance"), mass_properties(root)
+    balance = part(root, "mass_balance")
+    mass = mass_properties(root)
     if effect.kind == "mass":
         x, y, z = (float(v) * 12.0 for v in mass.cg)
         weight = effect.value / SLUG * LBS_PER_SLUG
@@ -300,7 +303,8 @@ def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
         # the file's product of inertia is negated unless it says that it is not
         negated = balance.get("negated_crossproduct_inertia", "true").lower() in ("true", "1", "yes")
         sign = -1.0 if effect.target == "Ixz" and negated else 1.0
-        tag, change = effect.target.lower(), sign * effect.value / (SLUG * FOOT**2)
+        tag = effect.target.lower()
+        change = sign * effect.value / (SLUG * FOOT**2)
         if balance.find(tag) is None:
             return _before(text, "<emptywt", f'    <{tag} unit="SLUG*FT2"> {change!r} </{tag}>\n')
         return _changed(text, balance, tag, change, "SLUG*FT2")
@@ -352,7 +356,8 @@ def jsbsim_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
         )
     plain = absorbed(aircraft)
     a = plain.aircraft
-    span, chord = 2.0 * a.rate_length_lateral, 2.0 * a.rate_length_pitch
+    span = 2.0 * a.rate_length_lateral
+    chord = 2.0 * a.rate_length_pitch
     factor = {"Cl": a.moment_length_lateral / span, "Cn": a.moment_length_lateral / span}
     factor["Cm"] = a.moment_length_pitch / chord
     rows = {c: {t: v * factor.get(c, 1.0) for t, v in row.items()} for c, row in plain.rows.items()}

@@ -24,7 +24,8 @@ def _blowing(direction: np.ndarray, wind: np.ndarray, known: Series) -> dict[str
     blows = np.flatnonzero(wind)
     phi, theta, psi = (known[name][blows] if name in known else np.zeros(len(blows)) for name in _ATTITUDE)
     north, east, down = direction
-    ahead, aside = np.cos(psi) * north + np.sin(psi) * east, np.cos(psi) * east - np.sin(psi) * north
+    ahead = np.cos(psi) * north + np.sin(psi) * east
+    aside = np.cos(psi) * east - np.sin(psi) * north
     below = np.sin(theta) * ahead + np.cos(theta) * down
     parts = (
         np.cos(theta) * ahead - np.sin(theta) * down,

@@ -18,7 +18,9 @@ from casid.signals import SURFACES
 _TO_THE_END = 1e3  # s
 _LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
-_ZERO, _TRIM = 0.0, 1.0  # what a dead zone lies about: the zero of the record, or its median
+# what a dead zone lies about: the zero of the record, or its median
+_ZERO = 0.0
+_TRIM = 1.0
 
 
 def _surface_operator(
@@ -75,7 +77,8 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} [late|early].",
 )
 def input_delay(surface: str) -> Effect:
-    sizes, late = (0.02, 0.05, 0.1, 0.2, 0.4), operators.delay_transfer
+    sizes = (0.02, 0.05, 0.1, 0.2, 0.4)
+    late = operators.delay_transfer
     return _surface_operator(surface, sizes, operators.delay, 0.01, 0.5, unsigned=(), transfer=late)
 
 
@@ -103,7 +106,8 @@ def rate_limit(surface: str) -> Effect:
 )
 def dead_zone(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded, about = known[surface], values.get("about", _TRIM)
+        recorded = known[surface]
+        about = values.get("about", _TRIM)
         centre = about * float(np.median(recorded))
         return {station.control(surface): operators.dead_zone(recorded, values["value"], centre) - recorded}
 
@@ -189,7 +193,8 @@ def effectiveness_change(surface: str) -> Effect:
 )
 def stuck(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        onset, recorded = values["onset"], known[surface]
+        onset = values["onset"]
+        recorded = known[surface]
         during = operators.step(t, onset) - operators.step(t, onset + values.get("duration", _TO_THE_END))
         held = float(np.interp(onset, t, recorded)) + values.get("beside", 0.0)
         return {station.control(surface): values["value"] * during * (held - recorded)}
@@ -208,7 +213,8 @@ def stuck(surface: str) -> Effect:
 
 # what a damper or an autopilot feeds to each surface: a rate or a flow angle through a washout, an attitude as it is
 LOOPS = {"delta_e": ("q", "alpha", "theta"), "delta_a": ("p", "phi"), "delta_r": ("r", "beta")}
-_ATTITUDES, _RATES = ("phi", "theta"), ("p", "q", "r")
+_ATTITUDES = ("phi", "theta")
+_RATES = ("p", "q", "r")
 
 
 def _loops(aircraft: Airframe) -> Iterable[Effect]:
@@ -226,7 +232,8 @@ def _gain_that_matters(surface: str, quantity: str) -> Callable[[Airframe], floa
     """The gain that changes the derivative of the surface's moment in the quantity by a tenth."""
 
     def size(aircraft: Airframe) -> float:
-        moment, speed = _MOMENT_OF[surface], aircraft.trim.get("V", 0.0)
+        moment = _MOMENT_OF[surface]
+        speed = aircraft.trim.get("V", 0.0)
         own, power = (aircraft.derivatives.get(f"{moment}_{name}", 0.0) for name in (quantity, surface))
         if quantity in _ATTITUDES or not (own and power and speed):
             return _SMALL_GAIN

@@ -14,7 +14,8 @@ from casid.model.path import SignalPath, wing_loads
 from casid.model.rotors import ALL, Rotors, changed
 
 # part of the mass, which is known by the fuel left, or of an inertia, which is estimated
-_MASS_MATTERS, _INERTIA_MATTERS = 0.03, 0.05
+_MASS_MATTERS = 0.03
+_INERTIA_MATTERS = 0.05
 _CG_MATTERS = 0.02  # m, of an aircraft without rotors; of these the same part of their arms as of the mass
 
 

@@ -45,10 +45,13 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
     i, j = ((1, 2), (2, 0), (0, 1))[_AXES.index(axis)]
 
     def change(path: SignalPath, values: Symbols) -> None:
-        cosine, sine = ca.cos(values["value"]), ca.sin(values["value"])
+        cosine = ca.cos(values["value"])
+        sine = ca.sin(values["value"])
         for names in _TRIADS:
-            a, b = path.output[names[i]], path.output[names[j]]
-            path.output[names[i]], path.output[names[j]] = cosine * a + sine * b, cosine * b - sine * a
+            a = path.output[names[i]]
+            b = path.output[names[j]]
+            path.output[names[i]] = cosine * a + sine * b
+            path.output[names[j]] = cosine * b - sine * a
 
     return Effect(
         target=target,

@@ -78,11 +78,9 @@ def rotor_effectiveness(target: str) -> Effect:
         return changed(rotors, target, lambda one: {"effectiveness": one.effectiveness * (1.0 + value)})
 
     enters = None if target == ALL else station.control(f"thrust_{target}")
-    size, traits, forms = (
-        Size(meaningful=0.05, limit=0.95),
-        Traits(balance=True, by_record=True),
-        Forms(into_rotors=into_rotors),
-    )
+    size = Size(meaningful=0.05, limit=0.95)
+    traits = Traits(balance=True, by_record=True)
+    forms = Forms(into_rotors=into_rotors)
     return _of_rotors("rotor_effectiveness", target, act, enters=enters, size=size, traits=traits, forms=forms)
 
 
@@ -107,7 +105,8 @@ def thrust_curve(target: str, term: str) -> Effect:
         rotors = path.aircraft.rotors
         assert rotors is not None
         weight = path.aircraft.mass * path.aircraft.gravity
-        hover, unit = hover_thrusts(rotors, weight), weight / len(rotors.each)
+        hover = hover_thrusts(rotors, weight)
+        unit = weight / len(rotors.each)
         for one in rotors.of(target):
             signal = path.rotor[one.name]
             by_file = path.parameter[effectiveness(one.name)] * one.static_thrust(signal.input)
@@ -117,7 +116,8 @@ def thrust_curve(target: str, term: str) -> Effect:
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors | None:
         if any(one.speed for one in rotors.of(target)):
             return None  # a coefficient of the square has no other slope
-        hover, unit = hover_thrusts(rotors, weight), weight / len(rotors.each)
+        hover = hover_thrusts(rotors, weight)
+        unit = weight / len(rotors.each)
 
         def shaped(one: Rotor) -> dict[str, Any]:
             polynomial = about_hover(one.curve, hover[one.name], unit, **{term: value}) / one.effectiveness
@@ -154,7 +154,9 @@ def rotor_torque(target: str) -> Effect:
         return changed(rotors, target, lambda one: {"torque": one.torque * (1.0 + value)})
 
     # steady flight balances all torques, whatever their size
-    reads, size, traits = ("r",) if target == ALL else (), Size(meaningful=0.1, limit=3.0), Traits(by_record=True)
+    reads = ("r",) if target == ALL else ()
+    size = Size(meaningful=0.1, limit=3.0)
+    traits = Traits(by_record=True)
     forms = Forms(into_rotors=into_rotors)
     return _of_rotors("rotor_torque", target, act, reads=reads, size=size, traits=traits, forms=forms)
 
@@ -165,7 +167,8 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         found, (later, slower) = {}, (0.0, values["value"]) if of_lag else (values["value"], 0.0)
         for name in rotors_in(known, target):
-            lag, late = float(known[lag_of(name)][0]), float(known[delay_of(name)][0])
+            lag = float(known[lag_of(name)][0])
+            late = float(known[delay_of(name)][0])
             # both from the same samples: what acts was made of the record before it was averaged
             as_given, moved = (
                 operators.lag(t, operators.delay(t, known[command(name)], delay), constant)
@@ -242,7 +245,9 @@ def rotor_position(target: str, axis: str) -> Effect:
         by = value * np.eye(3)["xyz".index(axis)]
         return changed(rotors, target, lambda one: {"position": tuple(map(float, one.position + by))})
 
-    size, traits, forms = Size(meaningful=matters, within="arm"), Traits(balance=True), Forms(into_rotors=into_rotors)
+    size = Size(meaningful=matters, within="arm")
+    traits = Traits(balance=True)
+    forms = Forms(into_rotors=into_rotors)
     return _of_rotors("rotor_position", target, act, term=axis, size=size, traits=traits, forms=forms)
 
 
@@ -380,7 +385,8 @@ def rotor_inflow(target: str = "") -> Effect:
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
         return replace(rotors, inflow=rotors.inflow + value)
 
-    size, forms = Size(meaningful=0.02, limit=1.0), Forms(into_rotors=into_rotors)
+    size = Size(meaningful=0.02, limit=1.0)
+    forms = Forms(into_rotors=into_rotors)
     return _of_all("rotor_inflow", "inflow", size=size, forms=forms)
 
 

@@ -185,11 +185,16 @@ def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequen
     The slope of the equation by the parameter is then the same multiple of the term at any point.
     """
     by = ca.vertcat(*[model.p[model.parameters.index(name)] for name in free])
-    slopes, values = ca.densify(ca.jacobian(model.f, by)), ca.densify(ca.vertcat(*terms.values()))
+    slopes = ca.densify(ca.jacobian(model.f, by))
+    values = ca.densify(ca.vertcat(*terms.values()))
     both = ca.Function("both", [model.x, model.u, model.p, model.w], [slopes, values])
-    rng, p, w, points = np.random.default_rng(0), model.nominal_vector(), np.zeros(model.w.numel()), 6
+    rng = np.random.default_rng(0)
+    p = model.nominal_vector()
+    w = np.zeros(model.w.numel())
+    points = 6
     drawn = [both(rng.normal(size=model.x.numel()), rng.normal(size=model.u.numel()), p, w) for _ in range(points)]
-    F, T = np.stack([one.full() for one, _ in drawn]), np.stack([one.full().ravel() for _, one in drawn])
+    F = np.stack([one.full() for one, _ in drawn])
+    T = np.stack([one.full().ravel() for _, one in drawn])
     with np.errstate(all="ignore"):
         ratio = F[..., None] / T[:, None, None, :]  # (points, states, parameters, terms)
         same = (np.abs(ratio - ratio[0]) <= 1e-9 * np.abs(ratio[0])).all(axis=0) & (ratio[0] != 0.0)
@@ -227,10 +232,12 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
     """
     name = port.name
     series = [record[name] for record in records]
-    low, high = min(s.min() for s in series), max(s.max() for s in series)
+    low = min(s.min() for s in series)
+    high = max(s.max() for s in series)
     if not high > low:
         return
-    steps, cuts = _doubling(records), [share * (high - low) for share in criteria.cuts]
+    steps = _doubling(records)
+    cuts = [share * (high - low) for share in criteria.cuts]
     rows: list[tuple[str, Operator, list[float]]] = [
         ("input_delay", operators.delay, steps),
         ("actuator_lag", operators.lag, steps),
@@ -322,10 +329,12 @@ def _follows(true: Any, reading: Any, values: Any) -> Any:
 
 def _lagged(name: str, t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
     """A lagged reading; its initial value is near the first reading."""
-    behind, T = operators.lag(t, known[name], values["value"]), abs(values["value"])
+    behind = operators.lag(t, known[name], values["value"])
+    T = abs(values["value"])
     if T < 1e-9:
         return {name: behind}
-    fades, left = np.exp(-(t - t[0]) / T), known[as_read(name)] - behind
+    fades = np.exp(-(t - t[0]) / T)
+    left = known[as_read(name)] - behind
     there = np.isfinite(left)
     start = float(fades[there] @ left[there]) / max(float(fades[there] @ fades[there]), 1e-300)
     return {name: behind + start * fades}
@@ -379,5 +388,6 @@ def _variation(series: Sequence[np.ndarray]) -> float:
 
 def _doubling(records: Sequence[Record]) -> list[float]:
     """Times [s] from half a sample, each twice the one before, to a quarter of a record."""
-    step, longest = 0.5 * min(r.dt for r in records), 0.25 * max(r.duration for r in records)
+    step = 0.5 * min(r.dt for r in records)
+    longest = 0.25 * max(r.duration for r in records)
     return [step * 2.0**k for k in range(int(np.log2(longest / step)) + 1)]

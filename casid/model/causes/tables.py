@@ -75,7 +75,8 @@ def _runs(points: tuple[float, ...], outside: str, longest: int | None = None) -
     ends = 0 if outside == "hold" else 1
     for first in range(ends, len(points) - ends):
         for last in range(first, min(len(points) - ends, first + (longest or len(points) // 2))):
-            at_low, at_high = first == 0, last == len(points) - 1
+            at_low = first == 0
+            at_high = last == len(points) - 1
             if at_low and at_high:
                 continue  # the whole axis
             low = (-math.inf, -math.inf) if at_low else (padded[first + 1], points[first])
