@@ -63,10 +63,10 @@ from casid.frequency.state_space import fit_state_space
 from casid.frequency.transfer_function import TransferFunction, fit_transfer_functions
 from casid.keeping import load
 from casid.model.aircraft import Aircraft, EffectValue, Inertia
-from casid.model.causes.systems import Library
 from casid.model.dynamics import aircraft_model, flight_inputs
 from casid.model.external import external_function
 from casid.model.feedback import SampledFeedback
+from casid.model.library import Library
 from casid.model.port import ModelPort
 from casid.model.rotors import Rotor, Rotors, Voltage
 from casid.model.simulate import Simulation, simulate

@@ -28,6 +28,29 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     ),
     "actuator_lag": (r"v\,\dot\delta = \delta_\mathrm{rec} - \delta", r"$\delta$ is what acts."),
     "input_delay": (r"\delta(t) = \delta_\mathrm{rec}(t - v)", r"Negative: what acts is ahead of its record."),
+    "second_order_actuator": (
+        r"v^2\,\ddot\delta + 2\zeta v\,\dot\delta + \delta = \delta_\mathrm{rec}",
+        r"$1/v$ is its natural frequency, $\zeta$ the parameter `damping`.",
+    ),
+    "input_limit": (
+        r"\delta = \min(\delta_\mathrm{rec},\, v)\quad\text{or}\quad \max(\delta_\mathrm{rec},\, v)",
+        r"The term says which: `above` or `below`.",
+    ),
+    "input_offset": (r"\delta = \delta_\mathrm{rec} + v", r"$\delta$ is what acts."),
+    "input_scale": (r"\delta = (1 + v)\,\delta_\mathrm{rec}", r"$\delta$ is what acts."),
+    "sample_hold": (
+        r"\delta(t) = \delta_\mathrm{rec}\bigl(v \lfloor t/v \rfloor\bigr)",
+        r"$t$ counts from the first sample.",
+    ),
+    "missing_term": (
+        r"\dot x = f + v\,\tau",
+        r"$\tau$ is the term: a monomial or one of your own.",
+    ),
+    "parameter_change": (r"p = p_0 + v", r"$p_0$ is the value in the other records."),
+    "sensor_stuck": (
+        r"z(t) = y(t) + v\,[t \ge t_0]\,\bigl(\bar z - y(t)\bigr)",
+        r"$\bar z$ is the mean reading from the onset $t_0$ on.",
+    ),
     "rate_limit": (r"|\dot\delta| \le v", r"$\delta$ follows $\delta_\mathrm{rec}$ as fast as that allows."),
     "dead_zone": (
         r"\delta = c\,\delta_m + \mathrm{sign}(e)\,\max(|e| - v,\, 0),\quad e = \delta_\mathrm{rec} - c\,\delta_m",

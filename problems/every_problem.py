@@ -13,7 +13,7 @@ from pathlib import Path
 from casid.estimation import CombinedError, EquationError, OutputError, Problem
 from casid.estimation.cost import Cost
 from casid.model.aircraft import Aircraft
-from casid.model.applied import apply_effects, default_free
+from casid.model.flown_records import default_free, flown_records
 from casid.records.readers import read_records
 from problems import unstable_short_period
 from problems.paper.cases import CASES, Condition, conditions
@@ -63,5 +63,5 @@ def _do328(condition: Condition, cost: Cost) -> Problem:
 def demo_problem() -> Problem:
     """Two of the embedded flights: all derivatives that move the aircraft, with the file's priors; noise estimated."""
     records = read_records([str(DEMO / "m1.csv"), str(DEMO / "m2.csv")])
-    applied = apply_effects(Aircraft.read(DEMO / "aircraft.toml"), records)
+    applied = flown_records(Aircraft.read(DEMO / "aircraft.toml"), records)
     return Problem(applied.model, applied.records, free=default_free(applied), prior=True)

@@ -15,10 +15,10 @@ from casid.cli.options import DEMO
 from casid.model import causes  # noqa: F401  fills the register
 from casid.model.aircraft import Aircraft
 from casid.model.effect import KINDS
-from problems.blind.case import ROTORS
+from problems.blind.case import OF_EQUATIONS, ROTORS, STATED
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
-NOT_DRAWN = {"table_increment", *ROTORS}  # the Do 328 has no tables and no rotors
+NOT_DRAWN = {"table_increment", *ROTORS, *STATED, *OF_EQUATIONS}  # of tables, of rotors, of other models
 
 
 @pytest.mark.parametrize("page", ["how-to", "kinds-of-model", "not-given"])

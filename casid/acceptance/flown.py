@@ -14,8 +14,8 @@ from casid.acceptance.smoothing import smooth
 from casid.errors import InputError
 from casid.filtering.initial_state import state_of_outputs
 from casid.model.aircraft import Aircraft
-from casid.model.applied import Applied, apply_effects
 from casid.model.dynamics import standard_density
+from casid.model.flown_records import FlownRecords, flown_records
 from casid.model.measured_force import force_inputs
 from casid.model.path import INTEGRALS
 from casid.model.simulate import simulate
@@ -73,15 +73,15 @@ class ToFly:
 
 def fly(aircraft: Aircraft, flights: Sequence[ToFly], closed: bool) -> list[list[Flown]]:
     """Simulate every window of each flight; `closed`: with the controller of `_LOOPS`."""
-    applied: dict[tuple, Applied] = {}
+    applied: dict[tuple, FlownRecords] = {}
     for model in {one.model: None for one in flights}:
         axes, outputs, *_ = model
-        applied[model] = apply_effects(aircraft, [one.record for one in flights if one.model == model], axes, outputs)
+        applied[model] = flown_records(aircraft, [one.record for one in flights if one.model == model], axes, outputs)
     ready = {model: iter(one.records) for model, one in applied.items()}
     return [_flown(applied[one.model], next(ready[one.model]), one, closed) for one in flights]
 
 
-def _flown(applied: Applied, ready: Record, flight: ToFly, closed: bool) -> list[Flown]:
+def _flown(applied: FlownRecords, ready: Record, flight: ToFly, closed: bool) -> list[Flown]:
     """`ready`: its record made ready for the model."""
     record = flight.record
     measured = {
@@ -96,7 +96,7 @@ def _flown(applied: Applied, ready: Record, flight: ToFly, closed: bool) -> list
 
 
 def _fly(
-    applied: Applied, record: Record, followed: Record, measured: Sequence[str], window: Window, closed: bool
+    applied: FlownRecords, record: Record, followed: Record, measured: Sequence[str], window: Window, closed: bool
 ) -> Flown:
     """`followed`: the record made ready for the model, its `measured` channels smoothed."""
     model = applied.model
@@ -110,8 +110,7 @@ def _fly(
         flown = simulate(model, ready, start)
     except InputError as fault:
         return Flown(channels={}, corrections={}, diverged=str(fault))
-    read = applied.readings(_part(record, window), flown.outputs)
-    channels = {name: read[:, i] for i, name in enumerate(model.outputs)}
+    channels = {name: flown.outputs[:, i] for i, name in enumerate(model.outputs)}
     corrections = {} if law is None else _corrections(law, model, flown.states, ready)
     return Flown(channels=channels, corrections=corrections)
 

@@ -38,9 +38,9 @@ from casid.errors import InputError, check_known, unknown
 from casid.frames import brief
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.applied import axes_of
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
+from casid.model.flown_records import axes_of
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record

@@ -26,8 +26,8 @@ from casid.arguments import number
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.applied import axes_of
 from casid.model.dynamics import has_aerodynamics, unwrapped
+from casid.model.flown_records import axes_of
 from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import si_factor

@@ -17,7 +17,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.applied import apply_effects
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.records.given import given_records
 from casid.records.record import Record
@@ -90,7 +90,7 @@ def theil(
     """
     file = given_aircraft(aircraft, "theil")
     read = given_records(records, "theil")
-    applied = apply_effects(file, read, axes)
+    applied = flown_records(file, read, axes)
     found: dict[str, dict[str, Theil]] = {}
     for original, record in zip(read, applied.records, strict=True):
         try:
@@ -99,9 +99,8 @@ def theil(
         except (InputError, np.linalg.LinAlgError):
             found[record.name] = {}
             continue
-        outputs = applied.readings(record, flown.outputs)
         found[record.name] = {
-            name: theil_of(original[name], outputs[:, i])
+            name: theil_of(original[name], flown.outputs[:, i])
             for i, name in enumerate(applied.model.outputs)
             if name in original and np.isfinite(original[name]).any()
         }

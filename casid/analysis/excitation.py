@@ -17,6 +17,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.point import Point
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.simulate import Simulation, simulate
+from casid.model.system import bare_name
 from casid.records.record import Record
 from casid.signals import label_of, unit_of
 
@@ -222,7 +223,7 @@ def _information(fit: Fit, motion: Simulation) -> np.ndarray:
     model = fit.problem.model
     seen = {o for r in problem.records for o in model.outputs if o in r and np.isfinite(r[o]).any()}
     flown = motion.as_record().without(*(o for o in model.outputs if o not in seen))
-    values = {name.split("[")[0]: value for name, value in reversed(fit.values.items())}
+    values = {bare_name(fit.problem.model, name): value for name, value in reversed(fit.values.items())}
     alone = Problem(
         model,
         [flown],

@@ -21,7 +21,7 @@ from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.frames import brief
-from casid.model.system import Model
+from casid.model.system import Model, bare_name
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 
@@ -279,7 +279,7 @@ def _surfaces(model: Model) -> tuple[str, ...]:
 def _sizes(fit: Fit) -> np.ndarray:
     """(parameters,) what a change of each is compared with: a-priori 1-sigma, else a-priori value; NaN for neither."""
     known = fit.problem.model.prior_std
-    sizes = [known.get(name.split("[")[0], 0.0) or abs(e.prior) for name, e in fit.parameters.items()]
+    sizes = [known.get(bare_name(fit.problem.model, name), 0.0) or abs(e.prior) for name, e in fit.parameters.items()]
     return np.array([size if size > 0.0 else math.nan for size in sizes])
 
 
@@ -332,7 +332,7 @@ def _poor(members: Sequence[str], moves: Sequence[Excitation]) -> tuple[Excitati
 def _blends(fit: Fit, information: np.ndarray) -> dict[str, Blend]:
     problem = fit.problem
     known = problem.model.prior_std
-    std = np.array([known.get(name.split("[")[0], np.inf) for name in problem.parameters])
+    std = np.array([known.get(name, np.inf) for name in problem.bare])
     if not np.isfinite(std).any():
         return {}
     precision = np.diag(1.0 / std**2)

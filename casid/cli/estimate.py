@@ -42,8 +42,8 @@ from casid.estimation import (
 from casid.filtering.filter_error import FilterFit
 from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
 from casid.model.aircraft import Aircraft
-from casid.model.applied import Applied, apply_effects, axes_of, default_free, with_estimates
 from casid.model.dynamics import moved_coefficients
+from casid.model.flown_records import FlownRecords, axes_of, default_free, flown_records, with_estimates
 from casid.model.path import aerodynamic_parameters
 from casid.records.given import require_flight
 from casid.records.record import Record
@@ -116,7 +116,7 @@ def estimate(
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
             stage("model")
-            applied = apply_effects(file, read, axes)
+            applied = flown_records(file, read, axes)
             problem = problem_of(given, applied, free)
             stage("estimation")
             fit, found = fitted(given, problem)
@@ -171,16 +171,11 @@ class Choices:
         return default if self.interval is None else self.interval
 
 
-def problem_of(given: Choices, applied: Applied, free: Sequence[str] | None) -> Problem:
+def problem_of(given: Choices, applied: FlownRecords, free: Sequence[str] | None) -> Problem:
     """The estimation problem of the options."""
     cost = {"output": OutputError, "equation": EquationError, "combined": CombinedError}[given.cost]()
     if given.equation_weight is not None:
         cost = CombinedError(equation_weight=given.equation_weight)
-    if given.cost != "output" and applied.unseen_by_equations:
-        raise InputError(
-            f"--cost {given.cost}: {', '.join(applied.unseen_by_equations)} of the aircraft file cannot act in the "
-            "equations, which take the measured signals as they are; use --cost output"
-        )
     noise = {o: applied.aircraft.noise[o] for o in applied.model.outputs if o in applied.aircraft.noise}
     complete = given.cost == "output" and len(noise) == len(applied.model.outputs)
     globs = free or default_free(applied)
@@ -202,7 +197,7 @@ def fitted(given: Choices, problem: Problem) -> tuple[Fit, FilterFit | None]:
     return solve(problem, methods[given.method], solver), None
 
 
-def document(given: Choices, applied: Applied, fit: Fit, found: FilterFit | None) -> dict[str, Any]:
+def document(given: Choices, applied: FlownRecords, fit: Fit, found: FilterFit | None) -> dict[str, Any]:
     """The content of estimate.json."""
     further: dict[str, Any] = {"aircraft": applied.aircraft.name, "axes": applied.axes, "defects": given.defects}
     further["notes"] = {record.name: list(record.notes) for record in applied.records}
@@ -211,7 +206,7 @@ def document(given: Choices, applied: Applied, fit: Fit, found: FilterFit | None
     return fit.to_dict() | further
 
 
-def pictures(applied: Applied, fit: Fit) -> list[Picture]:
+def pictures(applied: FlownRecords, fit: Fit) -> list[Picture]:
     """Correlations, colour of the residuals, estimates beside the file, and histories of every record."""
     names = list(fit.channels)
     first = applied.records[0].name

@@ -15,7 +15,7 @@ from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, aircraft_
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
 from casid.keeping import plain
-from casid.model.applied import apply_effects, default_free
+from casid.model.flown_records import default_free, flown_records
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 
@@ -51,7 +51,7 @@ def identifiability(
     made_with = provenance()
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
-            applied = apply_effects(file, read, axes)
+            applied = flown_records(file, read, axes)
             globs = free or default_free(applied)
             biases = [glob for glob in globs if glob.startswith("bias_")]
             shared = [glob for glob in globs if glob not in biases]

@@ -26,7 +26,7 @@ from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.model.aircraft import Aircraft
-from casid.model.applied import Applied, apply_effects
+from casid.model.flown_records import FlownRecords, flown_records
 from casid.model.simulate import simulate as fly_model
 from casid.records.readers import write_record
 from casid.records.record import Record
@@ -70,7 +70,7 @@ def simulate(
     read = records_of(records, maps or [], span=(begin, end))
     for one in files.values():
         say_idle_effects(one, read)
-    applied = {label: apply_effects(one, read, axes) for label, one in files.items()}
+    applied = {label: flown_records(one, read, axes) for label, one in files.items()}
     made_with = provenance()
     with whole_folder(out) as folder:
         results = {}
@@ -87,10 +87,10 @@ def simulate(
 
 
 def _fly_all(
-    applied: dict[str, Applied], i: int, record: Record, folder: Path
-) -> tuple[dict[str, tuple[Applied, np.ndarray]], dict[str, dict]]:
+    applied: dict[str, FlownRecords], i: int, record: Record, folder: Path
+) -> tuple[dict[str, tuple[FlownRecords, np.ndarray]], dict[str, dict]]:
     """One record through all aircraft, written to the folder: flights that did not diverge, and statistics of all."""
-    flown: dict[str, tuple[Applied, np.ndarray]] = {}
+    flown: dict[str, tuple[FlownRecords, np.ndarray]] = {}
     results: dict[str, dict] = {}
     for label, one in applied.items():
         found = fly(one, one.records[i])
@@ -114,14 +114,14 @@ def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
     return {label: aircraft_of(path) for label, path in zip(labels, paths, strict=True)}
 
 
-def fly(applied: Applied, record: Record) -> np.ndarray | str:
+def fly(applied: FlownRecords, record: Record) -> np.ndarray | str:
     """(N, outputs) what the instruments would have read; or where the simulation diverged."""
     try:
         start = fit_initial_state(applied.model, record, WINDOW_S)
         flown = fly_model(applied.model, record, measured_start(applied.model, record, start))
     except (InputError, np.linalg.LinAlgError) as fault:
         return str(fault)
-    return applied.readings(record, flown.outputs)
+    return flown.outputs
 
 
 def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[str, dict[str, float]]:
@@ -133,7 +133,7 @@ def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[
     }
 
 
-def picture(record: Record, flown: dict[str, tuple[Applied, np.ndarray]]) -> Picture | None:
+def picture(record: Record, flown: dict[str, tuple[FlownRecords, np.ndarray]]) -> Picture | None:
     """Measured against all aircraft, the channels that all of them model, and below them the inputs that moved."""
     models = [applied.model for applied, _ in flown.values()]
     names = (

@@ -20,11 +20,11 @@ from casid.design.manoeuvres import Manoeuvre, flyable
 from casid.errors import EstimationError, InputError
 from casid.estimation.transcriptions.steps import output_function, sample_derivatives, step_function
 from casid.model.aircraft import Aircraft
-from casid.model.applied import Applied, apply_effects, default_free
 from casid.model.built import compiled, share_cache
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of
-from casid.model.system import Model
+from casid.model.flown_records import FlownRecords, default_free, flown_records
+from casid.model.with_effects import at_own_times
 from casid.native.threads import single_threaded
 from casid.records.record import Record
 
@@ -63,25 +63,27 @@ class _Flights:
 
     rivals: Rivals
     records: Sequence[Record]
-    _made: dict[tuple[str, float], Applied] = field(default_factory=dict)
-    _models: dict[str, Model] = field(default_factory=dict)
+    _made: dict[tuple[str, float], FlownRecords] = field(default_factory=dict)
+    _models: dict[str, FlownRecords] = field(default_factory=dict)
 
     def flying(self, records: Sequence[Record]) -> _Flights:
         """The same rivals on other records."""
         return replace(self, records=records, _made={})
 
-    def of(self, value: EffectValue) -> Applied:
+    def of(self, value: EffectValue) -> FlownRecords:
         """The aircraft with one of the effects, and the records made ready for it."""
         name = effect_of(value).name
         if (name, value.value) not in self._made:
-            aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
             like = self._models.get(name)
-            channels = tuple(self.rivals.noise)
-            applied = apply_effects(aircraft, self.records, self.rivals.axes, channels, like)
-            if like is not None:
-                share_cache(applied.model, like)
-            self._models.setdefault(name, applied.model)
-            self._made[name, value.value] = applied
+            if like is None:
+                aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
+                made = flown_records(aircraft, self.records, self.rivals.axes, tuple(self.rivals.noise))
+                self._models[name] = made
+            else:
+                nominal = {**like.model.nominal, name: value.value}
+                model = share_cache(replace(like.model, nominal=nominal), like.model)
+                made = replace(like, model=model, records=tuple(map(model.ready, self.records)))
+            self._made[name, value.value] = made
         return self._made[name, value.value]
 
     @property
@@ -205,20 +207,20 @@ def _commanded(rest: Record, one: Manoeuvre, amplitude: float) -> Record:
     return replace(moved, name=f"{one.surface}, {one.words}")
 
 
-def _start(applied: Applied, r: int) -> np.ndarray:
+def _start(applied: FlownRecords, r: int) -> np.ndarray:
     return np.asarray(applied.model.guess(applied.records[r])[0], dtype=float)
 
 
 def _flown(
-    applied: Applied, r: int, values: Mapping[str, float] | None = None, start: np.ndarray | None = None
+    applied: FlownRecords, r: int, values: Mapping[str, float] | None = None, start: np.ndarray | None = None
 ) -> np.ndarray:
     """(N, channels) what the instruments read; not finite where the flight diverges."""
-    states, outputs = _trajectory(applied, r, applied.model.nominal_vector(values), start)
-    return applied.readings(applied.records[r], outputs)
+    _, outputs = _trajectory(applied, r, applied.model.nominal_vector(values), start)
+    return at_own_times(applied.model, applied.records[r], outputs)
 
 
 def _trajectory(
-    applied: Applied, r: int, p: np.ndarray, start: np.ndarray | None = None
+    applied: FlownRecords, r: int, p: np.ndarray, start: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(N, states) and (N, outputs) of a flight with the inputs of a record."""
     model = applied.model
@@ -233,7 +235,7 @@ def _trajectory(
     return states, read.copy()
 
 
-def _columns(applied: Applied, r: int, p: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
+def _columns(applied: FlownRecords, r: int, p: np.ndarray, start: np.ndarray, free: np.ndarray) -> np.ndarray:
     """(N, outputs, states + free) derivatives of the outputs by initial state and free parameters."""
     model = applied.model
     record = applied.records[r]

@@ -18,7 +18,7 @@ from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
 from casid.errors import InputError
-from casid.model.causes.systems import SystemCriteria
+from casid.model.library import SystemCriteria
 
 _GAIN = "2 ln L"
 

@@ -33,9 +33,9 @@ from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
-from casid.model.applied import with_estimates
 from casid.model.causes import turbulence as turbulence_effect
-from casid.model.causes.systems import Library
+from casid.model.flown_records import with_estimates
+from casid.model.library import Library
 from casid.model.linearised import linearised
 from casid.model.plausible import Doubt
 from casid.model.port import ModelPort as Port

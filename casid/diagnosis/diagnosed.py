@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from casid.diagnosis.systems.extended import Extended
 from casid.model.aircraft import Aircraft
 from casid.model.effects import effect_of
 from casid.model.system import Model
@@ -52,8 +51,8 @@ class DiagnosedSystem:
     """What the diagnosis of a system has beside that of an aircraft."""
 
     model: Model  # the system as given
-    # with the named causes and fitted values: `extended.model`, which `extended.prepared(record)` feeds
-    extended: Extended
+    # with the named causes, whose sizes are parameters, and fitted values; `extended.ready(record)` feeds it
+    extended: Model
     source: ClassVar[str] = "model"
     witness: ClassVar[str] = "the records"
 
@@ -64,9 +63,7 @@ class DiagnosedSystem:
     @property
     def kept(self) -> DiagnosedSystem:
         """The model as given in place of the extended one."""
-        base = self.extended.base
-        given = replace(base, nominal={**base.nominal, **self.model.nominal})
-        return replace(self, extended=replace(self.extended, base=given, attached=()))
+        return replace(self, extended=self.model)
 
     @property
     def values(self) -> dict[str, float]:

@@ -31,8 +31,9 @@ def check_model(model: Any) -> None:
             "cs.flight_inputs(aircraft, record)"
         )
     require(model, Model, "Problem: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
+    of_effects = {name for one in model.effects for name in one.parameters}
     for name in (*model.parameters, *model.states):
-        if "[" in name:
+        if "[" in name and name not in of_effects:
             raise InputError(
                 f"Problem: '{name}' of model '{model.name}' has a bracket, which in an estimation says of which record "
                 f"a value is; rename it in the model, like '{name.replace('[', '_').replace(']', '')}'"
@@ -119,7 +120,7 @@ def check_of_records(
 ) -> None:
     """Raise InputError for a name that is none, or has what is no record behind it."""
     for name in table:
-        bare, _, rest = name.partition("[")
+        bare, _, rest = (name, "", "") if name in valid else name.rpartition("[") if "[" in name else (name, "", "")
         if bare not in valid:
             raise unknown(kind, bare, valid, f"Problem: {what}")
         if rest and rest.removesuffix("]") not in records:
@@ -139,7 +140,7 @@ def check_initial_state(model: Model, initial: InitialState, records: Sequence[s
     for what, table in (("value", values), ("std", initial.std)):
         check_of_records(f"initial_state {what}", table, "state", model.states, records)
     for name in values:
-        if name.split("[")[0] in model.initial:
+        if name.partition("[")[0] in model.initial:
             raise InputError(
                 f"Problem: initial_state gives '{name}' a value, and the model's `initial` another; leave one out"
             )

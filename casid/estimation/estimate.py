@@ -11,6 +11,7 @@ from casid.arguments import require, whole
 from casid.estimation.attempt import check_part
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import StateHistory, channel_fits
+from casid.estimation.histories import solved_with_histories
 from casid.estimation.likelihood import judged, log_prior
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.noise_formula import solved_with_formulas
@@ -109,6 +110,8 @@ def solve(
     def again(one: Problem) -> Fit:
         return solve(one, method, clock.limited(), starts=1)
 
+    if problem.model.histories:
+        return solved_with_histories(problem, first, again)
     if problem.spread:
         return solved_with_population(problem, first, again)
     if problem.noise_formulas:

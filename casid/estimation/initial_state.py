@@ -49,6 +49,6 @@ class InitialState:
 
 def of_record(table: Mapping[str, float], record: str) -> dict[str, float]:
     """Name -> value of a table whose names may have a record behind them, as it is for one record."""
-    everywhere = {name: value for name, value in table.items() if "[" not in name}
-    own = {name.split("[")[0]: value for name, value in table.items() if name.endswith(f"[{record}]")}
+    everywhere = {name: value for name, value in table.items() if not name.endswith("]") or ".onset[" in name}
+    own = {name.rpartition("[")[0]: value for name, value in table.items() if name.endswith(f"[{record}]")}
     return everywhere | own

@@ -165,7 +165,11 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
         sigma = noise.expression(model, name)
         used = ca.which_depends(sigma, model.p, 1, False)
         own = [i for i, (u, e) in enumerate(zip(used, elsewhere, strict=True)) if u and not e]
-        names = [n for n in problem.parameters if n.split("[")[0] in {model.parameters[i] for i in own}]
+        names = [
+            n
+            for n, bare in zip(problem.parameters, problem.bare, strict=True)
+            if bare in {model.parameters[i] for i in own}
+        ]
         larger = model.p[:]
         for i in own:
             larger[i] = 2.0 * model.p[i]

@@ -61,7 +61,7 @@ def solved_with_population(problem: Problem, first: Callable[[Problem], Fit], ag
 
 def _start(problem: Problem, name: str) -> float:
     """Mean of the start values over the records, as the solvers count."""
-    start = [v for n, v in zip(problem.parameters, problem.start_vector, strict=True) if n.split("[")[0] == name]
+    start = [v for n, v in zip(problem.bare, problem.start_vector, strict=True) if n == name]
     return float(np.mean(np.log(start) if name in problem.logarithmic else start))
 
 
@@ -109,7 +109,7 @@ class _Seen:
         factor = freedom(base.objective, levels, told)
         if not np.isfinite(factor):
             raise EstimationError("solve: as many unknowns as samples; a spread cannot be told with estimated noise")
-        member = np.array([names.index(n.split("[")[0]) if n.split("[")[0] in names else -1 for n in inner.parameters])
+        member = np.array([names.index(n) if n in names else -1 for n in inner.bare])
         other = member < 0
         hessian = data / factor
         slope = (data @ theta + pull) / factor
@@ -208,7 +208,12 @@ def _returned(
     spread, scale = spreads
     covariance, mean, errors = seen.estimates(spread)
     plain = fit.uncertainty.covariance
-    factor = np.array([fit.values[n] if n.split("[")[0] in problem.logarithmic else 1.0 for n in problem.parameters])
+    factor = np.array(
+        [
+            fit.values[n] if b in problem.logarithmic else 1.0
+            for n, b in zip(problem.parameters, problem.bare, strict=True)
+        ]
+    )
     more = np.diagonal(covariance) * factor**2 - np.diagonal(plain)
     found: Mapping[str, Population] = {
         name: Population(

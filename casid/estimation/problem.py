@@ -31,7 +31,8 @@ from casid.estimation.initial_state import InitialState, of_record
 from casid.estimation.noise import Huber, Noise, StudentT
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
-from casid.model.system import Model
+from casid.model.system import Model, bare_name
+from casid.model.with_effects import unseen_by_equations
 from casid.records.given import given_records
 from casid.records.record import Record
 
@@ -123,7 +124,8 @@ class Problem:
 
     def __post_init__(self) -> None:
         check_model(self.model)
-        records = with_measured_states(self.model, given_records(self.records, "Problem"), self.measured)
+        given = given_records(self.records, "Problem")
+        records = with_measured_states(self.model, tuple(map(self.model.ready, given)), self.measured)
         object.__setattr__(self, "records", records)
         object.__setattr__(self, "free", names_of(self.free, "Problem: free"))
         object.__setattr__(self, "per_record", names_of(self.per_record, "Problem: per_record"))
@@ -154,6 +156,13 @@ class Problem:
         _check_logarithmic(self)
         _check_combination(self)
         _check_formulas(self)
+        _check_effects(self)
+        if self.model.histories:
+            object.__setattr__(self, "records", tuple(map(self._with_histories, records, self.start_parameters)))
+
+    def _with_histories(self, record: Record, parameters: np.ndarray) -> Record:
+        """Make what effects make of a record at the start values."""
+        return self.model.ready(record, dict(zip(self.model.parameters, parameters.tolist(), strict=True)))
 
     def __repr__(self) -> str:
         return (
@@ -208,7 +217,7 @@ class Problem:
     @cached_property
     def _held(self) -> frozenset[str]:
         """Parameters that are fixed, in every record."""
-        return frozenset(name.split("[")[0] for name in self.fixed)
+        return frozenset(bare_name(self.model, name) for name in self.fixed)
 
     @cached_property
     def events(self) -> tuple[str, ...]:
@@ -257,22 +266,26 @@ class Problem:
         return np.concatenate([np.tile(np.arange(shared), (len(self.records), 1)), own], axis=1)
 
     @cached_property
+    def bare(self) -> tuple[str, ...]:
+        """Names in the model of all unknown parameters, in the order of `parameters`."""
+        return self.shared + self.local * len(self.records)
+
+    @cached_property
     def nominal(self) -> np.ndarray:
         """(parameters,) a-priori value of every unknown."""
-        return np.array([self.model.nominal[name.split("[")[0]] for name in self.parameters])
+        return np.array([self.model.nominal[name] for name in self.bare])
 
     @cached_property
     def start_vector(self) -> np.ndarray:
         """(parameters,) start values."""
-        bare = [name.split("[")[0] for name in self.parameters]
-        pairs = zip(self.parameters, bare, self.nominal, strict=True)
+        pairs = zip(self.parameters, self.bare, self.nominal, strict=True)
         return np.array([self.start.get(n, self.start.get(b, value)) for n, b, value in pairs], dtype=float)
 
     @cached_property
     def prior_std(self) -> np.ndarray:
         """(parameters,) a-priori 1-sigma; infinite where there is none."""
         known = self.model.prior_std if self.prior else {}
-        return np.array([known.get(name.split("[")[0], np.inf) for name in self.parameters])
+        return np.array([known.get(name, np.inf) for name in self.bare])
 
     def model_parameters(self, theta: np.ndarray) -> np.ndarray:
         """(records, model parameters) values that each record is simulated with, of free ones as in `parameters`."""
@@ -384,7 +397,7 @@ def chosen_parameters(globs: Sequence[str], model: Model, where: str) -> tuple[s
     with `where` it is from."""
     chosen = set()
     for glob in globs:
-        found = [name for name in model.parameters if fnmatchcase(name, glob)]
+        found = [name for name in model.parameters if name == glob or fnmatchcase(name, glob)]
         if not found:
             raise unknown("parameter", glob, model.parameters, where)
         chosen.update(found)
@@ -407,6 +420,7 @@ def check_plain(problem: Problem, what: str) -> None:
 def _check_logarithmic(problem: Problem) -> None:
     """Raise EstimationError for a logarithm of what may not be positive."""
     start = dict(zip(problem.parameters, problem.start_vector, strict=True))
+    bare = dict(zip(problem.parameters, problem.bare, strict=True))
     for name in problem.logarithmic:
         if not problem.model.nominal[name] > 0.0:
             raise EstimationError(
@@ -414,13 +428,13 @@ def _check_logarithmic(problem: Problem) -> None:
                 "one"
             )
         for full, value in start.items():
-            if full.split("[")[0] == name and not value > 0.0:
+            if bare[full] == name and not value > 0.0:
                 raise EstimationError(f"Problem: log: the start of '{full}' is {value:g}; expected a positive value")
 
     for constraint in problem.constraints:
         coefficients = constraint.coefficients if isinstance(constraint, LinearConstraint) else {}
         for name in coefficients if len(coefficients) > 1 else ():
-            if "[" in name and name.split("[")[0] in problem.logarithmic:
+            if name not in problem.model.parameters and bare.get(name) in problem.logarithmic:
                 raise EstimationError(
                     f"Problem: '{name}' of one record is estimated by its logarithm and stands in a sum with others; "
                     "estimate it as it is, without log"
@@ -467,6 +481,19 @@ def _check_combination(problem: Problem) -> None:
                 f"Problem: a path constraint on '{constraint.name}', which has an initial value by formula or a noise "
                 "per sample; put it on an output of its own"
             )
+
+
+def _check_effects(problem: Problem) -> None:
+    """Raise EstimationError for effects that the equations of a cost do not have."""
+    if not problem.weights[1] > 0.0 or not problem.model.states:
+        return
+    unseen = unseen_by_equations(problem.model)
+    acting = [n for n in unseen if n in problem.shared + problem.local or problem.model.nominal.get(n, 0.0) != 0.0]
+    if acting:
+        raise EstimationError(
+            f"Problem: {', '.join(acting)} cannot act in the equations, which take the measured signals as they are; "
+            "use OutputError()"
+        )
 
 
 def _check_formulas(problem: Problem) -> None:

@@ -19,6 +19,7 @@ from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.numbers import with_deviation
+from casid.model.system import bare_name
 from casid.records.record import Record
 
 _FAR = 3.0  # a-priori deviations: 3 in 1000 are as far by chance
@@ -176,7 +177,7 @@ def _channels(channels: Mapping[str, ChannelFit]) -> Iterator[str]:
 def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterator[str]:
     known = problem.model.prior_std
     for name, e in parameters.items():
-        std = known.get(name.split("[")[0], math.inf)
+        std = known.get(bare_name(problem.model, name), math.inf)
         far = abs(e.value - e.prior) / std if std > 0.0 else 0.0
         error = e.std if math.isfinite(e.std_corrected) else 0.0
         opposite = e.value * e.prior < 0.0 and abs(e.value) > _SURE * error

@@ -130,7 +130,7 @@ def idle_parameters(problem: Problem) -> list[str]:
         parts.append(model.equation.prediction)
     used = ca.which_depends(ca.vertcat(*parts), model.p, 1, False)
     idle = {n for n, uses in zip(model.parameters, used, strict=True) if not uses}
-    return [name for name in problem.parameters if name.split("[")[0] in idle]
+    return [name for name, bare in zip(problem.parameters, problem.bare, strict=True) if bare in idle]
 
 
 def _unguessed(problem: Problem) -> list[str]:

@@ -16,6 +16,7 @@ from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
 from casid.estimation.integration import MET
 from casid.estimation.problem import Problem
+from casid.model.system import bare_name
 
 _DECADES = 1.0  # either way of a start of which nothing else is known
 _TAIL = 0.0014  # of a normal distribution beyond three deviations, which is not drawn
@@ -54,7 +55,7 @@ def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float]
     """A start from a share in (0, 1) of parameter i between its limits."""
     name = problem.parameters[i]
     start = float(problem.start_vector[i])
-    bare = name.split("[")[0]
+    bare = bare_name(problem.model, name)
     centre = float(problem.nominal[i])
     std = float(problem.model.prior_std.get(bare, math.inf))
     if math.isfinite(low) and math.isfinite(high):
@@ -139,7 +140,7 @@ def _beyond(problem: Problem, fit: Fit) -> Iterator[dict[str, float]]:
     sizes, axes = np.linalg.eigh(fit.covariance / np.outer(std, std))
     axis = np.sqrt(max(float(sizes[-1]), 0.0)) * std * axes[:, -1]
     limits = [_limits(problem).get(name, (-math.inf, math.inf)) for name in problem.parameters]
-    logarithmic = np.array([name.split("[")[0] in problem.logarithmic for name in problem.parameters])
+    logarithmic = np.array([name in problem.logarithmic for name in problem.bare])
     for times in _TIMES:
         factor = np.exp(np.clip(times * axis / np.where(logarithmic, theta, np.inf), -_FAR, _FAR))
         moved = np.where(logarithmic, theta * factor, theta + times * axis)

@@ -29,7 +29,7 @@ from casid.estimation.uncertainty import Rescaled
 from casid.model.built import cached, share_cache
 from casid.model.expressions import Symbols
 from casid.model.splines import cubic_inputs, splined, with_splines
-from casid.model.system import Model
+from casid.model.system import Model, bare_name
 from casid.records.record import Record
 
 
@@ -166,7 +166,9 @@ def initial_offsets(problem: Problem, theta: np.ndarray) -> np.ndarray:
 
 
 def _logarithmic(problem: Problem) -> frozenset[str]:
-    return frozenset(name for name in problem.parameters if name.split("[")[0] in problem.logarithmic)
+    return frozenset(
+        name for name, bare in zip(problem.parameters, problem.bare, strict=True) if bare in problem.logarithmic
+    )
 
 
 def _offset(model: Model, p: ca.SX) -> ca.SX:
@@ -239,7 +241,7 @@ def _constraint(constraint: Constraint, problem: Problem) -> Constraint:
         return constraint
     if isinstance(constraint, NonlinearConstraint):
         return replace(constraint, function=partial(_of_logarithms, problem, constraint.function))
-    by_log = [name for name in constraint.coefficients if name.split("[")[0] in problem.logarithmic]
+    by_log = [name for name in constraint.coefficients if bare_name(problem.model, name) in problem.logarithmic]
     if not by_log:
         return constraint
     if len(constraint.coefficients) > 1:

@@ -14,10 +14,11 @@ from casid.errors import InputError, check_known
 from casid.frames import brief
 from casid.frequency.sensitivity import sensitivity_at
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.applied import Applied, apply_effects, axes_of
 from casid.model.dynamics import aircraft_model
+from casid.model.flown_records import FlownRecords, axes_of, flown_records
 from casid.model.system import Model
 from casid.model.trim import Trim
+from casid.model.with_effects import times_of_readings
 from casid.records.given import given_records
 from casid.records.record import Record
 
@@ -59,7 +60,7 @@ class LinearModel:
     D: np.ndarray
     point: dict[str, float]
     not_linear: tuple[str, ...] = ()
-    _applied: Applied | None = None
+    _applied: FlownRecords | None = None
 
     @cached_property
     def eigenvalues(self) -> np.ndarray:
@@ -153,6 +154,7 @@ def linear_model(
         applied = _in_force(aircraft, at, axes, outputs)
         chosen = applied.model
         point = _medians(chosen, applied.records) | (_by_name(at, chosen) if isinstance(at, Trim) else {})
+    point = point | dict.fromkeys(times_of_readings(chosen), 0.0)  # a delay is in `response`
     x = np.array([point.get(name, 0.0) for name in chosen.states])
     u = np.array([point.get(name, 0.0) for name in chosen.inputs])
     A, B, C, D = _derivatives(chosen, x, u, chosen.nominal_vector(values))
@@ -181,7 +183,7 @@ def _derivatives(model: Model, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> l
     return [matrix[:n, :n], matrix[:n, n:], matrix[n:, :n], matrix[n:, n:]]
 
 
-def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence[str] | None) -> Applied:
+def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence[str] | None) -> FlownRecords:
     """The aircraft with its effects in the records; those of a trim are steady flight."""
     if isinstance(at, Mapping):
         raise InputError(
@@ -191,7 +193,7 @@ def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence
     records = (_steady(aircraft, at),) if isinstance(at, Trim) else given_records(at, "linear_model")
     axes = axes or axes_of(records)
     chosen = outputs if outputs is not None else aircraft_model(aircraft, axes=axes, effects=()).outputs
-    return apply_effects(aircraft, records, axes, chosen)
+    return flown_records(aircraft, records, axes, chosen)
 
 
 def _steady(aircraft: Aircraft, at: Trim) -> Record:

@@ -25,6 +25,7 @@ from casid.model.effect_value import EffectValue
 from casid.model.rotors import ALL, Rotors
 from casid.model.tables import Table
 from casid.model.terms import derivative_name, derivative_term, parse_term
+from casid.model.vocabulary import check_effect
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS
 
@@ -156,6 +157,8 @@ class Aircraft:
                     self._check_coefficient(coefficient, f"effect '{effect.kind}'")
             elif KINDS[effect.kind].of_rotors and effect.target not in KINDS[effect.kind].targets:
                 self._check_rotors(KINDS[effect.kind].parts(effect.target), f"effect '{effect.kind}'")
+            elif KINDS[effect.kind].place != "aircraft":
+                check_effect(effect.kind, effect.target, effect.term)
         for name, value in values.items():
             object.__setattr__(self, name, value)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -16,11 +18,13 @@ from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.airframe import unsymmetric_moment
 from casid.model.effect import Effect
-from casid.model.effects import effect_of
+from casid.model.effect_value import EffectValue
+from casid.model.in_force import InForce, named
 from casid.model.measured_force import external_force, force_inputs
 from casid.model.path import (
     AIR_STATES,
     GROUND,
+    INPUTS,
     INTEGRALS,
     OUTPUTS,
     STATES,
@@ -36,24 +40,28 @@ from casid.model.station import MOVING_AIR
 from casid.model.system import EquationForm, Model
 from casid.model.tables import Table
 from casid.model.terms import derivative_term
+from casid.model.with_effects import completed, is_masked, stations_of
 from casid.records.given import given_record
 from casid.records.record import Record, check_radians
 from casid.signals import SURFACES, scale_of, unit_of
 
 
-def by_station(effects: Iterable[Effect]) -> dict[str, list]:
+def by_station(effects: Iterable[InForce]) -> dict[str, list]:
     """Station -> functions that change the path there, of symbolic effects."""
     found: dict[str, list] = {}
-    for effect in effects:
-        if effect.change is not None and effect.station is not None:
-            found.setdefault(effect.station, []).append(partial(_apply, effect))
+    for one in effects:
+        if one.effect.change is not None and one.effect.station is not None:
+            found.setdefault(one.effect.station, []).append(partial(_apply, one))
     return found
 
 
-def _apply(effect: Effect, path: SignalPath) -> None:
-    assert effect.change is not None
-    further = {key: path.parameter[f"{effect.name}.{key}"] for key in effect.beside}
-    effect.change(path, {"value": path.parameter[effect.name], **further})
+def _apply(one: InForce, path: SignalPath) -> None:
+    assert one.effect.change is not None
+    sizes = {key: path.parameter[f"{one.name}.{key}"] for key in one.effect.beside}
+    value = path.parameter[one.name]
+    if one.masked:
+        value = value * path.inputs[one.masked]
+    one.effect.change(path, {"value": value, **sizes})
 
 
 def equation_error(
@@ -61,7 +69,7 @@ def equation_error(
     p: ca.SX,
     parameters: Sequence[str],
     names: tuple[str, ...],
-    effects: Sequence[Effect],
+    effects: Sequence[InForce],
     known: Sequence[str] = (),
 ) -> EquationForm:
     """Equation-error form: coefficients `names` computed from measured accelerations at the c.g. (paper eq. 6, 7)
@@ -89,7 +97,7 @@ def equation_error(
     c = dict(zip(channels, ca.vertsplit(m), strict=True))
     path = fly(
         _measured_path(aircraft, c, dict(zip(parameters, ca.vertsplit(p), strict=True))),
-        by_station(e for e in effects if e.in_equations),
+        by_station(one for one in effects if one.effect.in_equations),
     )
     found = _coefficients_from_accelerations(aircraft, path, c)
     target = ca.vertcat(*[found[n] for n in names])
@@ -272,7 +280,7 @@ def aircraft_model(
     *,
     axes: str = "full",
     outputs: Iterable[str] | None = None,
-    effects: Iterable[Effect] | None = None,
+    effects: Iterable[EffectValue | Effect] | None = None,
     known: Iterable[str] = (),
     turning: Mapping[str, float] = MappingProxyType({}),
     equations: bool = True,
@@ -280,8 +288,8 @@ def aircraft_model(
     """The aircraft of an aircraft file, or of the file of that name, as a symbolic model.
 
     Its parameters are the derivatives and terms of the file, the values of its free tables, `bias_<output>` (nominal 0)
-    and one per effect. That one is under `Effect.name` (nominal: the file's value, or 0), with its further ones under
-    `name.parameter`. States of effects stand behind those of the aircraft.
+    and one per size of each effect: `actuator_lag(delta_e)`, further ones `structural_mode(q).frequency_hz`, the time
+    at which one sets in `gust(z).onset[m1]`. States of effects stand behind those of the aircraft.
 
     Parameters
     ----------
@@ -294,7 +302,7 @@ def aircraft_model(
         Channels that are modelled; default all that the axes move. "psi", "altitude", "north" and "east" become states
         too, and the heading also for "v_north", "v_east" and "v_down".
     effects
-        Symbolic effects to be parameters of the model; default those of the aircraft file.
+        The effects in force, in the place of those of the aircraft file.
     known
         Disturbances that become inputs, because their time history is given; the external force of records with one.
     turning
@@ -325,18 +333,24 @@ def aircraft_model(
     """
     aircraft = given_aircraft(aircraft, "aircraft_model")
     _check_axes(aircraft, axes)
-    given = tuple(known)
+    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else None
+    scope = {"axes": axes, "outputs": chosen, "known": tuple(known), "turning": turning, "equations": equations}
+    found = _named(aircraft, aircraft.effects if effects is None else tuple(effects))
+    chosen = _outputs(aircraft, axes, chosen, found)
+    probe = _probe(aircraft, axes, chosen) if any(one.effect.change is None for one in found) else None
+    stations = () if probe is None else stations_of(found, probe, chosen)
+    acting = [name for name in stations if name in disturbance_names(aircraft)]
+    masks = [one.masked for one in found if one.masked and is_masked(one.effect)]
+    given = tuple(dict.fromkeys((*scope["known"], *acting, *masks)))
     by_equations = equations and not aircraft.rotors
     moving = MOVING[axes]
-    chosen = _outputs(aircraft, axes, outputs)
     moved = moved_coefficients(aircraft, axes)
-    values = _effect_values(aircraft)
     aerodynamic = _given_values(aircraft)
-    symbolic = [e for e in (map(effect_of, aircraft.effects) if effects is None else effects) if e.change is not None]
+    symbolic = [one for one in found if one.effect.change is not None]
     turning = {axis: sign for axis, sign in turning.items() if axis in moving}
     further = _further_states(chosen, symbolic, turning)
     nominal = aerodynamic | {f"bias_{o}": 0.0 for o in _read(aircraft, {*further, *chosen})}
-    nominal |= {name: values.get(name, start) for e in symbolic for name, start in _parameters(e).items()}
+    nominal |= {name: value for one in symbolic for name, value in one.parameters.items()}
     disturbances = tuple(d for d in disturbance_names(aircraft) if d not in given)
     inputs = (*input_names(aircraft), *(s for s in STATES if s not in moving), *given)
     x, u, p, w = (
@@ -356,7 +370,9 @@ def aircraft_model(
         ),
         by_station(symbolic),
     )
-    return Model(
+    own = [one.effect for one in symbolic]
+    stds = {name: std for one in symbolic for name, std in one.prior_std.items()}
+    bare = Model(
         name=aircraft.name,
         states=tuple(named_states),
         inputs=inputs,
@@ -372,10 +388,39 @@ def aircraft_model(
         nominal=nominal,
         state_scale={s: typical_size(further.get(s, s)) for s in named_states},
         guess=state_guess(aircraft, moving, further),
-        prior_std=_prior_std(aircraft, aerodynamic),
+        prior_std=_prior_std(aircraft, aerodynamic) | stds,
         equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if by_equations else None,
-        units=parameter_units(nominal, symbolic, aircraft.tables, aircraft.rotors),
+        units=parameter_units(nominal, own, aircraft.tables, aircraft.rotors)
+        | {name: unit for one in symbolic for name, unit in one.units.items()},
+        prepare=partial(flight_inputs, aircraft, axes=axes),
+        extend=partial(_extended, aircraft, tuple(found), scope),
     )
+    return replace(bare, effects=tuple(found)) if probe is None else completed(bare, found, probe)
+
+
+def _named(aircraft: Aircraft, effects: Sequence[EffectValue | Effect]) -> list[InForce]:
+    """Effects with the names of their parameters; an effect without a size is one that is symbolic, or none."""
+    own = [one for one in effects if isinstance(one, EffectValue)]
+    others = [
+        InForce(effect=one, name=one.name) for one in effects if isinstance(one, Effect) and one.change is not None
+    ]
+    return [*named(own, f"aircraft '{aircraft.name}'"), *others]
+
+
+def _extended(
+    aircraft: Aircraft, found: Sequence[InForce], scope: Mapping[str, Any], further: Sequence[EffectValue]
+) -> Model:
+    """The model of the same scope with further effects."""
+    return aircraft_model(aircraft, effects=[*(one.value or one.effect for one in found), *further], **scope)
+
+
+def _probe(aircraft: Aircraft, axes: str, outputs: Sequence[str]) -> Record:
+    """A record of rest that has every channel from which effects are made."""
+    t = 0.01 * np.arange(8)
+    rest = dict.fromkeys((*INPUTS, *STATES, *outputs, *OUTPUTS, *INTEGRALS), np.zeros(8))
+    if aircraft.rotors is not None:
+        rest |= dict.fromkeys(aircraft.rotors.inputs, np.ones(8))
+    return flight_inputs(aircraft, Record(name="probe", t=t, channels=rest), axes)
 
 
 def _check_axes(aircraft: Aircraft, axes: str) -> None:
@@ -405,10 +450,14 @@ def _prior_std(aircraft: Aircraft, values: Mapping[str, float]) -> dict[str, flo
     return {name: std for name, std in stds.items() if std > 0.0}
 
 
-def _outputs(aircraft: Aircraft, axes: str, outputs: Iterable[str] | None) -> tuple[str, ...]:
-    """The channels that are asked for; raises InputError for one that these axes do not have."""
+def _outputs(
+    aircraft: Aircraft, axes: str, outputs: Sequence[str] | None, effects: Sequence[InForce]
+) -> tuple[str, ...]:
+    """The channels that are asked for, by default those of the axes and of instruments at fault; raises InputError for
+    one that these axes do not have."""
     own = outputs_of(aircraft, axes)
-    chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else own
+    read = {channel for one in effects if one.value is not None for channel in one.effect.reads}
+    chosen = outputs if outputs is not None else (*own, *(name for name in INTEGRATED[axes] if name in read))
     valid = (*own, *INTEGRATED[axes], *(GROUND if axes == "full" else ()))
     check_known("output", chosen, valid, f"{axes} model of '{aircraft.name}'")
     return tuple(chosen)
@@ -419,12 +468,12 @@ def outputs_of(aircraft: Aircraft, axes: str = "full") -> tuple[str, ...]:
     return tuple(name for name in _FRAME_OUTPUTS[axes] if aircraft.winged or name not in ("V", "alpha", "beta"))
 
 
-def _further_states(outputs: Iterable[str], effects: Sequence[Effect], turning: Iterable[str]) -> dict[str, str]:
+def _further_states(outputs: Iterable[str], effects: Sequence[InForce], turning: Iterable[str]) -> dict[str, str]:
     """State besides those that the axes move -> the channel that it is as large as."""
-    asked = {*outputs, *(channel for e in effects for channel in e.reads)}
+    asked = {*outputs, *(channel for one in effects for channel in one.effect.reads)}
     if asked & {*GROUND, "north", "east"}:
         asked.add("psi")
-    further = {s: s for s in INTEGRALS if s in asked} | {s: c for e in effects for s, c in e.states.items()}
+    further = {s: s for s in INTEGRALS if s in asked} | {s: c for one in effects for s, c in one.effect.states.items()}
     return further | {AIR_STATES[axis][0]: AIR_STATES[axis][0] for axis in turning}
 
 
@@ -454,20 +503,6 @@ def parameter_units(
         for name in names
         if name not in units
     }
-
-
-def _parameters(effect: Effect) -> dict[str, float]:
-    """Name of each parameter that a symbolic effect has in a model, with a value for a file that does not give it."""
-    return {effect.name: 0.0} | {f"{effect.name}.{key}": effect.further.grid[0][key] for key in effect.beside}
-
-
-def _effect_values(aircraft: Aircraft) -> dict[str, float]:
-    """What the file says of the parameters of its effects."""
-    values = {}
-    for given in aircraft.effects:
-        name = effect_of(given).name
-        values |= {name: given.value} | {f"{name}.{key}": value for key, value in given.parameters.items()}
-    return values
 
 
 def _value(aircraft: Aircraft, name: str) -> float:

@@ -16,10 +16,10 @@ Whatever else there is to know of a cause stands in its definition too; nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import wraps
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -36,14 +36,35 @@ Symbols = Mapping[str, Any]  # the same as CasADi expressions
 Series = Mapping[str, np.ndarray]
 
 
+class Readable(Protocol):
+    """Interface of what faults of instruments change: the signal path of an aircraft, the draft of any model."""
+
+    def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
+        """Let an instrument `read` something else than what is; of an input, `true` gives what acts from its record."""
+        ...
+
+
+class Equations(Readable, Protocol):
+    """Interface of what effects in the equations of any model change."""
+
+    def adds(self, state: str, expression: Any) -> None:
+        """Add an expression to the equation of a state."""
+        ...
+
+    def shifts(self, parameter: str, by: Any) -> None:
+        """Let a parameter differ from its value by an expression."""
+        ...
+
+    def term(self, name: str) -> Any:
+        """Expression of a term in states and inputs."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Words:
-    """Words of an effect that is not in the register: of a system that is no aircraft."""
+    """Words of an effect at a port of a model that is no aircraft."""
 
     unit: str  # of its value; empty if it is not stated
-    sentence: str  # template; fields target, term, size; [late|early] for either sign, then without it
-    # (value, recorded series of the target) -> the value for a person; None: as it is
-    told: Callable[[float, Sequence[np.ndarray]], float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,6 +150,8 @@ class Forms:
     undo: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     # (true output, reading, values) -> rate of the reading: an `output` effect as a state of the model
     instrument: Callable[[Any, Any, Symbols], Any] | None = None
+    # (t, values) -> (N,) by how much [s] readings of the target are late: they are of the motion at an earlier time
+    late: Callable[[np.ndarray, Values], Any] | None = None
     # (s, values) -> transfer function of a linear one: of the surface that acts over its record by `series`, or of what
     # is read over what is true by `output`; s is complex, (frequencies,) [1/s]
     transfer: Callable[[np.ndarray, Values], np.ndarray] | None = None
@@ -172,7 +195,7 @@ class Effect:
     change: Callable[[Any, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
-    words: Words | None = None  # unit and sentence of an effect that is not in the register
+    words: Words | None = None  # of an effect at a port of a model that is no aircraft
 
     @property
     def name(self) -> str:
@@ -241,7 +264,7 @@ class Effect:
         """Fitted values as they are reported and written into a file."""
         by = self.further
         told = {name: abs(float(v)) if name in by.unsigned else float(v) for name, v in values.items()}
-        return told | {name: folded(told[name]) for name in by.folded if name in told}
+        return told | {name: float(np.real(folded(told[name]))) for name in by.folded if name in told}
 
     def smallest_that_matters(self, aircraft: Airframe) -> float | None:
         """`size.meaningful` for this aircraft."""
@@ -259,6 +282,9 @@ class Kind:
     """One kind of cause."""
 
     kind: str
+    # where on the way from command to reading it acts: "command", "reading", "equation" or "value" of any model; or at
+    # a station of an aircraft
+    place: str = "aircraft"
     make: Callable[..., Effect]  # the Effect for a target (none: "") and, where it `needs_term`, a term
     targets: tuple[str, ...]  # valid targets; empty: it has none
     quantity: str  # what its value is, with sign
@@ -274,6 +300,7 @@ class Kind:
     of_rotors: bool = False  # a target may be a rotor of the aircraft too, by its name, or "rotors" for all
     # further parameter -> make, of another effect of this kind that has it
     variants: Mapping[str, Callable[..., Effect]] = field(default_factory=dict)
+    of_systems: bool = False  # whether a diagnosis of any system looks for it by itself
     # the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     candidates: Callable[[Airframe], Iterable[Effect]]
 
@@ -290,7 +317,7 @@ class Kind:
 
     def unit_for(self, target: str | None, term: str | None = None) -> str:
         """SI unit of the value at a valid target and term."""
-        per = parse_term(term).unit if term and not self.terms else ""
+        per = parse_term(term).unit if term and not self.terms and self.place == "aircraft" else ""
         if self.unit == "{channel}*{term}":
             return _product(unit_of(target or ""), per)
         fed = unit_of(term) if term and self.terms and "{gain}" in self.unit else ""
@@ -298,7 +325,7 @@ class Kind:
 
     def term_named(self, term: str | None) -> str | None:
         """A valid term by its canonical name."""
-        return parse_term(term).name if term and not self.terms else term
+        return parse_term(term).name if term and not self.terms and self.place == "aircraft" else term
 
 
 def _product(unit: str, per: str) -> str:

@@ -66,7 +66,7 @@ class EffectValue:
                 one_line(given_text, f"{where}: {key}")
         one_line(self.sentence, f"{where}: sentence", 2000)
         records = sequence(self.records, f"{where}: records", "a list of names")
-        check_effect(self.kind, self.target, self.term)
+        check_effect(self.kind, self.target, self.term, anywhere=True)
         unit = effect_unit(self.kind, self.target, self.term)
         if self.unit not in ("", unit):
             raise InputError(f"{where}: unit is {given(self.unit)}; expected '{unit}', a value in SI")

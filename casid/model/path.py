@@ -103,6 +103,10 @@ class SignalPath:
     output: dict[str, Any] = field(default_factory=dict)
     derivative: dict[str, Any] = field(default_factory=dict)
 
+    def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
+        """Let an instrument read something else than what is, as of `Readable`."""
+        self.output[channel] = read(self.output[channel])
+
 
 def surface_station(path: SignalPath) -> None:
     """Surface positions and thrust as they act on the aircraft."""

@@ -15,6 +15,7 @@ import casadi as ca
 from casid.arguments import names as names_of
 from casid.arguments import number, one_line, one_of, require
 from casid.errors import InputError, check_known
+from casid.model.station import Station, control, equation, reading
 from casid.model.system import Model
 
 Place = Literal["state derivative", "input", "output"]
@@ -72,9 +73,9 @@ class ModelPort:
             object.__setattr__(self, "words", by_default[self.kind])
 
     @property
-    def disturbance(self) -> str:
-        """Name of its disturbance in a model `with_ports`."""
-        return {"state derivative": "f_", "input": "d_", "output": "y_"}[self.kind] + self.name
+    def station(self) -> str:
+        """Key of its station, the name of its disturbance in a model `with_ports`."""
+        return {"state derivative": equation, "input": control, "output": reading}[self.kind](self.name)
 
 
 def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
@@ -94,10 +95,12 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
     for port in ports:
         require(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")
         check_known(port.kind, (port.name,), valid[port.kind], f"ports of '{model.name}'")
-    names = [port.disturbance for port in ports]
+    names = [port.station for port in ports]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise InputError(f"ports of '{model.name}': '{twice[0][2:]}' stands twice in one kind; name it once")
+        raise InputError(
+            f"ports of '{model.name}': '{Station.at(twice[0]).name}' stands twice in one kind; name it once"
+        )
 
 
 def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
@@ -115,5 +118,5 @@ def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
             f[model.states.index(port.name)] += w[k]
         elif port.kind == "output":
             h[model.outputs.index(port.name)] += w[k]
-    names = tuple(port.disturbance for port in ports)
+    names = tuple(port.station for port in ports)
     return replace(model, f=f, h=h, w=ca.vertcat(model.w, w), disturbances=(*model.disturbances, *names), equation=None)

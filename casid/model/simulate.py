@@ -16,6 +16,7 @@ from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
 from casid.model.system import Model, check_continuous, check_period
 from casid.model.timeline import between_samples, check_events, timeline
+from casid.model.with_effects import at_own_times
 from casid.native.compiler import Compilable
 from casid.records.given import given_record
 from casid.records.record import Record
@@ -133,7 +134,8 @@ def simulate(
     ((200, 1), 1.0)
     """
     require(model, Model, "simulate: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
-    record = given_record(record, "simulate")
+    flown_as = given_record(record, "simulate")
+    record = model.ready(flown_as, numbers_by_name(values or {}, "simulate: values"))
     start = _start(model, start)
     whole(substeps, "simulate: substeps")
     by_cvodes = one_of(integrator, INTEGRATORS, "simulate: integrator") == "cvodes"
@@ -148,7 +150,7 @@ def simulate(
         inner = with_splines(model, curved)
         along = splined(record, curved)
         found = simulate(inner, along, start, values, disturbances, substeps, integrator)
-        return Simulation(model=model, record=record, states=found.states, outputs=found.outputs)
+        return Simulation(model=model, record=flown_as, states=found.states, outputs=found.outputs)
     W = np.zeros((n, len(model.disturbances)))
     for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
         W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
@@ -172,7 +174,8 @@ def simulate(
             f"simulation of '{model.name}' on record '{record.name}': output '{model.outputs[i]}' is no number at "
             f"t = {record.t[k]:.2f} s: {origin(model.h[int(i)], model.vectors, at)}"
         )
-    return Simulation(model=model, record=record, states=states, outputs=outputs)
+    outputs = at_own_times(model, record, outputs, values)
+    return Simulation(model=model, record=flown_as, states=states, outputs=outputs)
 
 
 def _start(model: Model, start: object) -> np.ndarray:

@@ -81,4 +81,14 @@ def reading(channel: str) -> str:
     return Station("reading", channel).key
 
 
+def stuck(channel: str) -> str:
+    """Key of the part of its motion that a reading loses: 0 none of it, 1 all."""
+    return f"stuck_{channel}"
+
+
+def as_read(channel: str) -> str:
+    """Name under which effects find a channel as it was measured."""
+    return f"read {channel}"
+
+
 MOVING_AIR = (*map(wind, "xyz"), *map(rotation, "pqr"))

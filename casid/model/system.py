@@ -8,10 +8,10 @@ An aircraft is one of them; so is a two-state short period of three lines. All e
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as ca
 import numpy as np
@@ -22,6 +22,10 @@ from casid.model.algebraic import algebraic_states
 from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
+
+if TYPE_CHECKING:
+    from casid.model.effect_value import EffectValue
+    from casid.model.in_force import History, InForce
 
 _JITTER = 0.01  # of the period of a model in discrete time, that time stamps may be off
 
@@ -79,6 +83,14 @@ class Model:
         Time from one sample to the next [s] of a model in discrete time; None in continuous time.
     events
         Event -> (states,) state after it, an expression of the state before it, of u and p; records say when.
+    effects
+        What it differs by from the model as it was defined, see `with_effects`.
+    histories
+        What of these is made of the records, as inputs.
+    prepare
+        Makes a record that lacks inputs complete, where they follow from its other channels; None: it must have them.
+    extend
+        Makes the model with further effects, where these change more than equations, inputs and readings.
 
     Examples
     --------
@@ -109,6 +121,10 @@ class Model:
     initial: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
     period: float | None = None
     events: Mapping[str, ca.SX] = field(default_factory=lambda: MappingProxyType({}))
+    effects: tuple[InForce, ...] = ()
+    histories: tuple[History, ...] = ()
+    prepare: Callable[[Record], Record] | None = None
+    extend: Callable[[Sequence[EffectValue]], Model] | None = None
 
     def __post_init__(self) -> None:
         where = f"model '{one_line(self.name, 'Model: name')}'"
@@ -191,6 +207,60 @@ class Model:
         chosen = {name: number(value, f"model '{self.name}': value of '{name}'") for name, value in values.items()}
         return np.array([chosen.get(name, self.nominal[name]) for name in self.parameters], dtype=float)
 
+    def with_effects(self, effects: Iterable[EffectValue]) -> Model:
+        """Put effects in force: their sizes are parameters, fixed at the values given unless they are free.
+
+        Parameters
+        ----------
+        effects
+            Kind, target and size of each; of an aircraft any kind, of any other model those at its inputs
+            (`actuator_lag`, `input_delay`, `dead_zone` ...), outputs (`sensor_bias`, `sensor_delay` ...), equations
+            (`missing_term`) and parameters (`parameter_change`).
+
+        Returns
+        -------
+        Model
+            With one parameter for each size: `actuator_lag(u)`, `structural_mode(q).frequency_hz`, of one that sets in
+            `effectiveness_change(u).onset[m1]`.
+
+        Raises
+        ------
+        InputError
+            For a place that the model does not have, and two of one kind and place.
+
+        Examples
+        --------
+        After the example of `define_model`:
+
+        >>> slow = lag.with_effects([cs.EffectValue(kind="actuator_lag", target="u", value=0.1)])
+        >>> slow.parameters
+        ('T', 'actuator_lag(u)')
+        """
+        from casid.model.with_effects import with_effects
+
+        return with_effects(self, effects)
+
+    def without_histories(self) -> Model:
+        """The model that takes records as they are: what effects make of them is an input like any other."""
+        if not self.histories:
+            return self
+        found = vars(self).setdefault("_plain", replace(self, histories=(), prepare=None))
+        return found
+
+    def ready(self, record: Record, values: Mapping[str, float] | None = None) -> Record:
+        """Make a record ready: inputs that follow from its other channels, and what effects make of it.
+
+        Parameters
+        ----------
+        record
+            With the channels of a flight or an experiment.
+        values
+            Parameters by name, at which histories are made; by default nominal ones.
+        """
+        from casid.model.with_effects import ready
+
+        return ready(self, record, values)
+
     @property
     def vectors(self) -> Vectors:
         """Letter -> vector of symbols and the names of its rows: states x, inputs u, parameters p, disturbances w."""
@@ -204,6 +274,11 @@ class Model:
     def scale_vector(self) -> np.ndarray:
         """(states,) typical size of each state."""
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
+
+
+def bare_name(model: Model, name: str) -> str:
+    """Name in the model of a parameter that may have a record behind it: "bias_q" of "bias_q[m1]"."""
+    return name if name in model.parameters or "[" not in name else name.rpartition("[")[0]
 
 
 def check_continuous(model: Model, what: str) -> None:

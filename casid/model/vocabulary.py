@@ -32,19 +32,26 @@ LABELS = {
 }
 
 
-def check_effect(kind: str, target: str | None, term: str | None = None, where: str = "") -> None:
-    """Raise InputError, with the nearest valid name, unless kind, target (None or "": none) and term fit together."""
+def check_effect(
+    kind: str, target: str | None, term: str | None = None, where: str = "", *, anywhere: bool = False
+) -> None:
+    """Raise InputError, with the nearest valid name, unless kind, target (None or "": none) and term fit together:
+    in an aircraft file, or `anywhere`, where a model says which ports it has."""
     prefix = f"{where}: " if where else ""
     check_known("effect kind", (kind,), KINDS, where)
     entry = KINDS[kind]
-    if not target and (entry.targets or entry.of_rotors) and not entry.optional:
+    of_a_port = anywhere and entry.place != "aircraft"
+    if entry.place in ("equation", "value") and not anywhere:
+        raise InputError(f"{prefix}effect '{kind}' is of a model of your own equations, not of an aircraft file")
+    if not target and (entry.targets or entry.of_rotors or of_a_port) and not entry.optional:
         valid = (*entry.targets, *(("the name of a rotor", ALL) if entry.of_rotors else ()))
         raise InputError(f"{prefix}effect '{kind}' needs a target; expected one of: {', '.join(valid)}")
-    if target and not entry.targets and not entry.of_rotors:
+    if target and not entry.targets and not entry.of_rotors and not of_a_port:
         raise InputError(f"{prefix}effect '{kind}' has no target, got '{target}'; leave it out")
     parts = entry.parts(target)
     for part in parts:
-        if part not in entry.targets and not entry.of_rotors:  # which rotors there are an aircraft says
+        # which rotors there are an aircraft says, and which ports any other model
+        if part not in entry.targets and not entry.of_rotors and not of_a_port:
             raise unknown(f"target of '{kind}'", part, entry.targets, where)
     if len(set(parts)) != len(parts):
         raise InputError(f"{prefix}effect '{kind}': target '{target}' names a coefficient twice")
@@ -55,13 +62,13 @@ def check_effect(kind: str, target: str | None, term: str | None = None, where: 
         raise InputError(f"{prefix}effect '{kind}' has no term, got '{term}'; leave it out")
     if entry.terms and term not in entry.terms:
         raise unknown(f"term of '{kind}'", str(term), entry.terms, where)
-    if term and not entry.terms:
+    if term and not entry.terms and entry.place == "aircraft":
         parse_term(term, where)
 
 
 def effect_unit(kind: str, target: str | None, term: str | None = None) -> str:
     """SI unit of the value of a valid effect, e.g. "s", "1/rad2"; raises InputError when it is not valid."""
-    check_effect(kind, target, term)
+    check_effect(kind, target, term, anywhere=True)
     return KINDS[kind].unit_for(target, term)
 
 
@@ -100,12 +107,18 @@ def _either(sentence: str, value: float) -> tuple[str, float]:
 
 
 def sentence_of(effect: Effect, value: float, std: float) -> str:
-    """`effect_sentence` of any effect; with words of its own, it states the standard deviation of its size too."""
+    """`effect_sentence` of any effect; at a port of a model it states the standard deviation of its size too."""
     if effect.words is None:
         return effect_sentence(*effect.key, value)
-    sentence, value = _either(effect.words.sentence, value)
-    size = f"{value:.4g} +- {std:.2g} {effect.unit}".rstrip()
-    return sentence.format(target=effect.target, term=effect.term, size=size)
+    kind = KINDS[effect.kind]
+    sentence, value = _either(kind.sentence, value)
+    unit = "" if effect.unit == "1" else effect.unit
+    size = f"{value:.4g} +- {std:.2g} {unit}".rstrip()
+    percent = f"{100.0 * value:.3g} +- {100.0 * std:.2g} %"
+    label = f"input {effect.target}" if kind.place == "command" else effect.target
+    return sentence.format(
+        label=label, comes="comes", target=effect.target, term=effect.term, size=size, percent=percent
+    )
 
 
 def title_of(effect: Effect) -> str:

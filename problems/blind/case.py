@@ -33,9 +33,12 @@ OUTSIDE: Mapping[str, str] = MappingProxyType(
 # what only `problems.independent` or `problems.strips` have
 NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_scale", "table_increment")
 NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck", "moment_reference")
+# what a diagnosis of an aircraft does not look for by itself
+STATED = ("second_order_actuator", "input_limit", "input_offset", "input_scale", "sample_hold", "sensor_stuck")
+OF_EQUATIONS = ("missing_term", "parameter_change")
 ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
 ROTORS += ("thrust_curve", "rotor_inflow", "added_mass", "mass_change", "body_drag", "battery_sag")
-NOT_DRAWN += (*ROTORS, "flapping", "translational_lift", "quadratic_drag", "product_of_inertia")
+NOT_DRAWN += (*ROTORS, *STATED, *OF_EQUATIONS, "flapping", "translational_lift", "quadratic_drag", "product_of_inertia")
 # the last are none of an aeroplane; `problems.rotors` has their generator
 LOADING = ("mass", "inertia", "cg_offset")  # of which free derivatives show differences between records only
 FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -74,6 +77,8 @@ FAMILIES: Mapping[str, tuple[str, ...]] = MappingProxyType(
         ),
         "air": ("wind_shear", "gust", "turbulence"),
         "rotors": ROTORS,
+        "stated": STATED,
+        "equations of any model": OF_EQUATIONS,
     }
 )
 

@@ -15,9 +15,9 @@ from scipy import signal
 
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.applied import Applied, apply_effects
 from casid.model.dynamics import aircraft_model
 from casid.model.effects import effect_of
+from casid.model.flown_records import FlownRecords, flown_records
 from casid.model.operators import TURNING
 from casid.model.path import OUTPUTS
 from casid.model.simulate import simulate
@@ -104,8 +104,8 @@ class Flown:
         instruments = [value for value in values if effect_of(value).output is not None]
         aircraft = self.aircraft.with_effects([value for value in values if value not in instruments])
         record = self._commanded(name, t, deviations, self.level.inputs)
-        start, at_trim = self._trimmed(apply_effects(aircraft, [record], outputs=OUTPUTS))
-        applied = apply_effects(aircraft, [self._commanded(name, t, deviations, at_trim)], outputs=OUTPUTS)
+        start, at_trim = self._trimmed(flown_records(aircraft, [record], outputs=OUTPUTS))
+        applied = flown_records(aircraft, [self._commanded(name, t, deviations, at_trim)], outputs=OUTPUTS)
         gusts = dict[str, np.ndarray]()
         for one in here:
             if one.kind == "turbulence":
@@ -113,7 +113,7 @@ class Flown:
         if any(one.kind in ("wind_shear", "gust") for one in here):
             in_truth = self.aircraft.with_effects([v for v in aircraft.effects if not v.kind.startswith("sensor_")])
             record = _with_attitude(in_truth, applied.records[0], start, gusts, outside)
-            applied = apply_effects(aircraft, [record], outputs=OUTPUTS)
+            applied = flown_records(aircraft, [record], outputs=OUTPUTS)
         outputs = _flown(applied, start, gusts, outside)
         read = dict(applied.records[0].channels) | dict(zip(OUTPUTS, outputs.T, strict=True))
         for value in instruments:
@@ -133,7 +133,7 @@ class Flown:
         channels["thrust"] = at_trim["thrust"] + self.level.thrust * deviations["throttle"]
         return Record(name=name, t=t, channels={**channels, "rho": np.full_like(t, at_trim["rho"])})
 
-    def _trimmed(self, applied: Applied) -> tuple[np.ndarray, dict[str, float]]:
+    def _trimmed(self, applied: FlownRecords) -> tuple[np.ndarray, dict[str, float]]:
         """Level flight at the trim speed and density with the effects of the file in force: state and inputs."""
         model, level = applied.model, self.level
         f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
@@ -163,7 +163,7 @@ def _with_attitude(
     """The record with the attitude in which the aircraft meets a wind that stays where it is, over the ground."""
     before = np.zeros(0)
     for _ in range(_PICARD + 1):
-        outputs = _flown(apply_effects(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
+        outputs = _flown(flown_records(aircraft, [record], outputs=OUTPUTS), start, gusts, outside)
         record = record.with_channels(**{key: outputs[:, OUTPUTS.index(key)] for key in TURNING})
         if len(before) and np.abs(outputs - before).max() < _SETTLED * np.abs(outputs).max():
             break
@@ -186,7 +186,9 @@ def effect_value(hidden: Hidden) -> EffectValue:
     )
 
 
-def _flown(applied: Applied, start: np.ndarray, gusts: Mapping[str, np.ndarray], outside: Outside | None) -> np.ndarray:
+def _flown(
+    applied: FlownRecords, start: np.ndarray, gusts: Mapping[str, np.ndarray], outside: Outside | None
+) -> np.ndarray:
     """(N, outputs). An effect outside the catalogue follows the motion that it changes: by iteration."""
     record = applied.records[0]
     flown = simulate(applied.model, record, start, disturbances=dict(gusts))

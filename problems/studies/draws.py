@@ -10,7 +10,7 @@ from casid.analysis import replica
 from casid.errors import EstimationError
 from casid.estimation import Fit, Problem, solve
 from casid.model.aircraft import Aircraft
-from casid.model.applied import apply_effects, default_free
+from casid.model.flown_records import default_free, flown_records
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
 
@@ -56,7 +56,7 @@ def _fit(
     records: tuple[str, ...], aircraft: str, free: tuple[str, ...], axes: str | None, maps: tuple[str, ...]
 ) -> Fit:
     flown = read_records(list(records), ColumnMap.from_options(list(maps)))
-    applied = apply_effects(Aircraft.read(aircraft), flown, axes)
+    applied = flown_records(Aircraft.read(aircraft), flown, axes)
     globs = list(free) or list(default_free(applied))
     biases = [glob for glob in globs if glob.startswith("bias_")]
     shared = [glob for glob in globs if glob not in biases]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from casid.model.causes.systems import Library
+from casid.model.library import Library
 from casid.model.system import Model, define_model
 from problems.systems.system import System, levels
 
@@ -51,8 +51,8 @@ SYSTEM = System(
     faults=(
         ("missing_term", "omega", "omega*|omega|", -0.03, -0.01),  # a fan on the shaft
         ("dead_zone", "V", "", 0.6, 1.5),
-        ("limit_above", "V", "", 4.0, 6.0),
-        ("limit_below", "V", "", -6.0, -4.0),
+        ("input_limit", "V", "above", 4.0, 6.0),
+        ("input_limit", "V", "below", -6.0, -4.0),
         ("input_delay", "V", "", 0.02, 0.06),
         ("actuator_lag", "V", "", 0.02, 0.06),
         ("backlash", "V", "", 0.4, 1.0),

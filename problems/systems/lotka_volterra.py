@@ -45,7 +45,7 @@ SYSTEM = System(
         ("missing_term", "pred", "pred^2", -0.1, -0.03),
         ("input_delay", "harvest", "", 0.2, 0.6),
         ("actuator_lag", "harvest", "", 0.2, 0.8),
-        ("limit_above", "harvest", "", 0.25, 0.35),
+        ("input_limit", "harvest", "above", 0.25, 0.35),
         ("sensor_bias", "prey", "", 0.15, 0.4),
         ("sensor_delay", "pred", "", 0.2, 0.5),
         ("sensor_lag", "pred", "", 0.2, 0.6),

@@ -51,7 +51,7 @@ SYSTEM = System(
         ("missing_term", "w", "w", -0.3, -0.1),  # friction of the hinge
         ("missing_term", "v", "x", -1.5, -0.5),  # a spring to the wall
         ("dead_zone", "F", "", 0.3, 0.8),
-        ("limit_above", "F", "", 1.5, 2.5),
+        ("input_limit", "F", "above", 1.5, 2.5),
         ("input_delay", "F", "", 0.03, 0.1),
         ("actuator_lag", "F", "", 0.04, 0.12),
         ("sensor_bias", "phi", "", 0.1, 0.25),

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.model.causes.systems import Library
+from casid.model.library import Library
 from casid.model.system import Model, define_model
 from problems.systems.system import System, levels
 
@@ -69,7 +69,7 @@ SYSTEM = System(
         ("missing_term", "h4", "sqrt(h4)", -0.05, -0.02),
         ("actuator_lag", "v1", "", 10.0, 30.0),
         ("input_delay", "v2", "", 8.0, 20.0),
-        ("limit_above", "v1", "", 3.2, 4.0),
+        ("input_limit", "v1", "above", 3.2, 4.0),
         ("sensor_bias", "h2", "", 1.0, 2.0),
         ("sensor_lag", "h1", "", 15.0, 40.0),
         ("sensor_delay", "h3", "", 10.0, 25.0),

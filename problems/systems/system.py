@@ -11,7 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from casid.errors import InputError
-from casid.model.causes.systems import Library
+from casid.model.library import Library
 from casid.model.port import ModelPort, ports_of
 from casid.model.system import Model
 from casid.records.record import Record
@@ -151,8 +151,7 @@ def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> n
     if fault.kind == "backlash":
         return _followed(y, lambda at, u: min(max(at, u - size), u + size))
     simple: dict[str, Callable[[], np.ndarray]] = {
-        "limit_above": lambda: np.minimum(y, size),
-        "limit_below": lambda: np.maximum(y, size),
+        "input_limit": lambda: np.minimum(y, size) if fault.term == "above" else np.maximum(y, size),
         "dead_zone": lambda: np.sign(y) * np.maximum(np.abs(y) - size, 0.0),
         "sensor_bias": lambda: y + size,
         "sensor_scale": lambda: y * (1.0 + size),

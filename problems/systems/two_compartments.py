@@ -48,7 +48,7 @@ SYSTEM = System(
         ("missing_term", "A1", "A1*A2", -0.0008, -0.0003),
         ("input_delay", "infusion", "", 0.4, 1.0),
         ("actuator_lag", "infusion", "", 0.4, 1.2),
-        ("limit_above", "infusion", "", 35.0, 45.0),
+        ("input_limit", "infusion", "above", 35.0, 45.0),
         ("backlash", "infusion", "", 3.0, 7.0),
         ("sensor_bias", "c1", "", 0.3, 0.8),
         ("sensor_delay", "c2", "", 0.4, 1.0),

@@ -15,7 +15,7 @@ from casid.acceptance.parameters import Known, known_by_document, known_by_file,
 from casid.acceptance.steady import SteadyFlight
 from casid.cli.options import DEMO
 from casid.model.aircraft import EffectValue
-from casid.model.applied import apply_effects, with_estimates
+from casid.model.flown_records import flown_records, with_estimates
 from casid.signals import FOOT, SLUG
 from tests.acceptance.textbook import BOEING_747_LONGITUDINAL, NAVION_LONGITUDINAL, boeing_747, navion
 
@@ -268,7 +268,7 @@ def test_deviations_are_those_of_drawn_parameters() -> None:
 def test_an_estimate_gives_its_values_and_its_covariance() -> None:
     aircraft = cs.Aircraft.read(DEMO / "aircraft.toml")
     records = [record.between(0.0, 8.0) for record in cs.read_records([str(DEMO / "m1.csv")])]
-    applied = apply_effects(aircraft, records)
+    applied = flown_records(aircraft, records)
     fit = cs.solve(
         cs.Problem(applied.model, applied.records, free=["Cm_alpha", "Cm_q", "CL_alpha"]), solver=cs.GaussNewton()
     )

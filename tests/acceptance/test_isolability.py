@@ -18,9 +18,9 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.fingerprints import Projection, responses
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
-from casid.model.applied import apply_effects
 from casid.model.effect import KINDS, Effect, Size, cause
 from casid.model.effects import effect_named, effect_value
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.station import coefficient, control
 from casid.report.isolability_page import additions_in_words
@@ -104,11 +104,11 @@ class Campaign:
     def shows(self, name: str, size: float, seed: int) -> np.ndarray:
         rng = np.random.default_rng(seed)
         true = replace(self.file, effects=(effect_value(f"{name}={size!r}"),))
-        applied = apply_effects(true, [self.clean], "longitudinal", CHANNELS)
+        applied = flown_records(true, [self.clean], "longitudinal", CHANNELS)
         V, alpha, theta = self.start
         level = {"u": V * np.cos(alpha), "w": V * np.sin(alpha), "q": 0.0, "theta": theta}
         start = np.array([level.get(state, 0.0) for state in applied.model.states])
-        outputs = applied.readings(applied.records[0], simulate(applied.model, applied.records[0], start).outputs)
+        outputs = simulate(applied.model, applied.records[0], start).outputs
         read = {n: outputs[:, i] for i, n in enumerate(applied.model.outputs) if n in NOISE}
         read["delta_e"] = self.clean["delta_e"]
         noisy = {n: y + NOISE[n] * rng.normal(size=len(y)) for n, y in read.items()}

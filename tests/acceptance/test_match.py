@@ -14,7 +14,7 @@ from casid.acceptance.flown import calibrated_airspeed
 from casid.acceptance.tolerances import StandardTest, Tolerance
 from casid.cli.options import DEMO
 from casid.errors import InputError
-from casid.model.applied import apply_effects
+from casid.model.flown_records import flown_records
 
 LAG = cs.EffectValue(kind="actuator_lag", target="delta_e", value=0.25, unit="s")
 NOISE = {"V": 0.25, "alpha": 2e-3, "q": 8e-4, "theta": 8e-4, "az": 0.07, "ax": 0.02, "altitude": 0.5}
@@ -45,7 +45,7 @@ def flown(
     rest = {"V": level.V, "alpha": level.alpha, "theta": level.theta, "altitude": 2500.0}
     blank = {n: np.full(len(t), rest.get(n, 0.0)) for n in (*NOISE, "beta", "p", "r", "phi", "psi")}
     record = cs.Record(name="m", t=t, channels=channels | blank)
-    applied = apply_effects(truth, [record], "longitudinal", list(NOISE))
+    applied = flown_records(truth, [record], "longitudinal", list(NOISE))
     model, ready = applied.model, applied.records[0]
     simulated = cs.simulate(model, ready, model.guess(ready)[0]).as_record("m")
     measured = {n: simulated[n] + noise * rng.normal(0.0, NOISE[n], len(t)) for n in NOISE}

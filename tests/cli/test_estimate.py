@@ -15,8 +15,8 @@ from casid.cli.app import COMMANDS
 from casid.cli.run import call, script
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
-from casid.model.applied import apply_effects
 from casid.model.dynamics import aircraft_model
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.readers import read_record, write_record
@@ -39,7 +39,7 @@ def flown(seed: int, aircraft: Aircraft | None = None) -> Record:
     pulse = np.select([t < 1.0, t < 2.8, t < 4.0, t < 4.6, t < 5.2], [0.0, 0.04, -0.04, 0.04, -0.04], 0.0)
     channels["delta_e"] = channels["delta_e"] + pulse
     record = Record(name=f"m{seed}", t=t, channels={**channels, "V": np.full(len(t), 144.0)})
-    applied = apply_effects(aircraft, [record], outputs=tuple(NOISE))
+    applied = flown_records(aircraft, [record], outputs=tuple(NOISE))
     state = {"u": LEVEL.state[0], "w": LEVEL.state[2], "q": 0.0, "theta": LEVEL.theta}
     clean = simulate(applied.model, applied.records[0], np.array([state[s] for s in applied.model.states]))
     noisy = {n: clean.output(n) + s * rng.standard_normal(len(t)) for n, s in NOISE.items()}
@@ -216,7 +216,7 @@ def test_bad_input_ends_with_status_2(folder, script_here, tmp_path):
 
 def test_equations_refuse_effects_that_they_cannot_have(folder, run_in_process, tmp_path):
     do328().with_effects([EffectValue(kind="sensor_scale", target="alpha", value=0.1)]).write(tmp_path / "scaled.toml")
-    with pytest.raises(InputError, match=r"sensor_scale\(alpha\).*use --cost output"):
+    with pytest.raises(InputError, match=r"sensor_scale\(alpha\).*use OutputError"):
         run_in_process(
             "estimate",
             folder / "m1.csv",

@@ -12,7 +12,7 @@ import pytest
 import casid as cs
 from casid.data_check.file_meaning import FileMeaning, ForceAxes, MomentPoint, StabilityAxes
 from casid.model.aircraft import Aircraft
-from casid.model.applied import apply_effects
+from casid.model.flown_records import flown_records
 from casid.records.record import Record
 from casid.signals import EXTERNAL_FORCE, FORCE_POINT
 from problems.blind.sets import fly_set
@@ -138,7 +138,7 @@ def test_a_recorded_external_force_is_no_force_of_the_air() -> None:
     (record,) = demo("m1")
     pull = 0.25 * PLANE.gravity * PLANE.mass * np.outer([0.3, 0.5, 1.0], 1.0 + np.sin(0.9 * record.t))
     columns = dict(zip(EXTERNAL_FORCE, pull, strict=True)) | {"force_at_z": np.full(len(record), 2.0)}
-    applied = apply_effects(PLANE, [record.with_channels(**columns)], "full")
+    applied = flown_records(PLANE, [record.with_channels(**columns)], "full")
     model, ready = applied.model, applied.records[0]
     flown = cs.simulate(model, ready, model.guess(ready)[0]).as_record()
     noise = np.random.default_rng(3)

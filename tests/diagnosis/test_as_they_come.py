@@ -23,8 +23,8 @@ from casid.diagnosis.given.as_given import attached_effects
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue
-from casid.model.applied import apply_effects
 from casid.model.causes import aero_term, structural_mode
+from casid.model.flown_records import flown_records
 from casid.model.operators import TURNING, turned
 from casid.model.simulate import simulate
 from casid.records.record import Record
@@ -141,9 +141,9 @@ def flown_apart(found: Diagnosis) -> float:
     """Largest difference, in noise, between the simulation by the extended file and the extended model's own."""
     view = found.held_out_extended
     (record,) = view.fit.flight.records
-    applied = apply_effects(found.extended_aircraft, [record], outputs=view.fit.model.outputs)
+    applied = flown_records(found.extended_aircraft, [record], outputs=view.fit.model.outputs)
     start = view.fit.linear.X[0, 0, : len(applied.model.states)]
-    read = applied.readings(record, simulate(applied.model, applied.records[0], start).outputs)
+    read = simulate(applied.model, applied.records[0], start).outputs
     sigma = np.array([view.fit.noise.measurement[o] for o in view.fit.model.outputs])
     return float(np.abs((read - view.simulated.output[:, 0]) / sigma).max())
 

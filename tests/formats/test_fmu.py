@@ -154,7 +154,7 @@ def test_a_hidden_fault_is_found_through_it(unit: Callable[[str], Path]) -> None
     found = cs.diagnose(model, records)
     assert [(cause.kind, cause.target) for cause in found.causes] == [("sensor_bias", "x")]
     assert found.causes[0].value == pytest.approx(0.1, abs=0.01)
-    assert found.system.extended.model.nominal["k"] == pytest.approx(1.2, abs=0.03)
+    assert found.system.extended.nominal["k"] == pytest.approx(1.2, abs=0.03)
 
 
 def test_what_cannot_be_read_is_said(unit: Callable[[str], Path], tmp_path: Path) -> None:

@@ -11,9 +11,9 @@ import pytest
 import casid as cs
 from casid.errors import InputError
 from casid.model import causes  # noqa: F401  fills the register
-from casid.model.applied import apply_effects
 from casid.model.causes import group_channels
 from casid.model.effect import KINDS, Effect
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
@@ -116,10 +116,10 @@ def test_lags_and_delays_of_the_file_are_in_the_response(effects, output: str) -
     }
     channels |= {name: np.zeros(len(t)) for name in ("beta", "p", "q", "r", "phi")}
     channels["delta_e"] = channels["delta_e"] + 1e-5 * np.sin(omega * t)
-    applied = apply_effects(aircraft, [Record(name="m1", t=t, channels=channels)], "longitudinal")
+    applied = flown_records(aircraft, [Record(name="m1", t=t, channels=channels)], "longitudinal")
     start = applied.model.guess(applied.records[0])[0]
     flown = simulate(applied.model, applied.records[0], start)
-    read = applied.readings(applied.records[0], flown.outputs)[:, applied.model.outputs.index(output)]
+    read = flown.outputs[:, applied.model.outputs.index(output)]
     late = t >= 40.0 - 3.0 * 2.0 * np.pi / omega
     # a slow part of the phugoid stays beside the oscillation
     basis = np.stack([np.sin(omega * t), np.cos(omega * t), *(np.ones(len(t)), t, t**2, t**3, t**4)], axis=1)[late]

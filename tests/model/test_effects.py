@@ -85,7 +85,8 @@ def test_the_catalogue_covers_the_vocabulary():
         "table_increment",
         "moment_reference",
     }  # the last in the values, the first as noise
-    assert kinds | found_otherwise | of_rotors == set(KINDS)
+    stated = {kind for kind, entry in KINDS.items() if not list(entry.candidates(do328()))} - of_rotors
+    assert kinds | found_otherwise | of_rotors | stated == set(KINDS)
     for effect in CATALOGUE:
         check_effect(effect.kind, effect.target, effect.term)
         ways = [effect.symbolic, effect.series is not None, effect.output is not None]

@@ -8,7 +8,7 @@ import pytest
 
 import casid as cs
 from casid.cli.options import DEMO
-from casid.model.applied import apply_effects
+from casid.model.flown_records import flown_records
 from casid.signals import EXTERNAL_FORCE, FORCE_POINT
 
 PLANE = cs.Aircraft.read(DEMO / "aircraft.toml")
@@ -24,7 +24,7 @@ def pulled(record: cs.Record, force: np.ndarray = FORCE, point: np.ndarray = POI
 
 def accelerations(record: cs.Record) -> dict[str, np.ndarray]:
     """First readings of the model along a record."""
-    applied = apply_effects(PLANE, [record], "full")
+    applied = flown_records(PLANE, [record], "full")
     model, ready = applied.model, applied.records[0]
     import casadi as ca
 
@@ -71,7 +71,7 @@ def test_equation_error_takes_the_force_off():
 
 
 def test_a_record_of_two_without_the_force_has_none():
-    applied = apply_effects(PLANE, [RECORD, pulled(RECORD.renamed("tethered"))], "full")
+    applied = flown_records(PLANE, [RECORD, pulled(RECORD.renamed("tethered"))], "full")
     assert not np.any([applied.records[0][name] for name in EXTERNAL_FORCE])
     np.testing.assert_array_equal(applied.records[1]["fz"], FORCE[2])
 
@@ -86,7 +86,7 @@ def test_values_are_found_again_when_the_record_states_the_force():
     """The truth has Cm_alpha a quarter larger; a tether that pulls harder and harder turns the nose besides."""
     pull = np.outer(np.linspace(0.0, 1.0, len(RECORD)), 0.2 * 9.81 * PLANE.mass * np.array([0.5, 0.0, 1.0]))
     columns = dict(zip(EXTERNAL_FORCE, pull.T, strict=True)) | {"force_at_x": np.full(len(RECORD), 1.0)}
-    applied = apply_effects(PLANE, [RECORD.with_channels(**columns)], "longitudinal")
+    applied = flown_records(PLANE, [RECORD.with_channels(**columns)], "longitudinal")
     model, ready = applied.model, applied.records[0]
     truth = {"Cm_alpha": 1.25 * model.nominal["Cm_alpha"]}
     flown = cs.simulate(model, ready, model.guess(ready)[0], truth).as_record()
@@ -95,7 +95,7 @@ def test_values_are_found_again_when_the_record_states_the_force():
     seen = ready.with_channels(**noisy).without("V", "ax", "az", "qdot")
     fits = []
     for record in (seen, seen.without(*EXTERNAL_FORCE, *FORCE_POINT)):
-        one = apply_effects(PLANE, [record], "longitudinal")
+        one = flown_records(PLANE, [record], "longitudinal")
         problem = cs.Problem(one.model, one.records, free=["Cm_alpha", "Cm_0"], cost=cs.OutputError())
         fits.append(cs.solve(problem, cs.MultipleShooting(interval=20)).values["Cm_alpha"])
     assert fits[0] == pytest.approx(truth["Cm_alpha"], rel=0.01)

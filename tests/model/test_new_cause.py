@@ -16,8 +16,8 @@ from casid.diagnosis.diagnose import diagnose
 from casid.errors import InputError
 from casid.estimation import MultipleShooting, Problem, solve
 from casid.model.aircraft import Aircraft
-from casid.model.applied import apply_effects, with_estimates
 from casid.model.effect import KINDS, Effect, Size, Symbols, Traits, cause
+from casid.model.flown_records import flown_records, with_estimates
 from casid.model.path import SignalPath
 from casid.model.simulate import simulate
 from casid.records.record import Record
@@ -84,13 +84,13 @@ def test_it_is_accepted_in_an_aircraft_file(tmp_path):
 
 
 def test_it_is_simulated_and_estimated(tmp_path):
-    applied = apply_effects(file_with(TILT, tmp_path), records())
+    applied = flown_records(file_with(TILT, tmp_path), records())
     record, i = applied.records[0], applied.model.outputs.index
     flown = simulate(applied.model, record, applied.model.guess(record)[0])
     tilted = flown.state("q") + TILT * flown.state("p")
     np.testing.assert_allclose(flown.outputs[:, i("q")], tilted, atol=1e-14)
     guessed = file_with(0.0, tmp_path)
-    applied = apply_effects(guessed, tilted_records())
+    applied = flown_records(guessed, tilted_records())
     fit = solve(Problem(applied.model, applied.records, free=["gyro_tilt*"]), MultipleShooting())
     found = fit["gyro_tilt(q)"]
     assert fit.converged and abs(found.value - TILT) < 4.0 * found.std < 0.2 * TILT
@@ -121,7 +121,7 @@ def held_out() -> list[Record]:
 
 def simulated_rms(aircraft: Aircraft) -> float:
     """r.m.s. of q over a record that was never fitted, flown open loop."""
-    applied = apply_effects(aircraft, held_out()[:1])
+    applied = flown_records(aircraft, held_out()[:1])
     record = applied.records[0]
     flown = simulate(applied.model, record, applied.model.guess(record)[0])
     return float(np.sqrt(np.mean((record["q"] - flown.output("q")) ** 2)))

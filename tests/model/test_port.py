@@ -23,8 +23,8 @@ def model() -> cs.Model:
 
 
 def test_a_port_at_every_place_that_is_not_exact() -> None:
-    assert [p.disturbance for p in ports_of(model())] == ["f_h", "d_u", "y_level"]
-    assert [p.disturbance for p in ports_of(model(), exact=("h", "level"))] == ["d_u"]
+    assert [p.station for p in ports_of(model())] == ["f_h", "d_u", "reading_level"]
+    assert [p.station for p in ports_of(model(), exact=("h", "level"))] == ["d_u"]
 
 
 def test_slopes_of_the_ports_are_those_of_the_places() -> None:

@@ -14,8 +14,8 @@ from small_flight import HIDDEN, records
 import casid as cs
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.applied import apply_effects, default_free, with_estimates
 from casid.model.dynamics import aircraft_model
+from casid.model.flown_records import default_free, flown_records, with_estimates
 from casid.model.system import Model
 from problems.do328 import do328
 
@@ -108,7 +108,7 @@ def test_knots_are_found_again_from_a_flight() -> None:
     points, truth = np.array([-0.06, 0.01, 0.08]), do328()
     known = {n: v for n, v in truth.derivatives.items() if n not in ("Cm_alpha", "Cm_0")}
     wrong = cs.table("Cm", "alpha", points.tolist(), -2.2 * points, name="Cm", free=True)
-    applied = apply_effects(replace(truth, derivatives=known, tables=(wrong,)), records())
+    applied = flown_records(replace(truth, derivatives=known, tables=(wrong,)), records())
     assert set(wrong.knots) <= set(default_free(applied))
     fit = cs.solve(cs.Problem(applied.model, applied.records, free=["Cm*"], cost=cs.OutputError()))
     a = truth.derivatives

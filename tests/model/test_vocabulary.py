@@ -55,11 +55,22 @@ PUBLIC = {
     "rotor_swap",
     "rotor_torque",
     "thrust_curve",
+    "second_order_actuator",
+    "input_limit",
+    "input_offset",
+    "input_scale",
+    "sample_hold",
+    "sensor_stuck",
+    "missing_term",
+    "parameter_change",
 }
+OF_ANY_MODEL = {kind for kind, entry in KINDS.items() if entry.place in ("equation", "value")}
 
 
 def every_effect():
     for kind, entry in KINDS.items():
+        if kind in OF_ANY_MODEL:
+            continue
         targets = [*entry.targets, *([None] if entry.optional or not entry.targets else [])]
         if entry.of_rotors:
             targets = [*entry.targets, *(["m1+m2"] if entry.joined else ["m1", "rotors"])]

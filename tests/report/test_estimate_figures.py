@@ -9,7 +9,7 @@ import pytest
 
 from casid.cli.estimate import pictures
 from casid.estimation import Problem, solve
-from casid.model.applied import apply_effects
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
@@ -38,12 +38,12 @@ def test_a_priori_values_of_an_estimate_have_the_bars_of_their_prior() -> None:
         name: np.full(len(t), value) for name, value in level.inputs.items() if name not in ("delta_a", "delta_r")
     }
     inputs["delta_e"] = inputs["delta_e"] + np.where(t < 2.0, 0.02, 0.0)
-    flown = apply_effects(
+    flown = flown_records(
         file, [Record(name="m1", t=t, channels={**inputs, "V": np.full(len(t), 144.0)})], outputs=["q"]
     )
     state = {"u": level.state[0], "w": level.state[2], "q": 0.0, "theta": level.theta}
     rate = simulate(flown.model, flown.records[0], np.array([state[s] for s in flown.model.states])).output("q")
-    applied = apply_effects(file, [flown.records[0].with_channels(q=rate + 1e-4 * np.sin(9.0 * t))])
+    applied = flown_records(file, [flown.records[0].with_channels(q=rate + 1e-4 * np.sin(9.0 * t))])
     fit = solve(Problem(applied.model, applied.records, free=free, prior=True))
     (picture,) = [one for one in pictures(applied, fit) if one.name == "estimates"]
     ratios, zeros = picture.figure.axes

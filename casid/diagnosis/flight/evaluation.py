@@ -27,6 +27,7 @@ from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, scattered
 from casid.filtering.kalman import Filter, coloured_news, kalman_filter, residual_about
 from casid.filtering.kernel import COLUMNS, SAMPLES
+from casid.model import operators
 from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model
@@ -481,7 +482,7 @@ def scaled_inverse(information: np.ndarray, rcond: float = 1e-13) -> np.ndarray:
 def _slopes_of_histories(
     work: Work, attached: Sequence[Attached], linear: Linear, known: dict, late: np.ndarray
 ) -> tuple[HistorySlope, ...]:
-    """Central differences of the time histories by the values of attached effects that are made of them."""
+    """Derivatives of the time histories by the values of attached effects that are made of them."""
     batch = work.batch
     model = work.model
     found = []
@@ -489,18 +490,17 @@ def _slopes_of_histories(
         if slot.attached is None:
             continue
         one = attached[slot.attached]
-        h = 1e-4 * max(abs(one.values[slot.key]), 1e-2)
-        sides = [one.with_values({slot.key: one.values[slot.key] + sign * h}) for sign in (1, -1)]
+        moved = one.along(slot.key)
         if one.effect.series is not None:
-            plus, minus = (work.series([side], known) for side in sides)
-            change = (plus - minus) / (2 * h)
+            change = np.imag(work.series([moved], known)) / operators.IMAGINARY
             acting = np.flatnonzero(change.any(axis=(0, 1)))
             found.append(HistorySlope(stations=acting, series=change[..., acting]))  # of no stations if it does nothing
         else:
-            chains = [[side if a is one else a for a in attached] for side in sides]
-            plus, minus = (readings(c, batch.names, batch.t, linear.output, model.outputs, known) for c in chains)
-            read = np.where(linear.seen, earlier((plus - minus) / (2 * h), late), 0.0)
-            found.append(HistorySlope(stations=np.zeros(0, dtype=int), series=read))
+            chain = [moved if a is one else a for a in attached]
+            read = readings(chain, batch.names, batch.t, linear.output, model.outputs, known)
+            change = earlier(np.imag(read) / operators.IMAGINARY, late)
+            seen = np.where(linear.seen, change, 0.0)
+            found.append(HistorySlope(stations=np.zeros(0, dtype=int), series=seen))
     return tuple(found)
 
 

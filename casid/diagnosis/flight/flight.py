@@ -20,11 +20,11 @@ from casid.diagnosis.time_limit import TimeLimit
 from casid.errors import InputError
 from casid.filtering.innovations import Batch, NoiseModel, PointFunctions, make_batch, padded
 from casid.model.aircraft import Aircraft
-from casid.model.applied import axes_of, with_estimates
 from casid.model.causes import group_channels, sensor_bias
 from casid.model.dynamics import INTEGRATED, aircraft_model, flight_inputs, moved_coefficients
 from casid.model.effect import Effect
 from casid.model.effects import catalogue
+from casid.model.flown_records import axes_of, with_estimates
 from casid.model.measured_force import force_inputs, pulled_alike
 from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.station import Station, coefficient, control, reading, wind

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
@@ -261,6 +261,11 @@ class Attached:
         """
         return () if self.effect.symbolic else tuple(self.values)
 
+    def along(self, key: str) -> Attached:
+        """With a value whose imaginary part carries the derivative of all that is made of it."""
+        size: Any = complex(self.values[key], operators.IMAGINARY)
+        return self.with_values({key: size})
+
     def with_values(self, values: Mapping[str, float]) -> Attached:
         """With other values. An event that becomes longer begins earlier, because the data determine its middle."""
         extent = self.effect.event.extent
@@ -291,7 +296,7 @@ def station_series(
         if one.effect.series is not None and one.concerns(record):
             here = {name: series[:, j] for name, series in known.items()}
             for station, series in one.effect.series(t[:, j], here, one.in_record(record)).items():
-                found.setdefault(station, np.zeros(t.shape))[:, j] = series
+                found.setdefault(station, np.zeros(t.shape, dtype=series.dtype))[:, j] = series
     return found
 
 
@@ -303,10 +308,10 @@ def disturbance_series(
     disturbances: Sequence[str],
 ) -> np.ndarray:
     """(N, R, nw) Time histories that the attached effects add at the disturbances."""
-    W = np.zeros((*t.shape, len(disturbances)))
-    for one in attached:
-        for station, series in station_series(one, names, t, known).items():
-            W[..., disturbances.index(station)] += series
+    added = [pair for one in attached for pair in station_series(one, names, t, known).items()]
+    W = np.zeros((*t.shape, len(disturbances)), dtype=np.result_type(float, *(series for _, series in added)))
+    for station, series in added:
+        W[..., disturbances.index(station)] += series
     return W
 
 
@@ -319,7 +324,8 @@ def readings(
     known: Mapping[str, np.ndarray],
 ) -> np.ndarray:
     """(N, R, ny) Readings of instruments with the attached effects, if the model has the output `output`."""
-    read = output.copy()
+    moved = any(np.iscomplexobj(value) for one in attached for value in one.values.values())
+    read = output.astype(complex if moved else float)
     for one in attached:
         if one.effect.output is None:
             continue

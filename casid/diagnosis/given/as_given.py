@@ -15,8 +15,8 @@ from casid.diagnosis.flight.noise import View, view_of
 from casid.errors import InputError
 from casid.filtering.initial_state import measured_start
 from casid.model.aircraft import Aircraft
-from casid.model.applied import values_of
 from casid.model.effects import effect_of
+from casid.model.in_force import sizes_of
 from casid.native.processors import side_by_side
 from casid.records.record import Record
 
@@ -67,7 +67,7 @@ def attached_effects(aircraft: Aircraft, names: Sequence[str]) -> list[Attached]
         records = tuple(r for r in value.records if r in names)
         elsewhere = not onsets if effect.timed else bool(value.records) and not records
         if not effect.stochastic and not elsewhere:
-            values = effect.in_words(values_of(value, effect))  # a time constant below zero acts as its size does
+            values = effect.in_words(sizes_of(value, effect))  # a time constant below zero acts as its size does
             found.append(Attached(effect=effect, values=values, onsets=onsets, records=records))
     return found
 

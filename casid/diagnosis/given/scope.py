@@ -17,8 +17,8 @@ from casid.diagnosis.given.factors import Factor, borne_out, common_factors
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
-from casid.model.applied import axes_of
 from casid.model.dynamics import MOVING, aircraft_model, flight_inputs, has_aerodynamics, moved_coefficients
+from casid.model.flown_records import axes_of
 from casid.model.linearised import given_slopes
 from casid.model.measured_force import force_inputs
 from casid.model.plausible import Doubt

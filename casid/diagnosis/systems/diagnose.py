@@ -22,7 +22,7 @@ from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.given.scope import split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.systems.extended import Extended, fly_as_given
+from casid.diagnosis.systems.extended import extended_model, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import (
     before_vertical,
@@ -36,7 +36,7 @@ from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.causes.systems import Library
+from casid.model.library import Library
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
 from casid.model.system import Model, check_continuous
@@ -88,8 +88,7 @@ def diagnose_system(
 
     def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
         base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
-        extended = Extended(base=base, attached=kept.fit.attached, terms=plant.terms_of)
-        return DiagnosedSystem(model=model, extended=extended)
+        return DiagnosedSystem(model=model, extended=extended_model(base, kept.fit.attached, plant.terms_of))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))

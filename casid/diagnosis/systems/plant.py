@@ -32,37 +32,18 @@ from casid.filtering.innovations import (
     padded,
 )
 from casid.filtering.kalman import kalman_filter, residual_column
-from casid.model.causes.systems import Library, as_read, as_term, effects_of, level, stuck
+from casid.model.causes.instruments import level
 from casid.model.effect import Effect
+from casid.model.in_force import InForce
+from casid.model.library import Library, as_term, effects_of
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
-from casid.model.station import Station, control, reading
+from casid.model.station import as_read, control, reading, stuck
 from casid.model.system import Model
+from casid.model.with_effects import Draft
 from casid.native.compiler import Compilable
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
-
-
-class Draft:
-    """A model under change; expressions that are added, as its `terms`, are in the symbols of the model as given."""
-
-    def __init__(self, model: Model, terms: Mapping[str, ca.SX]) -> None:
-        self.model = model
-        self.terms = terms
-        self.f, self.h, self.p = ca.SX(model.f), ca.SX(model.h), ca.SX(model.p)
-
-    def adds(self, state: str, expression: Any) -> None:
-        """A term in the equation of a state."""
-        self.f[self.model.states.index(state)] += expression
-
-    def shifts(self, parameter: str, by: Any) -> None:
-        """A parameter that differs from its value by an expression."""
-        self.p[self.model.parameters.index(parameter)] += by
-
-    def reads(self, output: str, change: Callable[[Any], Any]) -> None:
-        """A reading that an instrument changes."""
-        i = self.model.outputs.index(output)
-        self.h[i] = change(self.h[i])
 
 
 class Terms:
@@ -170,7 +151,7 @@ class Plant:
     @property
     def stations(self) -> list[str]:
         """Equations and inputs at which something unknown may enter, as disturbances of the model."""
-        return [port.disturbance for port in self.ports if port.kind != "output"]
+        return [port.station for port in self.ports if port.kind != "output"]
 
     @property
     def readings(self) -> list[str]:
@@ -193,26 +174,22 @@ class Plant:
             own = {"nominal": {**model.nominal, **self.base.nominal}, "prior_std": self.base.prior_std}
             return replace(model, state_scale=self.base.state_scale, **own)
         base = self.base
-        draft = Draft(self.base, self.terms_of)
-        values = {effect.name: ca.SX.sym("value") for effect in effects}
+        draft = Draft(base, self.terms_of)
+        symbols = {effect.name: ca.SX.sym("value") for effect in effects}
         for effect in effects:
             assert effect.change is not None
-            effect.change(draft, {"value": values[effect.name]})  # pyright: ignore[reportArgumentType]
-        f, h = ca.substitute([draft.f, draft.h], [base.p], [draft.p])
+            effect.change(draft, {"value": symbols[effect.name]})
+        made = draft.made([InForce(effect=effect, name=effect.name) for effect in effects], symbols)
+        h = ca.SX(made.h)
         read = [port.name for port in self.ports if port.kind == "output"]
         loses = ca.SX.sym("stuck", len(read))
         for k, name in enumerate(read):
             h[base.outputs.index(name)] *= 1.0 - loses[k]
         model = replace(
-            base,
-            parameters=(*base.parameters, *values),
+            made,
             disturbances=(*base.disturbances, *map(stuck, read)),
-            p=ca.vertcat(base.p, *values.values()),
             w=ca.vertcat(base.w, loses),
-            f=f,
             h=h,
-            nominal={**base.nominal, **dict.fromkeys(values, 0.0)},
-            equation=None,
         )
         return with_ports(model, self.ports)
 
@@ -414,7 +391,7 @@ def first_fit(plant: Plant) -> FlightFit:
 
 def _by_equation_error(plant: Plant) -> list[FlightFit]:
     """The fit that starts from the values with the smallest error of the equations; empty where it departs."""
-    stations = [port.disturbance for port in plant.ports if port.kind == "state derivative"]
+    stations = [port.station for port in plant.ports if port.kind == "state derivative"]
     at = [plant.base.states.index(port.name) for port in plant.ports if port.kind == "state derivative"]
     rates = [np.gradient(plant.paths[r.name], r.t, axis=0) for r in plant.records if r.name in plant.paths]
     if not stations or not rates:
@@ -453,18 +430,15 @@ class PlantSizes:
         return max(size, _change_of_readings(fit, port, np.where(there, history, 0.0)) / share)
 
     def told(self, fit: FlightFit, one: Attached, std: float) -> tuple[float, float]:
-        """Value and 1-sigma of a cause for a person: of a limit, or of the level at which a reading is stuck."""
+        """Value and 1-sigma of a cause for a person; of a reading that is stuck, its level."""
         effect = one.effect
-        value = one.effect.in_words(one.values)["value"]
         records = fit.flight.records
         if effect.timed:
             concerned = [record for record in records if one.concerns(record.name) and effect.target in record]
             read = [record[effect.target][record.t > one.onsets[record.name]] for record in concerned]
             seen = np.concatenate([values[np.isfinite(values)] for values in read])
             return level(seen), fit.flight.sigma[effect.target] / math.sqrt(max(len(seen), 1))
-        if effect.words and effect.words.told:
-            value = effect.words.told(value, [record[effect.target] for record in records])
-        return value, std
+        return effect.in_words(one.values)["value"], std
 
     def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
         """Of latent inputs, strongest first, the one that is reported, with its port in words.
@@ -503,10 +477,8 @@ def matters_at(fit: FlightFit, port: Port) -> float:
 
 
 def _port(fit: FlightFit, station: str | None) -> Port:
-    ports = {port.disturbance: port for port in fit.flight.ports}  # pyright: ignore[reportAttributeAccessIssue]
-    if station in ports:
-        return ports[station]
-    return ports["y_" + Station.at(str(station)).name]
+    ports = {port.station: port for port in fit.flight.ports}  # pyright: ignore[reportAttributeAccessIssue]
+    return ports[str(station)]
 
 
 def _history(fit: FlightFit, one: Attached) -> np.ndarray:
@@ -535,8 +507,8 @@ class _Read:
     def __init__(self, reading: np.ndarray) -> None:
         self.reading = reading
 
-    def reads(self, output: str, change: Callable[[Any], Any]) -> None:
-        self.reading = change(self.reading)
+    def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
+        self.reading = read(self.reading)
 
 
 def _size(values: np.ndarray) -> float:
@@ -550,7 +522,7 @@ def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> floa
     """Largest r.m.s. change of a reading by a history (N, R) at a port, over the variation of that reading; the motion
     linearised, from the same initial state."""
     linear = fit.linear
-    at = fit.model.disturbances.index(port.disturbance)
+    at = fit.model.disturbances.index(port.station)
     change = _simulated(linear, at, history)
     variation = np.array(
         [

@@ -9,9 +9,15 @@ from casid.model.causes.controls import (
     effectiveness_change,
     feedback,
     input_delay,
+    input_limit,
+    input_offset,
+    input_scale,
     rate_limit,
+    sample_hold,
+    second_order_actuator,
     stuck,
 )
+from casid.model.causes.equations import missing_term, parameter_change
 from casid.model.causes.instruments import (
     SENSOR_GROUPS,
     accelerometer_position,
@@ -20,6 +26,7 @@ from casid.model.causes.instruments import (
     sensor_delay,
     sensor_lag,
     sensor_scale,
+    sensor_stuck,
     structural_mode,
     vane_position,
 )

@@ -32,7 +32,7 @@ def _blowing(direction: np.ndarray, wind: np.ndarray, known: Series) -> dict[str
         np.cos(phi) * aside + np.sin(phi) * below,
         np.cos(phi) * below - np.sin(phi) * aside,
     )
-    series = {station.wind(axis): np.zeros(len(wind)) for axis in _AXES}
+    series = {station.wind(axis): np.zeros(len(wind), dtype=wind.dtype) for axis in _AXES}
     for axis, part in zip(_AXES, parts, strict=True):
         series[station.wind(axis)][blows] = part * wind[blows]
     return series
@@ -82,7 +82,7 @@ def wind_shear(axis: str) -> Effect:
 def gust(axis: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         wind = values["value"] * operators.one_minus_cosine(t, values["onset"], values["length"])
-        begins = min(int(np.searchsorted(t, values["onset"])), len(t) - 1)
+        begins = min(int(np.searchsorted(t, np.real(values["onset"]))), len(t) - 1)
         return _blowing(_body_axis(axis, begins, known), wind, known)
 
     return Effect(

@@ -19,8 +19,14 @@ _TO_THE_END = 1e3  # s
 _LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
 # what a dead zone lies about: the zero of the record, or its median
+_DAMPED = 0.7  # damping ratio of an actuator
 _ZERO = 0.0
 _TRIM = 1.0
+
+
+def never_sought(aircraft: Airframe) -> Iterable[Effect]:
+    """None: a user states it, and it can be estimated; no diagnosis of an aircraft looks for it by itself."""
+    return ()
 
 
 def _surface_operator(
@@ -54,6 +60,8 @@ def _surface_operator(
 
 @cause(
     "actuator_lag",
+    place="command",
+    of_systems=True,
     targets=SURFACES,
     unit="s",
     quantity="time constant",
@@ -71,6 +79,8 @@ def actuator_lag(surface: str) -> Effect:
 
 @cause(
     "input_delay",
+    place="command",
+    of_systems=True,
     targets=SURFACES,
     unit="s",
     quantity="delay of the surface behind its record",
@@ -84,6 +94,7 @@ def input_delay(surface: str) -> Effect:
 
 @cause(
     "rate_limit",
+    place="command",
     targets=SURFACES,
     unit="rad/s",
     quantity="largest rate of the surface",
@@ -95,7 +106,118 @@ def rate_limit(surface: str) -> Effect:
 
 
 @cause(
+    "second_order_actuator",
+    place="command",
+    targets=SURFACES,
+    candidates=never_sought,
+    unit="s",
+    quantity="time of one radian of its oscillation, the inverse of its natural frequency; its damping ratio stands in "
+    "the parameters",
+    sentence="The {label} follows its command as an oscillator, {size} per radian, that the model does not have.",
+)
+def second_order_actuator(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded = known[surface]
+        followed = operators.second_order(t, recorded, values["value"], values.get("damping", _DAMPED))
+        return {station.control(surface): followed - recorded}
+
+    def answer(s: np.ndarray, values: Values) -> np.ndarray:
+        return operators.second_order_transfer(s, values["value"], values.get("damping", _DAMPED))
+
+    return Effect(
+        target=surface,
+        linear=False,
+        further=Further(
+            grid=tuple({"value": v, "damping": _DAMPED} for v in (0.02, 0.04, 0.08, 0.15)),
+            defaults={"damping": _DAMPED},
+            unsigned=("value", "damping"),
+        ),
+        series=series,
+        forms=Forms(transfer=answer),
+        size=Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0}),
+    )
+
+
+@cause(
+    "input_limit",
+    place="command",
+    of_systems=True,
+    targets=SURFACES,
+    terms=("above", "below"),
+    candidates=never_sought,
+    unit="{channel}",
+    quantity="largest value that acts, or smallest, as its term says",
+    title="{label}: limit {term}",
+    sentence="The {label} does not act {term} {size}.",
+)
+def input_limit(surface: str, side: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded = known[surface]
+        within = recorded < np.real(values["value"]) if side == "above" else recorded > np.real(values["value"])
+        return {station.control(surface): np.where(within, 0.0, values["value"] - recorded)}
+
+    return Effect(target=surface, term=side, linear=False, further=Further(grid=({"value": 0.0},)), series=series)
+
+
+@cause(
+    "input_offset",
+    place="command",
+    targets=SURFACES,
+    candidates=never_sought,
+    unit="{channel}",
+    quantity="what acts less its record: a trim of the actuator",
+    sentence="The {label} acts {size} beside its record.",
+)
+def input_offset(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        return {station.control(surface): values["value"] * np.ones(len(t))}
+
+    return Effect(target=surface, series=series, traits=Traits(by_record=True))
+
+
+@cause(
+    "input_scale",
+    place="command",
+    targets=(*SURFACES, "thrust"),
+    candidates=never_sought,
+    unit="1",
+    quantity="what acts over its record, less one",
+    sentence="What acts of the {label} differs by {percent} from its record.",
+)
+def input_scale(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        return {station.control(surface): values["value"] * known[surface]}
+
+    return Effect(target=surface, series=series, traits=Traits(by_record=True))
+
+
+@cause(
+    "sample_hold",
+    place="command",
+    targets=SURFACES,
+    candidates=never_sought,
+    unit="s",
+    quantity="time for which a command is held until the next is taken, beginning at the first sample",
+    sentence="The {label} takes a command every {size} only and holds it.",
+)
+def sample_hold(surface: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        recorded = known[surface]
+        return {station.control(surface): operators.sample_hold(t, recorded, values["value"]) - recorded}
+
+    return Effect(
+        target=surface,
+        linear=False,
+        further=Further(grid=tuple({"value": v} for v in (0.05, 0.1, 0.2)), unsigned=("value",)),
+        series=series,
+        size=Size(meaningful=0.02, limit=2.0),
+    )
+
+
+@cause(
     "dead_zone",
+    place="command",
+    of_systems=True,
     targets=SURFACES,
     unit="rad",
     quantity=(
@@ -127,6 +249,8 @@ def dead_zone(surface: str) -> Effect:
 
 @cause(
     "backlash",
+    place="command",
+    of_systems=True,
     targets=SURFACES,
     unit="rad",
     quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
@@ -196,7 +320,7 @@ def stuck(surface: str) -> Effect:
         onset = values["onset"]
         recorded = known[surface]
         during = operators.step(t, onset) - operators.step(t, onset + values.get("duration", _TO_THE_END))
-        held = float(np.interp(onset, t, recorded)) + values.get("beside", 0.0)
+        held = operators.sampled(t, recorded, np.array([onset]))[0] + values.get("beside", 0.0)
         return {station.control(surface): values["value"] * during * (held - recorded)}
 
     return Effect(

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from casid.errors import InputError
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause
+from casid.model.causes.controls import never_sought
+from casid.model.effect import Effect, Event, Forms, Further, Readable, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import SURFACES, unit_of
 
@@ -67,7 +70,7 @@ _BIAS_LIMIT = {
 
 
 def _bias_matters(channel: str, aircraft: Airframe) -> float:
-    return max(_BIAS_MATTERS[unit_of(channel)], aircraft.noise.get(channel, 0.0))
+    return max(_BIAS_MATTERS.get(unit_of(channel), 0.0), aircraft.noise.get(channel, 0.0))
 
 
 def group_channels(target: str) -> tuple[str, ...]:
@@ -77,14 +80,17 @@ def group_channels(target: str) -> tuple[str, ...]:
 
 @cause(
     "sensor_bias",
+    place="reading",
+    of_systems=True,
     targets=SENSOR_CHANNELS,
     unit="{channel}",
     quantity="measured minus true",
     sentence="The measured {label} is off by {size}.",
 )
 def sensor_bias(channel: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        path.output[channel] += values["value"]
+    def change(model: Readable, values: Symbols) -> None:
+        off = values["value"]
+        model.reads(channel, lambda y: y + off, lambda read: read - off)
 
     return Effect(
         target=channel,
@@ -93,21 +99,24 @@ def sensor_bias(channel: str) -> Effect:
         traits=Traits(by_record=True, constant=True),
         station="sensors",
         change=change,
-        size=Size(meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT[unit_of(channel)]),
+        size=Size(meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT.get(unit_of(channel), np.inf)),
     )
 
 
 @cause(
     "sensor_scale",
+    place="reading",
+    of_systems=True,
     targets=(*SENSOR_CHANNELS, "inertial"),
     unit="1",
     quantity="relative error of the scale; 0.1: 10 % too large",
     sentence="The measured {label} has a scale error of {percent}.",
 )
 def sensor_scale(target: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
+    def change(model: Readable, values: Symbols) -> None:
+        scale = 1.0 + values["value"]
         for name in group_channels(target):
-            path.output[name] *= 1.0 + values["value"]
+            model.reads(name, lambda y: y * scale, lambda read: read / scale)
 
     # calibrations in flight are good to about one percent
     return Effect(
@@ -153,6 +162,8 @@ def _slow_reading(
 
 @cause(
     "sensor_delay",
+    place="reading",
+    of_systems=True,
     targets=(*SENSOR_CHANNELS, *SENSOR_GROUPS),
     unit="s",
     quantity="delay",
@@ -160,22 +171,38 @@ def _slow_reading(
 )
 def sensor_delay(target: str) -> Effect:
     if target == "surfaces":
-        return _late_surfaces()
-    return _slow_reading(target, operators.delay, operators.delay_transfer)
+        return _late_inputs(target, SURFACES)
+    found = _slow_reading(target, operators.delay, operators.delay_transfer)
+    return replace(found, forms=replace(found.forms, late=lambda t, values: values["value"]))
 
 
-def _late_surfaces() -> Effect:
-    """All surfaces are recorded late by the same: what acts is ahead of its record."""
+def of_input(effect: Effect) -> Effect:
+    """The fault of an instrument that reads an input: what acts is what is true of its record.
+
+    Raises InputError for one that a record of the input does not undo.
+    """
+    if effect.change is not None:
+        return effect
+    if effect.kind == "sensor_delay":
+        return _late_inputs(effect.target, (effect.target,))
+    raise InputError(
+        f"effect {effect.name}: '{effect.target}' is an input, of whose record a bias, a scale and a delay can be "
+        "taken back; write actuator_lag for what follows it slowly"
+    )
+
+
+def _late_inputs(target: str, names: Sequence[str]) -> Effect:
+    """Inputs are recorded late by the same: what acts is ahead of its record."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        return {station.control(s): operators.delay(t, known[s], -values["value"]) - known[s] for s in SURFACES}
+        return {station.control(s): operators.delay(t, known[s], -values["value"]) - known[s] for s in names}
 
     def ahead(s: np.ndarray, values: Values) -> np.ndarray:
         return operators.delay_transfer(s, -values["value"])
 
     return Effect(
         kind="sensor_delay",
-        target="surfaces",
+        target=target,
         linear=False,
         further=Further(grid=tuple({"value": sign * v} for v in (0.02, 0.05, 0.1, 0.2) for sign in (1.0, -1.0))),
         series=series,
@@ -187,6 +214,8 @@ def _late_surfaces() -> Effect:
 
 @cause(
     "sensor_lag",
+    place="reading",
+    of_systems=True,
     targets=(*SENSOR_CHANNELS, *_GROUPS_OF_OUTPUTS),
     unit="s",
     quantity="time constant",
@@ -198,7 +227,63 @@ def sensor_lag(target: str) -> Effect:
 
     # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
     late = operators.lag_transfer
-    return _slow_reading(target, operators.lag, late, instrument, unsigned=("value",))
+    found = _slow_reading(target, operators.lag, late, instrument, unsigned=("value",))
+
+    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        T = values["value"]
+        behind = {c: operators.lag(t, readings[c], T) for c in group_channels(target) if c in readings}
+        return {
+            c: _follow_the_first_readings(t, series, readings.get(station.as_read(c)), T)
+            for c, series in behind.items()
+        }
+
+    return replace(found, output=output)
+
+
+def _follow_the_first_readings(
+    t: np.ndarray, behind: np.ndarray, read: np.ndarray | None, time_constant: operators.Size
+) -> np.ndarray:
+    """A lagged reading whose initial value is near the first readings, where these are known."""
+    T = operators.magnitude(time_constant)
+    if read is None or np.real(T) < 1e-9:
+        return behind
+    fades = np.exp(-(t - t[0]) / T)
+    left = read - behind
+    there = np.isfinite(read)
+    start = (fades[there] @ left[there]) / operators.larger(fades[there] @ fades[there], 1e-300)
+    return behind + start * fades
+
+
+@cause(
+    "sensor_stuck",
+    place="reading",
+    of_systems=True,
+    targets=SENSOR_CHANNELS,
+    candidates=never_sought,
+    unit="{channel}",
+    quantity="part of its motion that the reading loses from the onset on, 1: it stays where it is",
+    sentence="The reading of {label} is stuck at {size}.",
+)
+def sensor_stuck(channel: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        from_there = values["value"] * operators.step(t, values["onset"])
+        read = known.get(station.as_read(channel), known.get(channel, np.zeros(len(t))))
+        stays = level(read[t > np.real(values["onset"])])
+        return {station.stuck(channel): from_there, station.reading(channel): from_there * stays}
+
+    return Effect(
+        target=channel,
+        reads=(channel,),
+        event=Event(),
+        series=series,
+        size=Size(lowest=0.5, limit=1.5),
+    )
+
+
+def level(read: np.ndarray) -> float:
+    """Mean of readings, of which some may be missing; 0 where all are."""
+    seen = read[np.isfinite(read)]
+    return float(seen.mean()) if len(seen) else 0.0
 
 
 _DRIVEN_BY = {

@@ -125,6 +125,7 @@ def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
 
 @cause(
     "clock_drift",
+    place="reading",
     targets=SENSOR_GROUPS,
     unit="s/s",
     quantity="seconds that the recorder's clock gains in a second",
@@ -133,14 +134,14 @@ def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
 def clock_drift(target: str) -> Effect:
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
         late = _drifted(t, values)
-        return {c: np.interp(t - late, t, readings[c]) for c in group_channels(target) if c in readings}
+        return {c: operators.sampled(t, readings[c], t - late) for c in group_channels(target) if c in readings}
 
     def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
         ahead = (t - t[0]) * values["value"]
         return {c: operators.earlier(t, read[c], ahead) for c in group_channels(target) if c in read}
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        moved = {c: np.interp(t + (t - t[0]) * values["value"], t, known[c]) for c in group_channels(target)}
+        moved = {c: operators.sampled(t, known[c], t + (t - t[0]) * values["value"]) for c in group_channels(target)}
         return {station.control(c): moved[c] - known[c] for c in moved}
 
     of_inputs = target == "surfaces"
@@ -152,7 +153,7 @@ def clock_drift(target: str) -> Effect:
         linear=False,
         further=Further(grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0))),
         output=None if of_inputs else output,
-        forms=Forms(undo=None if of_inputs else undo),
+        forms=Forms() if of_inputs else Forms(undo=undo, late=_drifted),
         series=series if of_inputs else None,
         size=Size(meaningful=0.001, limit=0.1),
     )

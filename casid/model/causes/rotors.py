@@ -172,7 +172,7 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
             # both from the same samples: what acts was made of the record before it was averaged
             as_given, moved = (
                 operators.lag(t, operators.delay(t, known[command(name)], delay), constant)
-                for delay, constant in ((late, lag), (late + later, max(lag + slower, 0.0)))
+                for delay, constant in ((late, lag), (late + later, operators.larger(lag + slower, 0.0)))
             )
             found[station.control(name)] = moved - as_given
         return found

@@ -15,11 +15,11 @@ from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.errors import InputError
 from casid.model.aircraft import EffectValue
-from casid.model.applied import apply_effects
 from casid.model.causes import structural_mode
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import with_grid
 from casid.model.effects import catalogue, effect_of
+from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.station import coefficient
 from casid.model.trim import trim
@@ -50,10 +50,10 @@ def flights(effect: EffectValue, seed: int) -> list[Record]:
         channels["delta_r"] += sign * 0.05 * multistep(t, 8.5, _3211, 0.5)
         commanded = Record(name=name, t=t, channels=channels)
         calm = simulate(aircraft_model(do328()), commanded, level.state).as_record()
-        applied = apply_effects(do328().with_effects([effect]), [calm])
+        applied = flown_records(do328().with_effects([effect]), [calm])
         start = np.concatenate([level.state, applied.model.guess(calm)[0, len(level.state) :]])
         flown = simulate(applied.model, applied.records[0], start, substeps=2)
-        read = dict(zip(applied.model.outputs, applied.readings(calm, flown.outputs).T, strict=True))
+        read = dict(zip(applied.model.outputs, flown.outputs.T, strict=True))
         noisy = {o: read[o] + rng.normal(0.0, s, len(t)) for o, s in NOISE.items()}
         noisy |= {s: channels[s] + rng.normal(0.0, SURFACE_NOISE, len(t)) for s in ("delta_e", "delta_a", "delta_r")}
         found.append(Record(name=name, t=t, channels={**channels, **noisy}))

@@ -10,7 +10,7 @@ import pytest
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.systems.diagnose import diagnose_system
 from casid.diagnosis.systems.plant import first_fit, plant_of
-from casid.model.causes.systems import Library
+from casid.model.library import Library
 from casid.model.port import ports_of
 from casid.model.system import Model, define_model
 from casid.records.record import Record

@@ -1,0 +1,280 @@
+"""The causes that a model of any system may have: every kind of the vocabulary at every port where it makes sense.
+
+Inputs: what stands between a command and what acts, and the instrument that recorded it. Readings: their instruments.
+Parameters that differ in some records. Terms that an equation lacks: monomials of states and inputs, and terms of the
+user.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations_with_replacement
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from casid.arguments import given, table_of, whole
+from casid.arguments import names as names_of
+from casid.criterion import number
+from casid.errors import InputError, check_known
+from casid.model.causes import (
+    actuator_lag,
+    backlash,
+    dead_zone,
+    input_delay,
+    input_limit,
+    missing_term,
+    parameter_change,
+    sensor_bias,
+    sensor_delay,
+    sensor_lag,
+    sensor_scale,
+    sensor_stuck,
+)
+from casid.model.effect import KINDS, Effect, Size, Words
+from casid.model.in_force import known_of
+from casid.model.port import ModelPort as Port
+from casid.model.system import Model
+from casid.records.record import Record
+
+
+@dataclass(frozen=True, kw_only=True)
+class SystemCriteria:
+    """Which causes of a system are tried, and how widely."""
+
+    record: float = number(
+        26.0,
+        "length of a record for which all numbers in seconds are meant; those of a system are longer or shorter with "
+        "its records",
+        "measured: the records of aircraft by which these were set",
+    )
+    seen: float = number(0.01, "r.m.s. change by an operator, of the variation, from which its size is tried")
+    whole: float = number(1.2, "the same, beyond which nothing of the signal is left")
+    wholly: float = number(
+        0.5, "part of the motion of a reading within which one that is stuck has lost all of it", "derived: half"
+    )
+    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range")
+
+
+KINDS_OF_SYSTEMS = tuple(kind.kind for kind in KINDS.values() if kind.of_systems)
+
+
+def as_term(name: str) -> str:
+    """Name under which effects find a term of the library along the motion."""
+    return f"term {name}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Library:
+    """Causes that a diagnosis of a system considers.
+
+    Attributes
+    ----------
+    kinds
+        Names of kinds of causes; default all.
+    degree
+        Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried. Where an
+        equation is still unexplained, monomials in one or two variables of one degree more are tried.
+    regressors
+        Name -> further term that an equation may lack: a function of a namespace of the model's states and inputs
+        that returns a CasADi expression.
+
+    Raises
+    ------
+    InputError
+        For a kind that does not exist.
+
+    Examples
+    --------
+    After the example of `define_model`:
+
+    >>> sorted(cs.Library(degree=1).terms(lag))
+    ['1', 'u', 'x']
+    """
+
+    kinds: tuple[str, ...] = KINDS_OF_SYSTEMS
+    degree: int = 2
+    regressors: Mapping[str, Callable[[Any], Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_known("kind", names_of(self.kinds, "library: kinds"), KINDS_OF_SYSTEMS, "library")
+        if whole(self.degree, "library: degree", least=0) > 4:
+            raise InputError(f"library: degree is {self.degree}; expected 0 to 4")
+        for name, function in table_of(self.regressors, "library: regressors", "{'x^3': lambda s: s.x**3}").items():
+            if not callable(function):
+                raise InputError(f"library: regressor '{name}' is {given(function)}; expected a function")
+
+    def terms(self, model: Model) -> dict[str, ca.SX]:
+        """Name -> expression in the states and inputs of the model."""
+        names = (*model.states, *model.inputs)
+        symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
+        found = {"1": ca.SX(1.0)} if self.degree else {}
+        for degree in range(1, self.degree + 1):
+            found |= _monomials(names, symbols, degree)
+        space = SimpleNamespace(**dict(zip(names, symbols, strict=True)))
+        return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
+
+    def further_terms(self, model: Model) -> dict[str, ca.SX]:
+        """Monomials of one degree more in one or two variables, by name."""
+        symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
+        names = (*model.states, *model.inputs)
+        found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
+        return {name: term for name, term in found.items() if name.count("*") <= 1}
+
+
+def _monomials(names: Sequence[str], symbols: Sequence[ca.SX], degree: int) -> dict[str, ca.SX]:
+    """Name -> product of a degree."""
+    found = {}
+    for which in combinations_with_replacement(range(len(names)), degree):
+        powers = {i: which.count(i) for i in dict.fromkeys(which)}
+        name = "*".join(names[i] if k == 1 else f"{names[i]}^{k}" for i, k in powers.items())
+        found[name] = ca.SX(1.0)
+        for i in which:
+            found[name] = found[name] * symbols[i]
+    return found
+
+
+def effects_of(
+    library: Library,
+    model: Model,
+    ports: Sequence[Port],
+    records: Sequence[Record],
+    free: Sequence[str],
+    criteria: SystemCriteria,
+) -> list[Effect]:
+    """List all causes of a library for this model: at its ports, and for its `free` parameters."""
+    found: list[Effect] = []
+    last = library.further_terms(model)
+    every = library.terms(model) | last
+    scaled = _scaled_by_parameters(model, {k: v for k, v in every.items() if k not in library.regressors}, free)
+    for port in ports:
+        if port.kind == "input":
+            found += _of_input(port, records, criteria)
+        elif port.kind == "output":
+            found += _of_output(port, records, criteria)
+        else:
+            terms = [name for name in every if (port.name, name) not in scaled]
+            found += [_term(port, name, name in last) for name in terms]
+    if len(records) > 1:
+        found += [_with_unit(parameter_change(name), model.units.get(name, "")) for name in free]
+    return [effect for effect in found if effect.kind in library.kinds]
+
+
+def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequence[str]) -> set[tuple[str, str]]:
+    """(state, term) where a free parameter multiplies the term in the equation: that term is the parameter's value.
+
+    The slope of the equation by the parameter is then the same multiple of the term at any point.
+    """
+    by = ca.vertcat(*[model.p[model.parameters.index(name)] for name in free])
+    slopes = ca.densify(ca.jacobian(model.f, by))
+    values = ca.densify(ca.vertcat(*terms.values()))
+    both = ca.Function("both", [model.x, model.u, model.p, model.w], [slopes, values])
+    rng = np.random.default_rng(0)
+    p = model.nominal_vector()
+    w = np.zeros(model.w.numel())
+    points = 6
+    drawn = [both(rng.normal(size=model.x.numel()), rng.normal(size=model.u.numel()), p, w) for _ in range(points)]
+    F = np.stack([one.full() for one, _ in drawn])
+    T = np.stack([one.full().ravel() for _, one in drawn])
+    with np.errstate(all="ignore"):
+        ratio = F[..., None] / T[:, None, None, :]  # (points, states, parameters, terms)
+        same = (np.abs(ratio - ratio[0]) <= 1e-9 * np.abs(ratio[0])).all(axis=0) & (ratio[0] != 0.0)
+    return {(model.states[i], name) for i, _, j in np.argwhere(same) for name in [list(terms)[j]]}
+
+
+def _with_unit(effect: Effect, unit: str) -> Effect:
+    """The effect at a port of a model, with the unit there; judged by what it does, not by what aircraft have."""
+    return replace(effect, words=Words(unit=unit), size=replace(effect.size, meaningful=None, limit=np.inf))
+
+
+def _tried(effect: Effect, port: Port, sizes: Sequence[Mapping[str, float]], unit: str) -> Effect:
+    """The effect at a port, with the sizes that records can show."""
+    further = replace(effect.further, grid=tuple(sizes))
+    return replace(_with_unit(effect, unit), further=further, enters=port.station, kinematic=False)
+
+
+def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+    """Causes between a recorded input and the acting input."""
+    name = port.name
+    series = [record[name] for record in records]
+    low = min(s.min() for s in series)
+    high = max(s.max() for s in series)
+    if not high > low:
+        return
+    steps = _doubling(records)
+    cuts = [share * (high - low) for share in criteria.cuts]
+    through_zero = cuts if low <= 0.0 <= high else []
+    rows: list[tuple[Effect, list[dict[str, float]], str]] = [
+        (input_delay(name), [{"value": step} for step in steps], "s"),
+        (actuator_lag(name), [{"value": step} for step in steps], "s"),
+        (input_limit(name, "above"), [{"value": float(high - cut)} for cut in cuts], port.unit),
+        (input_limit(name, "below"), [{"value": float(low + cut)} for cut in cuts], port.unit),
+        (dead_zone(name), [{"value": cut, "about": 0.0} for cut in through_zero], port.unit),
+        (backlash(name), [{"value": 0.5 * cut, "rest": 0.0} for cut in cuts], port.unit),
+    ]
+    variation = _variation(series)
+    for effect, sizes, unit in rows:
+        assert effect.series is not None
+        made = effect.series
+        seen = [
+            one for one in sizes if _is_seen([_only(made(r.t, known_of(r), one)) for r in records], variation, criteria)
+        ]
+        if seen:
+            yield _tried(effect, port, seen, unit)
+
+
+def _only(series: Mapping[str, np.ndarray]) -> np.ndarray:
+    (one,) = series.values()
+    return one
+
+
+def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) -> Iterator[Effect]:
+    """Causes in the instrument of a reading."""
+    name = port.name
+    having = [record for record in records if name in record and np.isfinite(record[name]).any()]
+    if not having:
+        return
+    whole = [np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in having]
+    offset = sensor_bias(name)
+    yield _tried(replace(offset, traits=replace(offset.traits, constant=False)), port, ({},), port.unit)
+    yield _tried(sensor_scale(name), port, ({},), "1")
+    variation = _variation(whole)
+    for effect in (sensor_delay(name), sensor_lag(name)):
+        assert effect.output is not None
+        read = effect.output
+        seen = []
+        for size in _doubling(records):
+            changes = [read(r.t, {name: y}, {"value": size})[name] - y for r, y in zip(having, whole, strict=True)]
+            if _is_seen(changes, variation, criteria):
+                seen.append({"value": size})
+        if seen:
+            yield _tried(effect, port, seen, "s")
+    stuck = _tried(sensor_stuck(name), port, ({},), port.unit)
+    yield replace(stuck, size=Size(lowest=1.0 - criteria.wholly, limit=1.0 + criteria.wholly))
+
+
+def _term(port: Port, name: str, last: bool) -> Effect:
+    """A term that an equation lacks; one of a higher degree comes last."""
+    effect = _with_unit(missing_term(port.name, name), "")
+    return replace(effect, traits=replace(effect.traits, last_resort=last), enters=port.station)
+
+
+def _is_seen(changes: Sequence[np.ndarray], variation: float, criteria: SystemCriteria) -> bool:
+    """Return True for a change of a series that shows, and that leaves something of it."""
+    share = float(np.sqrt(np.mean(np.concatenate(changes) ** 2))) / variation
+    return criteria.seen < share < criteria.whole
+
+
+def _variation(series: Sequence[np.ndarray]) -> float:
+    """R.m.s. deviation from the mean over all records."""
+    return max(float(np.std(np.concatenate(series))), 1e-300)
+
+
+def _doubling(records: Sequence[Record]) -> list[float]:
+    """Times [s] from half a sample, each twice the one before, to a quarter of a record."""
+    step = 0.5 * min(r.dt for r in records)
+    longest = 0.25 * max(r.duration for r in records)
+    return [step * 2.0**k for k in range(int(np.log2(longest / step)) + 1)]
