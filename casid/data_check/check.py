@@ -85,7 +85,7 @@ class DataFindings:
 
     @property
     def clean(self) -> bool:
-        """Whether nothing is wrong."""
+        """Return True if nothing is wrong."""
         return not (self.findings or self.doubts or self.impossible or self.remarks or self.unread)
 
     @property

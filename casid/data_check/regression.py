@@ -17,8 +17,8 @@ from casid.signals import SURFACES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Row:
-    """What a coefficient depends on: names, terms and values of the file's derivatives, without the constant. Behind
-    them come terms that errors of healthy instruments make, with their spread."""
+    """Regressors of a coefficient: names, terms and values of the file's derivatives, without the constant. Behind them
+    come terms that errors of healthy instruments make, with their spread."""
 
     names: tuple[str, ...]
     terms: tuple[str, ...]

@@ -129,11 +129,12 @@ class Alternative:
 
     @property
     def channels(self) -> frozenset[str]:
-        """What it takes otherwise; "t" when it is the time."""
+        """Channels that it reads otherwise; "t" when it is the time."""
         return self.reading.channels | ({"t"} if self.reading.time != 1.0 else set())
 
     def possible(self, stated: str) -> bool:
-        """Whether a channel with a stated unit may be so: numbers in that unit were SI, or those in SI in another."""
+        """Return True if a channel with a stated unit may be so: numbers in that unit were SI, or those in SI in
+        another."""
         if self.kind != "data_unit" or self.unit is None:
             return True
         other = self.unit.removeprefix(_NOT_IN)
@@ -172,7 +173,7 @@ _WITHOUT_GRAVITY = Alternative(kind="data_gravity", target="az", reading=Reading
 
 
 def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
-    """In another unit than SI; or in SI though the header says that other unit."""
+    """List the alternatives of another unit than SI, and of SI where the header states that other unit."""
     found = []
     for unit in _UNITS.get(unit_of(members[0]), ()):
         factor = si_factor(unit, members[0])
@@ -323,8 +324,8 @@ class Response:
         return found - total.samples * float(np.log(noise))  # of other axes by its own noise
 
     def left_along_x(self, records: Sequence[Read]) -> tuple[float, float]:
-        """What the derivatives of the file leave of the force along the body x axis, and what varies of it: sums of
-        squares."""
+        """Return what the derivatives of the file leave of the force along the body x axis, and what varies of it: sums
+        of squares."""
         total = self._along(records)
         if total is None:
             return 0.0, 0.0
@@ -500,7 +501,7 @@ def _value(aircraft: Aircraft, coefficient: str, name: str, term: str) -> float:
 
 
 def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
-    """What healthy instruments add to a coefficient that has these slopes by its terms, and its spread."""
+    """Yield the terms that healthy instruments add to a coefficient with these slopes, each with its spread."""
     for angle, other in _READ_TOO.items():
         if angle in slopes and other not in slopes:
             yield other, criteria.upwash * abs(slopes[angle])

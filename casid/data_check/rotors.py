@@ -78,8 +78,8 @@ def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
 
 
 def _follows(ratio: np.ndarray) -> bool:
-    """Whether the specific force follows the thrust, by their ratio: of another mass in flight, and not of the ground,
-    which carries what the rotors leave, and more than half where these idle."""
+    """Return True if the specific force follows the thrust, by their ratio: so it does with another mass in flight, and
+    not on the ground, which carries what the rotors leave, and more than half where these idle."""
     return len(ratio) > 0 and float(np.min(ratio)) > 0.5 and float(np.std(ratio)) < _FOLLOWING
 
 
@@ -89,7 +89,7 @@ def _without_gaps(record: Record, name: str) -> np.ndarray:
 
 
 def ground(record: Record, rotors: Rotors) -> Iterator[str]:
-    """What is said of a record that begins or ends on the ground."""
+    """Yield a sentence about a record that begins or ends on the ground."""
     first, last = airborne(record, rotors)
     parts = [f"up to {first:.4g} s"] if first > record.t[0] + _STEADY_S else []
     parts += [f"from {last:.4g} s on"] if last < record.t[-1] - _STEADY_S else []

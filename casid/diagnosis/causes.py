@@ -62,7 +62,7 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
 
 
 def _is_structure(round_: Round, final: FlightFit) -> bool:
-    """Whether a round named structure that every aircraft has, and it is still in the final model."""
+    """Return True if a round named structure that every aircraft has, and it is still in the final model."""
     name = round_.leader.candidate.name
     return is_usual(round_.leader.effect) and name in {one.name for one in final.attached}
 

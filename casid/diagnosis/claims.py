@@ -1,4 +1,5 @@
-"""What may be said: every statement of a diagnosis passes a function here, which knows what it may not contradict.
+"""Decide what may be stated: every statement of a diagnosis passes a function here, which knows what it may not
+contradict.
 
 1. "Adequate" is said of a simulation that as given stays within the noise on held-out records, and of no other.
 2. Every value of the extended model that left its stated uncertainty is reported, identifiable or not.
@@ -41,7 +42,7 @@ class Claim:
 
     @property
     def said(self) -> bool:
-        """Whether it is said."""
+        """Return True if it may be stated."""
         return not self.because
 
 
@@ -150,7 +151,7 @@ def visible(cause: Cause, facts: Facts) -> bool:
 
 
 def account(facts: Facts) -> tuple[AccountStep, ...]:
-    """What accounts for the error on the held-out records; the shares add up to 100 %."""
+    """Return the steps that account for the error on the held-out records; the shares add up to 100 %."""
     worst = facts.budget.worst()[:1]
     seen = [(max((one.effect.get(name, 0.0) for name in worst), default=0.0), one) for one in facts.changed]
     named = [one for effect, one in sorted(seen, key=lambda pair: -pair[0]) if effect > 1.0]

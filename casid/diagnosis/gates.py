@@ -353,5 +353,5 @@ def unexplained(gain: float, size: float, told: bool, unknown: bool, criteria: C
 
 
 def is_possible(one: Attached) -> bool:
-    """Whether the values of an effect are physically possible."""
+    """Return True if the values of an effect are physically possible."""
     return all_passed(possible(one))

@@ -116,8 +116,8 @@ def no_air(one: Following) -> str:
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:
-    """What is added to a verdict that names nothing: that minor causes exist, and the sentence and the probability of
-    the cause nearest to a name."""
+    """Return what is added to a verdict that names nothing: that minor causes exist, and the sentence and the
+    probability of the cause nearest to a name."""
     said = _SMALL if minor else ""
     if faint is None:
         return said

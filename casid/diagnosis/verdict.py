@@ -140,7 +140,7 @@ def facts_of(
 
 
 def _is_told_by(finding: Finding, named: Collection[tuple[str, str]]) -> bool:
-    """Whether nothing was corrected, and one of the `named` causes, (kind, target), is as good an explanation."""
+    """Return True if nothing was corrected, and one of the `named` causes, (kind, target), explains as much."""
     others = {(one["kind"], one["target"]) for one in finding.indistinguishable_from}
     return finding.handled == "reported" and not others.isdisjoint(named)
 

@@ -177,7 +177,7 @@ class Aircraft:
 
     @property
     def winged(self) -> bool:
-        """Whether it has aerodynamics."""
+        """Return True if the aircraft has aerodynamics."""
         return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
 
     def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
@@ -225,7 +225,7 @@ class Aircraft:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be said of the aircraft: an inertia that cannot be, what another simulation's file leaves out."""
+        """List remarks: an impossible inertia, and what the file of another simulator leaves out."""
         own = self.aerodynamics.notes if isinstance(self.aerodynamics, FileAerodynamics) else ()
         return (*self.inertia.notes, *own)
 

@@ -436,7 +436,7 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
 
 
 def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
-    """Whether the file says anything of the coefficients that act on an axis; what a function says is not looked at."""
+    """Return True if the file gives a coefficient that acts on an axis; a function of the user counts as giving all."""
     given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
     given |= {table.coefficient for table in aircraft.tables}
     return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
@@ -462,7 +462,7 @@ def _parameters(effect: Effect) -> dict[str, float]:
 
 
 def _effect_values(aircraft: Aircraft) -> dict[str, float]:
-    """What the file says of the parameters of its effects."""
+    """Return the values that the file gives to the parameters of its effects."""
     values = {}
     for given in aircraft.effects:
         name = effect_of(given).name

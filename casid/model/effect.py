@@ -1,4 +1,4 @@
-"""What an effect is, what a kind of cause is, and the register of causes.
+"""Define an effect and a kind of cause, and keep the register of causes.
 
 A cause is one `@cause` function that returns an `Effect`: an extra piece at one station of the signal path. It enters
 in one of three ways, and simulation, estimation, screening, extension of the aircraft file and the generator of hidden
@@ -48,7 +48,7 @@ class Words:
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """How large an effect matters, and how large it may be."""
+    """Smallest size of an effect that matters, and the largest that is possible."""
 
     # the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it; None:
     # judged by its part of a coefficient, or of a channel
@@ -79,7 +79,7 @@ class Event:
 
 @dataclass(frozen=True, kw_only=True)
 class Further:
-    """What is known of the parameters of an effect, its value among them, before they are fitted."""
+    """Values to try and limits of the parameters of an effect, before they are fitted."""
 
     # values of the further parameters (and of "value" when not linear) that a screening tries
     grid: tuple[Mapping[str, float], ...] = ({},)
@@ -95,7 +95,7 @@ class Further:
 
 @dataclass(frozen=True, kw_only=True)
 class Traits:
-    """What else a diagnosis knows of an effect: when it is accepted, and what imitates it."""
+    """Conditions under which a diagnosis accepts an effect, and what imitates it."""
 
     grounded: bool = False  # believed only when kinematics see it: what a file lacks of the forces reads the same
     # it may be in some records and not in others: instruments and loading change between flights
@@ -191,22 +191,22 @@ class Effect:
 
     @property
     def stochastic(self) -> bool:
-        """Whether it is process noise, and nothing deterministic."""
+        """Return True if it is process noise alone."""
         return self.change is None and self.series is None and self.output is None
 
     @property
     def symbolic(self) -> bool:
-        """Whether a diagnosis has it as a parameter of its model."""
+        """Return True if a diagnosis has it as a parameter of its model."""
         return self.change is not None and self.series is None
 
     @property
     def in_equations(self) -> bool:
-        """Whether the equation-error form of a model knows it: it enters there, and has no state."""
+        """Return True if the equation-error form of a model has it: it enters there, and has no state."""
         return self.change is not None and self.station in ("coefficients", "mass") and not self.states
 
     @property
     def timed(self) -> bool:
-        """Whether it begins at an onset."""
+        """Return True if it begins at an onset."""
         return self.event.timed
 
     @property
@@ -217,21 +217,22 @@ class Effect:
 
     @property
     def quasi_steady(self) -> bool:
-        """Whether it is a term of the present regressors, and of no rate of them."""
+        """Return True if it is a term of the present regressors, and of no rate of them."""
         return self.regressor is not None and "dot" not in self.regressor
 
     @property
     def of_an_instrument(self) -> bool:
-        """Whether an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
+        """Return True if an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
         return self.kinematic and not self.timed and not self.stochastic
 
     @property
     def of_a_surface(self) -> bool:
-        """Whether it lies between a record and its control surface throughout a record, as a lag or a play does."""
+        """Return True if it lies between a record and its control surface throughout a record: a lag or a play."""
         return self.series is not None and self.target in SURFACES and not self.timed
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
-        """By its name in the register of causes, as functions cannot be pickled, with what differs from there."""
+        """Pickle by the name in the register of causes, since functions cannot be pickled, and what differs from
+        there."""
         made = _registered(self.kind, self.target, self.term, self.name)
         if made is None:
             raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
@@ -279,11 +280,11 @@ class Kind:
 
     @property
     def of_coefficients(self) -> bool:
-        """Whether its targets are aerodynamic coefficients, of which an aircraft has six."""
+        """Return True if its targets are aerodynamic coefficients, of which an aircraft has six."""
         return bool(self.targets) and set(self.targets) <= set(COEFFICIENTS)
 
     def parts(self, target: str | None) -> list[str]:
-        """What a target names: `CL+CD` two coefficients; nothing when it is left out."""
+        """List what a target names: two coefficients for `CL+CD`; nothing when it is left out."""
         if not target:
             return []
         return target.split("+") if self.joined else [target]
@@ -338,7 +339,7 @@ def _other_fields(own: Any, made: Any) -> dict[str, Any]:
 
 
 def _with(made: Any, further: Mapping[str, Any]) -> Any:
-    """With fields of `_other_fields`."""
+    """Return a copy with the fields of `_other_fields`."""
     now = {name: getattr(made, name) for name in further}
     groups = {name: _with(now[name], value) for name, value in further.items() if isinstance(now[name], _GROUPS)}
     return replace(made, **{**further, **groups})

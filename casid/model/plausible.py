@@ -56,12 +56,12 @@ _LIFT_RATIO = (0.33, 3.0)
 
 
 def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
-    """What of a file cannot be, by itself: nothing of these when all is well."""
+    """List the values of a file that are impossible or implausible in themselves."""
     return (*_constants(aircraft), *_geometry(aircraft), *_slopes(aircraft), *_trim(aircraft))
 
 
 def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
-    """What no aircraft has, whatever it weighs: effects of a size that cannot be, an inertia of no rigid body."""
+    """List what no aircraft has, whatever it weighs: effects of an impossible size, an inertia of no rigid body."""
     effects = [(value.value, effect_of(value)) for value in aircraft.effects]
     sizes = [
         Doubt(
@@ -81,7 +81,7 @@ def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
 
 
 def possible(effect: Effect, value: float) -> bool:
-    """Whether the size of an effect is within what is plausible, and no lag or width below zero."""
+    """Return True if the size of an effect is within what is plausible, and no lag or width below zero."""
     return abs(value) <= effect.size.limit and not ("value" in effect.further.unsigned and value < 0.0)
 
 
@@ -217,7 +217,7 @@ _USUAL: dict[str, tuple[float, float]] = {
 
 
 def from_usual(a: Aircraft) -> dict[str, float]:
-    """How far numbers of a file are from the usual, as logarithms; 0 within."""
+    """Return how far numbers of a file are from the usual, as logarithms; 0 within."""
     lateral = a.moment_length_lateral
     pitch = a.moment_length_pitch
     values = {

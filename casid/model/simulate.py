@@ -314,7 +314,8 @@ def steps_of(advance: ca.Function) -> Run:
 
 
 def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:
-    """From sample to sample by CVODES to these tolerances: x0, p = (u, w before, u, w after, dt, parameters) -> xf."""
+    """Integrate from sample to sample by CVODES to these tolerances: x0, p = (u, w before, u, w after, dt, parameters)
+    -> xf."""
     both = len(model.inputs) + len(model.disturbances)
     before, after = (ca.SX.sym(name, both) for name in ("before", "after"))
     dt = ca.SX.sym("dt")

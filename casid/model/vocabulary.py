@@ -69,8 +69,8 @@ _EITHER = re.compile(r"\[([^|\]]*)\|([^\]]*)\]")  # words for a positive value, 
 
 
 def effect_sentence(kind: str, target: str | None, term: str | None, value: float) -> str:
-    """What the effect means, for a person: size to two digits, angles in degrees; where the words say which way,
-    without a sign. Raises InputError when not valid."""
+    """Return what the effect means, for a person: size to two digits, angles in degrees; without a sign where the words
+    give the direction. Raises InputError when not valid."""
     unit = effect_unit(kind, target, term)
     entry = KINDS[kind]
     label = " and ".join(_label(part) for part in entry.parts(target))

@@ -56,15 +56,15 @@ class FlightValue:
 
     @property
     def stated(self) -> FlightValue:
-        """By the slope that a linear model has."""
+        """Value by the slope that a linear model has."""
         return self if self.at_trim is None else replace(self, value=self.at_trim[0], std=self.at_trim[1])
 
     def nearest(self, given: float) -> FlightValue:
-        """By the slope that is nearer to what the file states, in its own deviations."""
+        """Return the value by the slope that is nearer to what the file states, in its own deviations."""
         return min((self, self.stated), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
     def against(self, given: float, margin: float, criteria: Criteria) -> bool:
-        """Whether both slopes differ from `given` by more than a margin and by more than three deviations."""
+        """Return True if both slopes differ from `given` by more than a margin and by more than three deviations."""
         sigmas = criteria.significance.sigmas
         both = (self, self.stated)
         return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)

@@ -51,7 +51,7 @@ def _varies(series: np.ndarray) -> bool:
 
 
 def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
-    """What stays open in the axes of a flight: instruments, moving air, and numbers of the file.
+    """List what stays open in the axes of a flight: instruments, moving air, and numbers of the file.
 
     given    the records as they were read
     values   what flight says of every number of the file
@@ -81,9 +81,8 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
 
 
 def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
-    """What the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds the
-    largest plausible one, and channels whose noise could not be measured.
-    """
+    """List what the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds
+    the largest plausible one, and channels whose noise could not be measured."""
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects
@@ -234,7 +233,7 @@ def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes:
 
 
 def _throttled(record: Record) -> bool:
-    """Whether a throttle moves in a record."""
+    """Return True if a throttle moves in a record."""
     throttle = record["throttle"] if "throttle" in record else np.zeros(1)
     return bool(np.isfinite(throttle).any()) and float(np.nanmax(throttle)) > float(np.nanmin(throttle))
 

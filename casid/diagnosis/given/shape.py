@@ -54,7 +54,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shape:
-    """What is missing at a coefficient as a curve."""
+    """Curve of what is missing at a coefficient."""
 
     in_json: ClassVar[str] = "coefficient over times=second x y std held_out sentence"
 

@@ -220,7 +220,8 @@ def _built(aircraft: Aircraft, outputs: Sequence[str], own: Sequence[Effect], ef
 
 
 def _in_every_flight(value: EffectValue) -> bool:
-    """Whether an effect of the file is a number of the model, as uncertain as the file says; others are attached."""
+    """Return True if an effect of the file is a number of the model, as uncertain as the file states; others are
+    attached."""
     effect = effect_of(value)
     return effect.symbolic and not (value.records or value.onset_s or effect.states)
 
@@ -236,7 +237,7 @@ def _in_all_records(effect: Effect) -> Effect:
 
 
 def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
-    """Whether an effect can show in this model: moving air where something depends on it."""
+    """Return True if an effect can show in this model: moving air only where something depends on it."""
     rotors = aircraft.rotors
     assert rotors is not None
     moved_by_air = aircraft.winged or any(rotors.drag) or rotors.inflow
@@ -377,7 +378,7 @@ def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
 def too_small_in_closed_loop(
     aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria
 ) -> list[NotJudged]:
-    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown. A rotor is
+    """List what the records cannot show of rotors and mass: sizes below the smallest that would have shown. A rotor is
     judged against its stated uncertainty, as one number and not as the best of many."""
     assert aircraft.rotors is not None
     alone = criteria.significance.sigmas / criteria.significance.detectable
