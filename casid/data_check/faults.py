@@ -45,8 +45,8 @@ class Weighed:
 
     alternative: Alternative
     records: tuple[str, ...]  # that have it
-    log_odds: float  # posterior, against the records as they stand
-    rivals: tuple[Alternative, ...]  # other explanations that these data cannot tell from it
+    log_odds: float  # posterior, against the records as given
+    rivals: tuple[Alternative, ...]  # other explanations that these data cannot separate from it
     refused: bool = False  # whether another kind of fault concerns the same channel, so that neither is corrected
 
     @property
@@ -79,7 +79,7 @@ class Weighing:
         self._stated = {n: one[n] for one in stated for n in one if all(other.get(n) == one[n] for other in stated)}
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
-        self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight says so
+        self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight shows them
         self._terms = self._all_terms()
         self._present: dict[tuple[int, int], tuple[float, float]] = {}
         self._response = Response(aircraft, criteria) if aircraft is not None else None
@@ -165,8 +165,8 @@ class Weighing:
 
     def _meanings(self) -> tuple[float, list[FileMeaning]]:
         """Other meanings of the file with which flight would agree, the most probable one first, with those that it
-        cannot be told from, and its log odds; none when the file stands. Of several points of the moments the best one
-        speaks, with the odds of them all."""
+        cannot be separated from, and its log odds; none when the file is kept. Of several points of the moments the
+        best one is returned, with the odds of them all."""
         if self._aircraft is None or self._response is None:
             return 0.0, []
         by = self._criteria
@@ -309,7 +309,7 @@ class Weighing:
         return found
 
     def _stretched(self) -> list[float]:
-        """The factors on time that make rates of rotation what the gyros say, of all records or of some; no units."""
+        """The factors on time that make rates of rotation equal to the gyros, of all records or of some; no units."""
         each = [self._stretches(j) for j in range(len(self.names))]
         found: list[float] = []
         near = self._criteria.one_factor
@@ -408,7 +408,7 @@ class Weighing:
 
     def _prior(self, alternative: Alternative) -> float:
         """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own, and
-        accelerometers stand where there is room."""
+        accelerometers are mounted where there is room."""
         if alternative.kind in INSTRUMENT_ERRORS:
             return -self._criteria.fault - 0.5 * float(np.sum(np.square(alternative.reading.place))) / self._place**2
         if alternative.kind == "data_gravity":

@@ -32,7 +32,7 @@ class Smooth:
     rates: Mapping[str, np.ndarray]
     known: Mapping[str, np.ndarray]  # channel -> (N,) whether enough samples of the window are there
     independent: float  # number of independent samples of a smoothed series: windows in the record
-    density: float | None = None  # [kg/m3] where neither density nor altitude is recorded; None where nothing says it
+    density: float | None = None  # [kg/m3] where neither density nor altitude is recorded; None where it is unknown
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.values

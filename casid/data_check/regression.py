@@ -37,7 +37,7 @@ class Row:
 
     @property
     def besides(self) -> np.ndarray:
-        """Spread of every column that its value does not tell."""
+        """Spread of every column beside its value."""
         return np.append(np.zeros(len(self.prior)), [spread for _, spread in self.errors])
 
     @property

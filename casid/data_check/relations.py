@@ -21,7 +21,7 @@ Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Relation:
-    """needs: channels without which it says nothing; uses: all that enter; sides: the two series of a record.
+    """needs: channels that it cannot do without; uses: all that enter; sides: the two series of a record.
 
     slow: to be seen through the longer window; errors: what ordinary errors of healthy instruments put in, 1-sigma
     each.
@@ -161,7 +161,7 @@ RELATIONS: tuple[Relation, ...] = (
 class Agreement:
     """Covariance of two sides, each without its line, and the number of independent samples that it is from.
 
-    `close` is the least that they have unlike, `scale` within which an instrument is no question of units."""
+    `close` is the least that they have unlike, `scale` within which an instrument does not suggest another unit."""
 
     left: float
     right: float
@@ -230,7 +230,7 @@ def _in_time(
     """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other.
 
     `errors` of the instruments, a delay and a clock that drifts have their prior sizes; the last two are sought step by
-    step, since a slope does not tell large ones. `every` samples are one independent one.
+    step, since a slope does not find large ones. `every` samples are one independent one.
     """
     if not np.isfinite(errors).all():
         return _without_line(rate[at])

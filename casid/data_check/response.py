@@ -215,7 +215,7 @@ _READ_TOO: Mapping[str, str] = {"alpha": "beta", "beta": "alpha"}  # a flow angl
 
 
 class Response:
-    """The response that an aircraft file predicts, and what records say of it."""
+    """The response that an aircraft file predicts, compared with records."""
 
     def __init__(self, aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft | None = None) -> None:
         """`stated`: the file whose values were added up to those of `aircraft`, which have their errors."""
@@ -262,8 +262,8 @@ class Response:
         return found
 
     def likelihood(self, records: Sequence[Read]) -> float:
-        """Log marginal likelihood of the file's derivatives, as far as the records tell of them, with the noise that is
-        left, and of the mean pitching moment. What no derivatives explain is taken off: a missing jump, or a thrust
+        """Log marginal likelihood of the file's derivatives, as far as the records determine them, with the noise that
+        is left, and of the mean pitching moment. What no derivatives explain is taken off: a missing jump, or a thrust
         line, is no evidence for them."""
         plain = self._plain(records)
         noise = self._noise(plain)
@@ -433,7 +433,7 @@ class Response:
         return found
 
     def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, Squares]:
-        """Coefficient -> sums over a record, of the coefficients that it can tell of. What other records have and it
+        """Coefficient -> sums over a record, of the coefficients that it can determine. What other records have and it
         has not must not enter there, nor any motion that is not measured: a rudder makes sideslip, and what that does
         would be taken for the rudder's."""
         if not record.has("V", "rho"):
@@ -477,7 +477,7 @@ def _unexplained(c: Read, rows: Collection[str]) -> float:
 def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[str, Row]:
     """Coefficient -> its derivatives and terms in the file."""
     table: dict[str, list[tuple[str, str, float, float]]] = {}
-    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual says so
+    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual states it
     for coefficient, name, term in aerodynamic_parameters(aircraft):
         value, given = (_value(one, coefficient, name, term) for one in (aircraft, stated))
         size = max(abs(value), abs(given))
@@ -551,7 +551,7 @@ def _regressors(c: Read, aircraft: Aircraft, reading: Reading, criteria: DataCri
 
 
 def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
-    """(N,) coefficients that the motion tells."""
+    """(N,) coefficients that the motion determines."""
     p, q, r = (c.value(name) for name in "pqr")
     pdot, qdot, rdot = (c.rate(name) if c.has(name) else np.zeros(len(p)) for name in "pqr")
     inertia = aircraft.inertia

@@ -1,4 +1,4 @@
-"""Faults of records of multirotors: what the commands of their rotors and the motion say of each other.
+"""Find faults in records of multirotors by comparing the commands of their rotors with the motion.
 
 In flight the rotors carry what the accelerometer reads; on the ground it reads gravity whatever they do. Rolling and
 pitching accelerations follow the commands by the places of the rotors, so that another numbering shows.
@@ -47,7 +47,7 @@ def rotor_faults(records: Sequence[Record], aircraft: Aircraft) -> list[Finding]
 
 
 def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
-    """First and last time [s] at which the rotors carry the aircraft; the whole record where nothing tells."""
+    """First and last time [s] at which the rotors carry the aircraft; the whole record where that is unknown."""
     whole = float(record.t[0]), float(record.t[-1])
     if "az" not in record or not all(name in record for name in rotors.names):
         return whole
@@ -101,7 +101,7 @@ def ground(record: Record, rotors: Rotors) -> Iterator[str]:
 
 
 def until_one_stands(record: Record, rotors: Rotors) -> Record:
-    """The record up to the time from which a rotor stands: its command does not say why, nor what it still does."""
+    """The record up to the time from which a rotor stands: its command shows neither why, nor what it still does."""
     begins = [begin for one in standing(record, rotors) for begin, _ in one.intervals_s[record.name]]
     first = min(begins, default=np.inf)
     return record if first - record.t[0] < _STANDS_S or not begins else record.between(float(record.t[0]), first)

@@ -89,7 +89,7 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry of ``gates`` in diagnosis.json. The outcome tells the sign of an infinite number."""
+        """The gate of an entry of ``gates`` in diagnosis.json. The outcome gives the sign of an infinite number."""
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         least = entry.get("least", True)
         holds = entry["passed"] and not any(other.passed for other in others)
@@ -200,7 +200,7 @@ class Trace:
         Parameters
         ----------
         cause
-            Kind with or without target; a target without its term stands for all terms.
+            Kind with or without target; a target without its term selects all terms.
 
         Raises
         ------

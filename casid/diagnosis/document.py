@@ -232,7 +232,7 @@ class Document:
         "seconds_of_processor"
     )
 
-    # what was diagnosed: its name; the words for its values, and for what speaks against them
+    # what was diagnosed: its name; the words for its values, and for what contradicts them
     name: str
     source: str
     witness: str
@@ -292,7 +292,7 @@ class Document:
     criteria: Criteria
     seconds: Mapping[str, float]
     seconds_of_processor: float
-    # what to fly next, and values that more of the same motion would not tell
+    # what to fly next, and values that more of the same motion would not determine
     next_flights: NextFlights
     limited: tuple[Untold, ...]
     failed: tuple[str, ...]  # what of this could not be computed, with the error

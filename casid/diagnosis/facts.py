@@ -78,7 +78,7 @@ class Combination:
 class Facts:
     """Facts on which statements and verdict depend."""
 
-    # source, witness: what the values are from, "file" or "model"; and what speaks against them, "flight" or "the
+    # source, witness: what the values are from, "file" or "model"; and what contradicts them, "flight" or "the
     # records"
     source: str
     witness: str

@@ -68,7 +68,8 @@ def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | N
 
 
 def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Flight) -> Iterator[Untold]:
-    """Numbers of the aircraft file that the records of a flight do not tell, with those of surfaces that rested."""
+    """Numbers of the aircraft file that the records of a flight do not determine, with those of surfaces that
+    rested."""
     relative = aircraft.relative_uncertainty or np.nan
     for one in parameters:
         if one.flight.determined:

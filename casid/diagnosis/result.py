@@ -193,7 +193,7 @@ class Diagnosis:
         Parameters
         ----------
         cause
-            As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone stands for all its targets.
+            As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone selects all its targets.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class Diagnosis:
 
     @property
     def untold(self) -> tuple[Untold, ...]:
-        """Numbers of an aircraft file that the records do not tell."""
+        """Numbers of an aircraft file that the records do not determine."""
         return tuple(untold(self.parameters, self.aircraft, of_aircraft(self.extended.fit.flight)))
 
     def next_flights(self) -> NextFlights:

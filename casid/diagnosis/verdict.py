@@ -165,7 +165,7 @@ def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
 
 
 def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: Criteria) -> Decision:
-    """The decision on a cause that values reproduce: it is listed with them, for no record tells them apart."""
+    """The decision on a cause that values reproduce: it is listed with them, for no record separates them."""
     return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(common(statistic, criteria),), against=values)
 
 

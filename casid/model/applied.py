@@ -111,7 +111,7 @@ def axes_of(records: Sequence[Record]) -> str:
 
 
 def default_free(applied: Applied) -> list[str]:
-    """The derivatives and terms of the file that stand in an equation of the states that move."""
+    """The derivatives and terms of the file in the equations of the states that move."""
     model = applied.model
     rates = ca.Function("rates", [model.x, model.u, model.p, model.w], [ca.vertcat(model.f, model.h)])
     used = set(rates.sparsity_jac(2, 0).get_col())

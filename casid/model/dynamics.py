@@ -281,7 +281,7 @@ def aircraft_model(
 
     Its parameters are the derivatives and terms of the file, the values of its free tables, `bias_<output>` (nominal 0)
     and one per effect. That one is under `Effect.name` (nominal: the file's value, or 0), with its further ones under
-    `name.parameter`. States of effects stand behind those of the aircraft.
+    `name.parameter`. States of effects follow those of the aircraft.
 
     Parameters
     ----------
@@ -487,8 +487,8 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     """The record with every input channel that an aircraft model wants.
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
-    [trim], constant; the states that a reduction does not move from the measured channels. `record.notes` says what was
-    filled in. Heading and bank go on where they pass 180 or 360 deg.
+    [trim], constant; the states that a reduction does not move from the measured channels. `record.notes` lists what
+    was filled in. Heading and bank go on where they pass 180 or 360 deg.
 
     Parameters
     ----------
@@ -574,7 +574,7 @@ def _without_turning(aircraft: Aircraft, record: Record, seen: Mapping[str, np.n
 
 
 def _check_complete(record: Record, inputs: Sequence[str]) -> None:
-    """Inputs have no gaps: nothing says how they run there."""
+    """Inputs have no gaps: their course there is unknown."""
     for name in inputs:
         if name in record and len(gaps := np.flatnonzero(np.isnan(record[name]))):
             raise InputError(

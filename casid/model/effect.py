@@ -11,7 +11,7 @@ output   an operator on what an instrument reads (delay, lag)
 
 An effect with a state of its own gives both `change` and `series`: a model that has it takes the first. A diagnosis,
 which weighs it against others before it is in the model, the second.
-Whatever else there is to know of a cause stands in its definition too; nothing outside compares names of kinds.
+All else that is known of a cause is in its definition too; nothing outside compares names of kinds.
 """
 
 from __future__ import annotations
@@ -71,9 +71,9 @@ class Event:
 
     timed: bool = True  # it begins at an onset [s] of its own in every record concerned
     recurring: bool = False  # other records may repeat it
-    # the value that says how long it takes from its onset to its end: records determine its middle
+    # the duration from its onset to its end: records determine its middle
     extent: str | None = None
-    # the value that says how long it acts: its onset and its end are apart, and nothing is left behind it
+    # how long it acts: its onset and its end are apart, and nothing is left after it
     lasts: str | None = None
 
 
@@ -97,7 +97,7 @@ class Further:
 class Traits:
     """Conditions under which a diagnosis accepts an effect, and what imitates it."""
 
-    grounded: bool = False  # believed only when kinematics see it: what a file lacks of the forces reads the same
+    grounded: bool = False  # accepted only when kinematics see it: what a file lacks of the forces reads the same
     # it may be in some records and not in others: instruments and loading change between flights
     by_record: bool = False
     # free derivatives imitate it when it is in all records: only differences between records show
@@ -111,9 +111,9 @@ class Traits:
     equal: Callable[[Airframe], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
-    # contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
+    # contrary to the symmetry of an aircraft: accepted only when nothing is missing anywhere beside it
     improbable: bool = False
-    constant: bool = False  # an offset, which a drift imitates: believed only when its reading is steady beside it
+    constant: bool = False  # an offset, which a drift imitates: accepted only when its reading is steady beside it
     late: bool = False  # the value is by how much [s] the reading is late
     # it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     balance: bool = False
@@ -150,7 +150,7 @@ class Effect:
     kind: str = ""  # that of its `cause` where it is not given
     target: str = ""
     term: str | None = None
-    variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
+    variant: str = ""  # separates it from an effect of its kind and target with other further parameters
     # the value is an amplitude that enters linearly at its null 0, so a score gives its size; otherwise (lag, dead
     # zone) sizes of `further.grid` are tried
     linear: bool = True
@@ -164,7 +164,7 @@ class Effect:
     regressor: str | None = None  # term that the value multiplies in the coefficient `target`
     # coefficients that change together, the first by the value, the others by parameters of their names
     members: tuple[str, ...] = ()
-    enters: str | None = None  # disturbance station at which an unknown time history would stand for it
+    enters: str | None = None  # disturbance station at which an unknown time history would replace it
     station: str | None = None
     units: Mapping[str, str] = field(default_factory=dict)  # SI units of the further parameters that `change` takes
     # further state -> channel that it starts from; `change` sets its rate in `path.derivative`

@@ -53,7 +53,7 @@ class Named(Protocol):
 
 
 def effect_of(value: Named) -> Effect:
-    """The Effect that an `[[effects]]` entry of an aircraft file, or a cause, speaks of."""
+    """The Effect that an `[[effects]]` entry of an aircraft file, or a cause, refers to."""
     kind = KINDS[value.kind]
     make = next((make for name, make in kind.variants.items() if name in value.parameters), kind.make)
     return make(value.target or "", value.term) if value.term else make(value.target or "")

@@ -15,7 +15,7 @@ from casid.errors import InputError
 
 _FINER = 4  # points a sample along which a limit on a rate is followed
 _STRAIGHT = 0.03  # of a period: over that, a wave is a straight line to 0.3 %
-CYCLES = 1.0  # of an oscillation between samples, beyond which these tell nothing of what drives it
+CYCLES = 1.0  # of an oscillation between samples, beyond which these do not determine what drives it
 
 
 def delay(t: np.ndarray, y: np.ndarray, tau: float) -> np.ndarray:
@@ -143,7 +143,7 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: float, damping: float) -> tuple[np.ndarray, np.ndarray]:
     """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative, for
     uniform t. A cubic spline between samples, because straight lines weaken what is near the mode's frequency. Raises
-    InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows."""
+    InputError for more than one cycle between samples, which y does not resolve, and for a mode that grows."""
     w0 = 2.0 * np.pi * frequency_hz
     dt = float(np.median(np.diff(t)))
     if not (0.0 < frequency_hz * dt <= CYCLES and damping >= 0.0):

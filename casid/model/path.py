@@ -316,7 +316,7 @@ def given_series(path: SignalPath) -> dict[str, Any]:
 
 
 def settle_rates(path: SignalPath) -> None:
-    """Put the rates of the flow angles, as all forces make them, where the coefficients are said in them."""
+    """Put the rates of the flow angles, as all forces make them, where the coefficients depend on them."""
     whole = ca.vertcat(*path.coefficient.values())
     if not ca.depends_on(whole, path.rates):
         return

@@ -186,7 +186,7 @@ def _trim(a: Aircraft) -> Iterator[Doubt]:
 
 
 def lift_in_trim(a: Aircraft) -> float | None:
-    """Lift over weight in the trim of the file, None where it does not say."""
+    """Lift over weight in the trim of the file, None where it does not give them."""
     zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if a.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
     linear = not (a.tables or a.aerodynamics or a.terms.get(zero[:2])) and {zero, slope} <= a.derivatives.keys()
     if not linear or not {"V", "rho", "alpha"} <= a.trim.keys():
@@ -197,7 +197,7 @@ def lift_in_trim(a: Aircraft) -> float | None:
 
 
 def moment_in_trim(a: Aircraft) -> float | None:
-    """Pitching moment coefficient that the file leaves in its own trim, None where it does not say."""
+    """Pitching moment coefficient that the file leaves in its own trim, None where it gives none."""
     linear = not (a.tables or a.aerodynamics or a.terms.get("Cm")) and {"Cm_0", "Cm_alpha"} <= a.derivatives.keys()
     if not linear or not {"V", "rho", "alpha", "delta_e", "thrust"} <= a.trim.keys():
         return None

@@ -87,7 +87,7 @@ def simulate(
     substeps: int = 1,
     integrator: str = "runge-kutta",
 ) -> Simulation:
-    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record says.
+    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record states.
 
     A model in discrete time goes from sample to sample by its own equations.
 

@@ -78,7 +78,7 @@ class Model:
     period
         Time from one sample to the next [s] of a model in discrete time; None in continuous time.
     events
-        Event -> (states,) state after it, an expression of the state before it, of u and p; records say when.
+        Event -> (states,) state after it, an expression of the state before it, of u and p; records give the times.
 
     Examples
     --------

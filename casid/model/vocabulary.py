@@ -44,7 +44,7 @@ def check_effect(kind: str, target: str | None, term: str | None = None, where: 
         raise InputError(f"{prefix}effect '{kind}' has no target, got '{target}'; leave it out")
     parts = entry.parts(target)
     for part in parts:
-        if part not in entry.targets and not entry.of_rotors:  # which rotors there are an aircraft says
+        if part not in entry.targets and not entry.of_rotors:  # an aircraft defines its rotors
             raise unknown(f"target of '{kind}'", part, entry.targets, where)
     if len(set(parts)) != len(parts):
         raise InputError(f"{prefix}effect '{kind}': target '{target}' names a coefficient twice")
@@ -94,7 +94,7 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
 
 
 def _either(sentence: str, value: float) -> tuple[str, float]:
-    """A template for the sign of a value, and the value, without its sign where the words say it."""
+    """A template for the sign of a value, and the value, without its sign where the words state it."""
     chosen = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], sentence)
     return chosen, value if chosen == sentence else abs(value)
 
@@ -116,7 +116,7 @@ def title_of(effect: Effect) -> str:
 
 
 def _of_a_table(target: str, term: str | None) -> tuple[str, str | None]:
-    """Target and term for a person; a stretch of a table of a derivative is said of the derivative: Cl_p at alpha 8 to
+    """Target and term for a person; a stretch of a table of a derivative names the derivative: Cl_p at alpha 8 to
     14 deg."""
     if not term or "[" not in term:
         return target, term

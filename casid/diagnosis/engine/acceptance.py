@@ -68,7 +68,7 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
     """The gates on the fitted size of a cause: it matters, is clear, possible and slow enough for the samples, and an
     event begins inside a record.
 
-    `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
+    `share` is its size in units of the smallest that matters; `confirmed` is True if the kinematic check finds it.
     """
     criteria = fitted.criteria
     alone = confirmed or one.effect.of_an_instrument
@@ -334,7 +334,7 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
 def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> dict[str, Gate]:
     """Name of an alternative -> its gate for being in one ambiguity set with the best trial.
 
-    A trial that cannot replace the best one, although it may pass its own gates, has the gate that says why.
+    A trial that cannot replace the best one, although it may pass its own gates, has the gate that explains it.
     """
     found = {t.candidate.name: gates.confirmed_by_kinematics(t.confirmed) for t in trials if t.effect.traits.grounded}
     found |= {t.candidate.name: gates.best_of_its_forms() for t in trials if t.effect.key == best.effect.key}

@@ -271,7 +271,7 @@ class Flight:
         """The flight with the noise of doubted outputs raised according to `left`, the residuals of every record.
 
         Residuals in the octave above the motion (`motion_edge`) are counted, at most as much as was measured there,
-        which stands alone where a simulation that departed left no residuals of a channel.
+        which is used alone where a simulation that departed left no residuals of a channel.
         This assumes that the noise has the same density below that octave, and that the residuals in it are no fault.
         """
         edge = motion_edge(self.records)

@@ -45,7 +45,7 @@ class FlightValue:
 
     A term that was added to the model changes the slope of a derivative along the flight. `value` is the slope where
     the term vanishes; `at_trim` is that at the trim of the file, with its 1-sigma. A linear model of a curved aircraft
-    has the latter, but its file does not say so: it must differ from both to be contradicted.
+    has the latter, but its file does not state so: it must differ from both to be contradicted.
     """
 
     value: float
@@ -226,12 +226,12 @@ class Contradiction:
 
     parameter: str  # name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
     unit: str
-    # what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where nothing
+    # value of the file, in `unit`; `flight` that of the records with its corrected 1-sigma `std`, NaN where nothing
     # was fitted
     given: float
     flight: float
     std: float
-    reversed: bool  # flight has the other sign; `impossible` no aircraft has what the file says
+    reversed: bool  # flight has the other sign; `impossible` no aircraft has this value
     impossible: bool
     sentence: str
 
@@ -247,7 +247,7 @@ class Contradiction:
 
 
 def impossible(doubt: Doubt) -> Contradiction:
-    """A number of the file that no aircraft has, whatever flight says."""
+    """A number of the file that no aircraft has, whatever flight shows."""
     return Contradiction(
         parameter=doubt.parameter,
         unit=doubt.unit,

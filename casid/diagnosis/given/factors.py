@@ -329,7 +329,7 @@ def borne_out(
 ) -> tuple[Doubt, ...]:
     """The doubts without those about a unit that flight refutes.
 
-    A unit scales every derivative that it touches by a known factor. It is said only when the re-estimated value of
+    A unit scales every derivative that it touches by a known factor. It is reported only when the re-estimated value of
     each of them is nearer to that factor than to the file, on the scale of logarithms. `slopes` are those of
     derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
     """

@@ -54,7 +54,7 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     """List what stays open in the axes of a flight: instruments, moving air, and numbers of the file.
 
     given    the records as they were read
-    values   what flight says of every number of the file
+    values   value in flight of every number of the file
     """
     absent = [name for name in _EXPECTED[flight.axes] if not any(name in record for record in given)]
     unused = [name for name in _EXPECTED[flight.axes] if name not in (*flight.outputs, *absent)]
@@ -398,7 +398,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records
     flight = prepare(aircraft, powered.records, criteria, judged.name, average=True)
-    flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
+    flight.with_records(flight.aircraft, unseen)  # what they lack is reported before the work begins
     flight = replace(flight, unknown=powered.unknown)
     return Scope(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))
 

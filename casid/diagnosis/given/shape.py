@@ -133,7 +133,7 @@ def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points],
         return None
     x = np.linspace(basis.low, basis.high, _BY.shown)
     design = basis.design(x)
-    if basis.times == _ALONE:  # a constant is not told: every record has an offset of its own
+    if basis.times == _ALONE:  # a constant is not determined: every record has an offset of its own
         design -= np.mean(np.concatenate([basis.design(one.variables[basis.over]) for one in fitted]), axis=0)
     return Shape(
         coefficient=coefficient,

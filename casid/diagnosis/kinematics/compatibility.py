@@ -189,7 +189,7 @@ class Compatibility:
 
     @property
     def against(self) -> tuple[str, ...]:
-        """All that speaks against the measurements, in words: faults of the data, errors, what is left above noise."""
+        """All that contradicts the measurements, in words: faults of the data, errors, what is left above noise."""
         high = [f"{label_of(n)} {x:.2g}" for n, x in self.left.items() if x > self.most_left]
         left = [f"More than noise is left between measured and reconstructed, times the noise: {', '.join(high)}."]
         left = left if high else []

@@ -242,7 +242,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
 def in_other_air(fitted: FlightFit) -> FlightFit:
     """The same turbulence in the other form: uniform over the aircraft, or with its gradients.
 
-    Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
+    Records separate the forms by the derivatives that each of them would need; a file does not know either.
     """
     flight = of_aircraft(fitted.flight)
     wind = {n: one for n, one in fitted.noise.coloured.items() if n in WIND}

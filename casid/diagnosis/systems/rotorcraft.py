@@ -75,7 +75,7 @@ _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origi
 
 
 def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> tuple[str, ...]:
-    """The channels of the motion that the records measure. Raises InputError where none tells of rotation."""
+    """The channels of the motion that the records measure. Raises InputError where none measures rotation."""
     modelled = (*outputs_of(aircraft), *INTEGRALS, *GROUND)
     found = tuple(n for n in modelled if n not in _ACCELERATIONS and moves(records, n, criteria.noise))
     if not set(found) & {"p", "q", "phi", "theta", *GROUND[:2], "north", "east"}:
@@ -289,7 +289,7 @@ def most_likely_noise(
 
 
 def first_fit(plant: Plant) -> FlightFit:
-    """The file with its numbers estimated, and the timing of its inputs, which no record tells to a sample.
+    """The file with its numbers estimated, and the timing of its inputs, which no record determines to a sample.
 
     What is later than a log may be late is a cause: the timing is then that of the record, so that causes compete.
     """
@@ -308,8 +308,8 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     """The plant and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
     than a sample.
 
-    Its correlation time tau is at most what records of length T can tell from one without end, as its relative 1-sigma
-    is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
+    Its correlation time tau is at most the longest that records of length T can separate from an infinite one, as its
+    relative 1-sigma is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
     """
     length = sum(record.duration for record in plant.records)
     longest = length / (2.0 * fitted.criteria.significance.sigmas**2)

@@ -46,7 +46,7 @@ class SystemCriteria:
     cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range")
 
 
-# kind -> what it says, with fields target, term, size and [late|early]
+# kind -> sentence, with fields target, term, size and [late|early]
 SENTENCES = {
     "input_delay": "{target} acts {size} [late|early] by the model.",
     "actuator_lag": "{target} acts with a lag of {size} that the model lacks.",

@@ -35,7 +35,7 @@ def _own_tables(aircraft: Airframe) -> tuple[Table, ...]:
 
 
 def _extent(term: Term) -> tuple[int, float]:
-    """Shorter stretches first, and those of one variable: the simplest of what a record cannot tell apart."""
+    """Shorter stretches first, and those of one variable: the simplest of what a record cannot separate."""
     return len(term.stretches), sum(one.corners[2] - one.corners[1] for one in term.stretches)
 
 
