@@ -218,7 +218,7 @@ class _ProfileSearch:
 
 
 def _next_distance(known: list[tuple[float, float]], reach: float) -> float:
-    """Where the root of the deviance is expected to reach `reach`: inside the bracket when there is one."""
+    """Return where the root of the deviance is expected to reach `reach`: inside the bracket when there is one."""
     below = max((k for k in known if k[1] < reach), key=lambda k: k[0])
     above = min((k for k in known if k[1] > reach and k[0] > below[0]), key=lambda k: k[0], default=None)
     if above is not None:

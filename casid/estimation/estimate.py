@@ -132,7 +132,7 @@ def solve(
 
 
 def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
-    """From the problem's own start."""
+    """Solve from the problem's own start."""
     begin = time.perf_counter()
     clock = timed(solver, begin)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm

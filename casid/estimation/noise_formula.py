@@ -194,7 +194,7 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
 
 
 def _at_start(problem: Problem) -> _Squares:
-    """With every 1-sigma as it is at the start values, at the readings."""
+    """Evaluate every 1-sigma at the start values, at the readings."""
     model = problem.model
     reference = {}
     for r, record in enumerate(problem.records):

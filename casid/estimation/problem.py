@@ -184,12 +184,12 @@ class Problem:
 
     @property
     def is_output_error(self) -> bool:
-        """Whether the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
+        """Return True if the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
         return (float(self.cost.output_weight), float(self.cost.equation_weight)) == (1.0, 0.0)
 
     @property
     def simulated(self) -> bool:
-        """Whether a trajectory takes part in the cost."""
+        """Return True if a trajectory takes part in the cost."""
         return self.weights[0] > 0.0
 
     @cached_property

@@ -1,4 +1,4 @@
-"""What a person should know of a fit that its status does not say: channels that it misses, values that contradict."""
+"""Write what a person should know of a fit beside its status: channels that it misses, values that contradict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a solution ended, and for what reason: a state, a parameter, a time or an expression is named."""
+"""Explain how a solution ended, and for what reason: a state, a parameter, a time or an expression is named."""
 
 from __future__ import annotations
 

@@ -184,7 +184,7 @@ def _minima(fits: Sequence[Fit], best: float) -> tuple[Minimum, ...]:
 
 
 def _same(one: Fit, other: Fit) -> bool:
-    """Whether two ends are one minimum: no data could tell them apart."""
+    """Return True if two ends are one minimum: no data could separate them."""
     if abs(_badness(one) - _badness(other)) > _LIKELY:
         return False
     value = np.array(list(one.values.values()))

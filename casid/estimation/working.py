@@ -75,7 +75,7 @@ class Working:
         }
 
     def _with_noise(self, fit: Fit) -> Fit:
-        """What is in units of the noise of its sample in units of the channel."""
+        """Return the fit in units of the channels, from one in units of the noise of each sample."""
         outputs = self.posed.model.outputs
         if not set(self.posed.sigma_channels) <= set(outputs):
             raise EstimationError("solve: noise per sample is given for a channel that is not an output")

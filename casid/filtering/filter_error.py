@@ -111,7 +111,7 @@ class FilterFit:
 
     @property
     def result(self) -> Results:
-        """How the iteration ended, of an enumeration whose values say what to do about it."""
+        """Return how the iteration ended, of an enumeration whose values state what to do about it."""
         return self.ended.result
 
     @property
@@ -121,7 +121,7 @@ class FilterFit:
 
     @property
     def converged(self) -> bool:
-        """Whether neither parameters nor noise would move any more."""
+        """Return True if neither parameters nor noise would move any more."""
         return self.ended.converged
 
     @property
@@ -221,7 +221,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _End:
-    """Where an iteration ended; `lost` are parameters of which the data say nothing there."""
+    """End of an iteration; `lost` are parameters that the data do not determine there."""
 
     theta: np.ndarray
     noise: NoiseModel
@@ -232,7 +232,7 @@ class _End:
 
 
 def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
-    """From the parameters theta, with a first guess of noise and trajectory."""
+    """Iterate from the parameters theta, with a first guess of noise and trajectory."""
     linear = system.linearise(theta, system.measured)
     log_sigma = _first_noise(system, linear)
     slope = np.zeros(len(theta))

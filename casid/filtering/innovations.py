@@ -32,7 +32,7 @@ _BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay i
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """What is random."""
+    """Random part of a model: noise of measurements, inputs and states."""
 
     measurement: Mapping[str, float]  # output -> 1-sigma, white from sample to sample
     # disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the input, linear

@@ -198,7 +198,7 @@ def _range_of(index: np.ndarray) -> tuple[int, int]:
 
 
 def _as_it_lies(array: np.ndarray) -> ctypes.c_void_p:
-    """Where an array begins that the function writes to, also one that is part of a larger one."""
+    """Return where an array begins that the function writes to, also one that is part of a larger one."""
     return ctypes.c_void_p(array.ctypes.data)
 
 

@@ -30,7 +30,7 @@ class DampedSearch:
         self.damping, self.raise_by, self.price, self.largest = _FIRST, 2.0, 0.0, np.zeros(1)
 
     def advance(self, at: Iteration, linear: Linearised) -> Status | None:
-        """As of `Search`."""
+        """Advance as `Search` asks."""
         self.largest = np.maximum(self.largest, np.diagonal(linear.hessian))
         undamped = self._look(at, linear, 0.0)
         if undamped is not None and at.is_solution(undamped):
@@ -58,7 +58,7 @@ class DampedSearch:
             return None
 
     def _tried(self, at: Iteration, linear: Linearised) -> bool:
-        """Whether the point after the damped step is better, to which the iteration then moves."""
+        """Return True if the point after the damped step is better; the iteration then moves to it."""
         step = self._step(at, linear, self.damping)
         if step is None:
             return False

@@ -1,4 +1,4 @@
-"""Of which parameters the data say nothing at a point."""
+"""Find the parameters that the data do not determine at a point."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
 
 def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
-    """As `lost`, by an information matrix at theta, of parameters that can move in the directions `free`."""
+    """Return `lost` by an information matrix at theta, for parameters that can move in the directions `free`."""
     return determined_along(problem, information, free, theta)[0]
 
 
 def determined_along(
     problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """As `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
+    """Return `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
     names = problem.parameters
     start = np.abs(problem.start_vector)
     # a parameter that begins at zero and stays there has no size of its own

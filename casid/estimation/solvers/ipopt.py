@@ -227,7 +227,7 @@ def _gauss_newton_hessian(programme: Programme) -> ca.Function:
 
 
 def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
-    """What two problems on one model must share to share a programme."""
+    """Return what two problems on one model must share to share a programme."""
     problem = objective.problem
     shapes = tuple((name, s.shape) for pack in (x, d) for name, s in pack.symbols.items())
     layout = (
@@ -280,7 +280,7 @@ def _relaxed(
 
 
 def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
-    """Whether IPOPT is content where the data say nothing of some parameter."""
+    """Return True if IPOPT stops where the data do not determine some parameter."""
     if not outcome.converged:
         return False
     linear = linear_at(objective, outcome)
@@ -288,7 +288,7 @@ def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
 
 
 def _is_solution(objective: Objective, point: Point, value: ObjectiveValue) -> bool:
-    """Whether a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
+    """Return True if a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
     if objective.problem.path_constraints or value.worst() > 1e-8:
         return False
     step = _gauss_newton_step(objective, point, value)

@@ -39,7 +39,7 @@ class Equations(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the equations, the columns."""
+        """Names of the equations, the columns."""
         ...
 
     @property
