@@ -28,7 +28,7 @@ def given(value: Any) -> str:
 
 
 def is_path(value: Any) -> TypeGuard[str | Path]:
-    """Whether a value can name a file."""
+    """Return True if a value can name a file."""
     return isinstance(value, (str, Path))
 
 

@@ -285,7 +285,7 @@ def unit_of(channel: str) -> str:
 
 
 def label_of(channel: str) -> str:
-    """How a person calls a channel; its own name when casid does not know it."""
+    """Return the label of a channel for a person; its own name when casid does not know it."""
     return CHANNELS[channel].label if channel in CHANNELS else channel
 
 

@@ -25,7 +25,7 @@ _SHORT = 0.05  # s by which a rest may fall short
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a test asks of the flight, and what the flight has."""
+    """Condition that a test asks of the flight, and what the flight has."""
 
     name: str  # what is asked about, "configuration"
     asked: str  # asked, found: both in words

@@ -35,7 +35,7 @@ _LOOPS: Mapping[str, tuple[str | None, str]] = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What a simulation gives of a manoeuvre."""
+    """Simulation of a manoeuvre."""
 
     channels: Mapping[str, np.ndarray]  # name -> (N,) as the instruments would read it; empty when it diverged
     # surface -> (N,) what a closed-loop controller added [rad]; empty for open loop
@@ -56,7 +56,7 @@ def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ToFly:
-    """What is flown of a record: its windows, with smoothed channels `curves` and channels that are `wanted`."""
+    """Part of a record that is flown: its windows, with smoothed channels `curves` and channels that are `wanted`."""
 
     record: Record
     curves: Mapping[str, np.ndarray]
@@ -174,6 +174,6 @@ def calibrated_airspeed(V: np.ndarray, rho: np.ndarray, altitude: np.ndarray | N
 
 
 def _altitude_of_density(rho: np.ndarray) -> np.ndarray:
-    """Where the standard troposphere has a density: `standard_density` inverted."""
+    """Return the altitude at which the standard troposphere has a density: `standard_density` inverted."""
     grid = np.linspace(-2000.0, 20000.0, 2201)
     return np.interp(-rho, -standard_density(grid), grid)

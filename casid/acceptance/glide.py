@@ -81,7 +81,7 @@ class _Flattest:
         self.quantities = Implicit(unknown=unknown, residual=whole, held=held, p=flight.p, quantities=told)
 
     def multipliers(self, z: np.ndarray, V: float, held: list[float], p: np.ndarray) -> np.ndarray:
-        """Of a glide that need not be the flattest."""
+        """Return the multipliers of a glide that need not be the flattest."""
         return np.linalg.solve(self._slope(z, V, held, p).full().T, self._towards)
 
 

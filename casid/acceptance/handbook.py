@@ -72,7 +72,7 @@ class TrimCurves:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Handbook:
-    """What `modes` finds.
+    """Result of `modes`: eigenmodes, trim and performance of an aircraft.
 
     Attributes
     ----------
@@ -343,7 +343,7 @@ def _curves(flight: SteadyFlight, known: Known, point: Mapping[str, float], V: n
 
 
 def _notes(flight: SteadyFlight, silent: Sequence[str], known: Known) -> list[str]:
-    """What is to be said of the flight: planes without aerodynamics, effects that were left out."""
+    """List remarks on the flight: planes without aerodynamics, effects that were left out."""
     notes = [*known.notes, *(f"the file has no {plane} aerodynamics: no {plane} modes are given" for plane in silent)]
     if flight.left_out:
         names = ", ".join(sorted({e.kind for e in flight.left_out}))

@@ -56,7 +56,7 @@ _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its values
 
 @dataclass(frozen=True, kw_only=True)
 class IsolableCause:
-    """What a manoeuvre can tell of a cause."""
+    """Size from which a manoeuvre detects a cause, and the causes that it is confused with."""
 
     in_json: ClassVar[str] = "matters smallest unit detection told confusion"
 
@@ -86,7 +86,7 @@ class Addition:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Isolability:
-    """What `isolability` finds.
+    """Result of `isolability`: which causes some manoeuvres can detect and separate.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Judged:
-    """Of causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
+    """Causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
 
     channels: tuple[str, ...]
     names: tuple[str, ...]
@@ -264,7 +264,7 @@ class _Judged:
         return found
 
     def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
-        """By name."""
+        """Return the causes by name."""
         enough = criteria.significance.detectable
         found = {}
         table = self.confusion
@@ -348,8 +348,8 @@ def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effe
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Shown:
-    """How causes show in each of R records of a fit. What they show in some of these are sums, for which no record is
-    flown again."""
+    """Responses to causes in each of R records of a fit. In a part of the records they are sums, for which no record
+    is flown again."""
 
     fitted: FlightFit
     rows: tuple[_Row, ...]

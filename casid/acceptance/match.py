@@ -131,7 +131,7 @@ def proof_of_match(
 
 
 def _axes(aircraft: Aircraft, record: Record) -> str:
-    """What the surfaces of a record allow and the aircraft has aerodynamics of."""
+    """Return the axes that the surfaces of a record allow and for which the aircraft has aerodynamics."""
     axes = axes_of([record])
     modelled = [one for one in ("longitudinal", "lateral") if has_aerodynamics(aircraft, one)]
     return modelled[0] if axes == "full" and len(modelled) == 1 else axes
@@ -248,7 +248,7 @@ class _Flight:
 
     @cached_property
     def measured(self) -> list[Measured]:
-        """What it has of each test."""
+        """Flight data of each test."""
         return [flight_of(test, self.record, self.smoothed, window) for test, window in self.chosen]
 
 

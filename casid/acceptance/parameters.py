@@ -1,4 +1,4 @@
-"""What is known of the parameters of an aircraft: their values and the covariance of their errors."""
+"""Collect what is known of the parameters of an aircraft: their values and the covariance of their errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ class Known:
 
 
 def known_by_file(flight: SteadyFlight) -> Known:
-    """As the file says: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all independent."""
+    """Return what the file states: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all
+    independent."""
     model = flight.model
     aircraft = flight.aircraft
     of_effects = {effect_of(e).name: e.std for e in aircraft.effects if e.std > 0.0}
@@ -44,13 +45,13 @@ def known_by_file(flight: SteadyFlight) -> Known:
 
 
 def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
-    """As an estimate says, with its corrected covariance."""
+    """Return what an estimate gives, with its corrected covariance."""
     return known_by_estimate(flight, fit.values, fit.covariance_corrected)
 
 
 def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
-    """As a diagnosis says of its extended aircraft: the correlations of the extended model's fit, with the corrected
-    standard deviations of the flight, or those of the prior where these are smaller."""
+    """Return what a diagnosis gives for its extended aircraft: the correlations of the extended model's fit, with
+    the corrected standard deviations of the flight, or those of the prior where these are smaller."""
     fitted = diagnosis.extended.fit
     parameters = flight.model.parameters
     # a minor cause that is a term stands in the file as such
@@ -87,7 +88,7 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
 
 
 def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
-    """What an estimate.json says, which `where` names in errors; InputError when it is none."""
+    """Return what an estimate.json gives, which `where` names in errors; InputError for any other file."""
     try:
         parameters = document["parameters"]
         correlation = document["correlation"]

@@ -51,7 +51,7 @@ class Tolerance:
 
     @property
     def words(self) -> str:
-        """What is compared, for a person: "pitch rate", "period of sideslip angle"."""
+        """Name of what is compared: "pitch rate", "period of sideslip angle"."""
         if self.quantity is None:
             return told(self.channel)
         of = told(self.channel) if self.reference is None else f"{told(self.channel)} and {told(self.reference)}"
@@ -77,7 +77,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What the flight must have been like for a test to apply: the largest size of a channel, SI."""
+    """Condition of the flight for a test to apply: the largest size of a channel, SI."""
 
     channel: str
     peak_from: float
@@ -167,7 +167,7 @@ class Standard:
 
 
 def told(channel: str) -> str:
-    """How a standard calls a channel."""
+    """Return the name that a standard gives to a channel."""
     return _WORDS.get(channel, label_of(channel))
 
 

@@ -225,7 +225,7 @@ def _standard_unknowns(search: _InputSearch, shape: StepInput) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """Where IPOPT stopped: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
+    """End of IPOPT: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
 
     z: np.ndarray
     status: str

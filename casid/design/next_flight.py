@@ -1,4 +1,4 @@
-"""What to fly next: the manoeuvres that would separate what stayed ambiguous, and tell what these records do not."""
+"""Design what to fly next: the manoeuvres that would separate what stayed ambiguous, and excite what rested."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Exciting:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlights:
-    """What to fly next, and the questions that no manoeuvre of one surface answers."""
+    """Manoeuvres to fly next, and the questions that no manoeuvre of one surface answers."""
 
     flights: tuple[Separating | Exciting, ...] = ()
     beyond: tuple[Question, ...] = ()
@@ -88,7 +88,7 @@ class Untold:
     corrected: float
 
     def unmoved(self, least: float) -> bool:
-        """Whether it was not excited: by noise alone, less than `least` of what is known would come from the
+        """Return True if it was not excited: by noise alone, less than `least` of what is known would come from the
         records."""
         return not self.stated**2 / (self.stated**2 + self.by_noise**2) > least
 
@@ -129,7 +129,7 @@ def next_flights(questions: Iterable[Question], unmoved: Sequence[Untold], setti
 
 
 def _at_trim(aircraft: Aircraft, flown: Sequence[Record]) -> Aircraft:
-    """With the trim that its file has, else that of the records."""
+    """Return the aircraft with the trim that its file has, else that of the records."""
     if "V" in aircraft.trim and {"altitude", "rho"} & set(aircraft.trim):
         return aircraft
     own = {name: _median(flown, name) for name in ("V", "rho") if any(name in r for r in flown)}

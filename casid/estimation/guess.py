@@ -185,8 +185,7 @@ def _values(problem: Problem) -> dict[str, float]:
 
 
 def _twentieth(records: Sequence[Record], name: str) -> float:
-    """Return a twentieth of the range of a channel over all records; for a channel that is constant or missing any
-    number."""
+    """Return a twentieth of the range of a channel over all records; a nominal size if it is constant or missing."""
     read = np.concatenate([record[name] for record in records if name in record] or [np.zeros(0)])
     read = read[np.isfinite(read)]
     if not len(read):

@@ -22,7 +22,7 @@ _POWERS = ("0", "alpha", "alpha^2", "alpha^3")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Absorbed:
-    """What a target is made of."""
+    """Content of a target: aircraft, its terms, and what no number of it holds."""
 
     aircraft: Aircraft  # without effects
     # coefficient -> canonical monomial ("0" for the constant) -> value, of all that is not zero
@@ -30,7 +30,7 @@ class Absorbed:
     left: tuple[str, ...]  # effects that no number of an aircraft holds, a line each
 
     def value(self, coefficient: str, term: str) -> float:
-        """Of a term; zero where the file has none."""
+        """Return the value of a term; zero where the file has none."""
         return self.rows.get(coefficient, {}).get(term, 0.0)
 
     def beyond(self, held: Mapping[str, Sequence[str]]) -> list[str]:

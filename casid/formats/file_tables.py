@@ -57,7 +57,8 @@ class FileTable:
     places: tuple[int, ...]  # axis of the file that each axis of `table` is
 
     def share(self, term: str) -> np.ndarray:
-        """By which part a stretch changes each value of the file, in its shape; along what is held, all of them."""
+        """Return the part by which a stretch changes each value of the file, in its shape; along what is held, all
+        of them."""
         stretches = {one.variable: one for one in parse_term(term).stretches}
         axes = dict(zip(self.places, zip(self.table.axes, self.table.grid.breakpoints, strict=True), strict=True))
         along = []
@@ -220,6 +221,6 @@ def in_comment(text: str) -> str:
 
 
 def comment(left: Sequence[str]) -> str:
-    """What a file cannot say, as a comment of it."""
+    """Write what a file cannot hold, as a comment of it."""
     lines = "".join(f"\n       {in_comment(line)}" for line in left)
     return f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n"

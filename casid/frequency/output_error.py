@@ -217,7 +217,7 @@ class _Outputs:
 
     @property
     def eliminated(self) -> int:
-        """How many unknowns the projections take."""
+        """Number of unknowns that the projections remove."""
         return sum(int(np.linalg.matrix_rank(t, tol=_SHOWN * np.linalg.norm(t, 2))) for t, _ in self._steps.values())
 
     @cached_property

@@ -187,7 +187,7 @@ class FourierEquations:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Signals:
-    """What the equations take of a piece."""
+    """Signals of a piece that the equations use."""
 
     piece: Piece
     signals: np.ndarray  # (N, channels of the form), zero for the derivatives that are not recorded

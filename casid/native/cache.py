@@ -30,7 +30,7 @@ _names: dict[Path, tuple[int, tuple[str, ...]]] = {}  # folder -> its modificati
 
 
 def cache_folder() -> Path:
-    """Where compiled libraries are kept between runs: ``casid`` in the user's cache folder."""
+    """Return the folder that keeps compiled libraries between runs: ``casid`` in the user's cache folder."""
     return platformdirs.user_cache_path("casid")
 
 
@@ -115,7 +115,7 @@ def _folder(wanted: Path) -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether the folder is a real one of this user, into which nobody else may write."""
+    """Return True if the folder is a real one of this user, into which nobody else may write."""
     if not hasattr(os, "getuid"):
         return True
     state = folder.lstat()

@@ -68,7 +68,7 @@ def c_compiler() -> str | None:
 
 @cache
 def _version(compiler: str) -> str | None:
-    """What the compiler says of itself; None when it cannot even do that."""
+    """Return the version that the compiler prints; None when it cannot even do that."""
     try:
         return _run([compiler, "--version"], 10.0, dict(os.environ))
     except (OSError, subprocess.SubprocessError):
@@ -102,15 +102,15 @@ def _give_up(why: str) -> None:
 
 
 def compile_first() -> bool:
-    """Whether kernels are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that decides,
-    a machine that is busy or has not compiled yet switches later, and their sums differ in the last digits. A
-    `Compilable` does the same operations in the same order either way."""
+    """Return True if kernels are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that
+    decides, a machine that is busy or has not compiled yet switches later, and their sums differ in the last digits.
+    A `Compilable` does the same operations in the same order either way."""
     return bool(os.environ.get("CASID_COMPILE_FIRST"))
 
 
 @cache
 def _machine() -> str:
-    """What a compiled library depends on besides its source: versions of compiler and C library, processor."""
+    """Return what a compiled library depends on besides its source: versions of compiler and C library, processor."""
     compiler = c_compiler()
     version = _version(str(compiler))
     info = Path("/proc/cpuinfo")
@@ -156,7 +156,7 @@ def compiling_until(deadline: float) -> Iterator[None]:
 
 
 def is_time_to_compile(seconds: float = 0.0) -> bool:
-    """Whether what takes so long to compile would end in the time that there is."""
+    """Return True if a compilation that takes so long would end in the time that is left."""
     return time.perf_counter() + seconds < _until.get()
 
 
@@ -193,12 +193,12 @@ _NO_C = ("CallbackInternal", "Newton")  # a Python function, and Newton's method
 
 
 def _has_no_source(function: ca.Function) -> bool:
-    """Whether there is a function in it of which no C can be made."""
+    """Return True if it contains a function from which no C can be made."""
     return any(one.class_name() in _NO_C for one in function.find_functions())
 
 
 def _tape_of(function: ca.Function) -> Tape | None:
-    """Of a function that calls Python, where that can be done for many points at once."""
+    """Return the tape of a function that calls Python, where that can be done for many points at once."""
     try:
         return Tape(function) if function.is_a("SXFunction") else None
     except UnknownOperationError:

@@ -40,7 +40,7 @@ def _stages(linear: ca.Function) -> range:
 
 
 def sizes_of(linear: ca.Function, noises: int) -> Sizes:
-    """From the function that `stage_functions` gives second."""
+    """Read the sizes from the function that `stage_functions` gives second."""
     return Sizes(
         n=linear.size1_in(0),
         m=linear.size1_in(1),
@@ -119,7 +119,7 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
 
 
 def collocation_sizes(functions: Mapping[str, ca.Function]) -> Sizes:
-    """Of the functions that `collocation_source` takes."""
+    """Read the sizes from the functions that `collocation_source` takes."""
     slopes = functions["slopes"]
     outputs = functions["outputs_of"]
     n, m, q = (slopes.size1_in(i) for i in range(3))

@@ -138,7 +138,7 @@ def _battery(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series],
 
 
 def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    """What went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
+    """Read what went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
     out = _servos(rows, notes)
     found |= out
     rotors = any(name[0] == "m" for name in out)
@@ -184,7 +184,8 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
 
 
 def _flying(rows: Mapping[str, list[dict[str, Any]]]) -> Series | None:
-    """In the air or not: of a plane by its own guess, of a copter by the events of its land detector."""
+    """Read when the aircraft is in the air: of a plane by its own guess, of a copter by the events of its land
+    detector."""
     if (read := _columns(rows, "STAT", "isFlying")) is not None:
         return read[0], read[1] > 0.0
     events = [(row["TimeUS"] * 1e-6, row["Id"] == _NOT_LANDED) for row in rows.get("EV", ()) if row.get("Id") in _BOTH]

@@ -1,4 +1,5 @@
-"""What one channel shows alone: frozen stretches, held values, rails, isolated outliers, codes for "no value".
+"""Find faults that one channel shows alone: frozen stretches, held values, rails, isolated outliers, codes for "no
+value".
 
 Every judgement is one of exact repeats or of single samples; what moves slowly is nobody's fault here.
 """
@@ -46,7 +47,7 @@ _COMPANIONS: tuple[frozenset[str], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What decides, each with its reason in `evidence`."""
+    """Limits of the decisions, each with its reason in `evidence`."""
 
     chance: float = field(
         default=1e-4,
@@ -311,7 +312,7 @@ def _improbable(many: np.ndarray, samples: int, repeats: float, chance: float) -
 
 
 def _all_rest(record: Record, name: str, end: int) -> bool:
-    """Whether most other outputs rest, too, up to a sample: a simulation that begins in trim."""
+    """Return True if most other outputs rest, too, up to a sample: a simulation that begins in trim."""
     others = [v[:end] for n, v in record.channels.items() if n not in INPUTS and n != name]
     resting = [_rests(v) for v in others]
     return bool(resting) and float(np.mean(resting)) > 0.5
@@ -336,7 +337,8 @@ def _rails(values: np.ndarray, limits: Limits) -> np.ndarray:
 
 
 def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: float) -> bool:
-    """Whether a channel leaves its longest plateau faster than a parabola with such a crest in its resolution."""
+    """Return True if a channel leaves its longest plateau faster than a parabola with such a crest in its
+    resolution."""
     first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
     if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
         return False

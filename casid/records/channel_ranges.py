@@ -1,4 +1,4 @@
-"""What every channel of some records is like, in units that a person reads: the table that a check prints."""
+"""Describe every channel of some records, in units that a person reads: the table that a check prints."""
 
 from __future__ import annotations
 

@@ -148,8 +148,8 @@ def _is_nines(value: float) -> bool:
 
 
 def _is_code(value: float, limit: float) -> bool:
-    """Whether a value [rad] beyond a limit is -999 or the like, as it stands or in degrees, and so no angle in either.
-    In degrees that a header names it has been converted already."""
+    """Return True if a value [rad] beyond a limit is -999 or the like, as recorded or in degrees, and so no angle in
+    either. In degrees that a header names it has been converted already."""
     return (_is_nines(value) and abs(value) * DEGREE > limit) or _is_nines(value / DEGREE)
 
 

@@ -1,4 +1,4 @@
-"""From the columns of a table to channels in SI: names, units, column map. Names are checked, never guessed."""
+"""Turn the columns of a table into channels in SI: names, units, column map. Names are checked, never guessed."""
 
 from __future__ import annotations
 

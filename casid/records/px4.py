@@ -94,7 +94,7 @@ def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:
 
 
 def _kind(topics: Topics) -> str:
-    """What flew: "fixed wing", "multirotor" or "VTOL"."""
+    """Return the kind of aircraft: "fixed wing", "multirotor" or "VTOL"."""
     status = topics.get(("vehicle_status", 0), {})
     if np.any(status.get("is_vtol", 0)):
         return "VTOL"
@@ -171,7 +171,7 @@ def _motors(topics: Topics, kind: str) -> dict[str, Series]:
 
 
 def flying(topics: Topics) -> Series | None:
-    """In the air or not, as the autopilot's land detector says."""
+    """Read when the aircraft is in the air, by the autopilot's land detector."""
     data = topics.get(("vehicle_land_detected", 0), {})
     if "landed" not in data:
         return None

@@ -197,7 +197,7 @@ class Record:
         self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
 
     def hold_of(self, channel: str) -> str:
-        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
+        """Return how a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
         if channel == "t":
             return "linear"
         return self.hold if isinstance(self.hold, str) else self.hold.get(channel, "linear")

@@ -164,7 +164,7 @@ def _without_mark(raw: bytes) -> tuple[str, ...]:
 
 
 def _without_rows(lines: list[str]) -> str:
-    """What is wrong with a text in which no row of numbers was found."""
+    """Describe what is wrong with a text in which no row of numbers was found."""
     full = [line for line in lines if line.strip() and not line.startswith(("#", "%"))]
     if not full:
         return "the file is empty; expected a row of channel names and rows of numbers"

@@ -244,7 +244,8 @@ def _sweep(target: Path) -> None:
 
 
 def provenance(seed: int | None = None) -> dict[str, Any]:
-    """What a result was made with: command, seed where numbers were drawn, commit of a checkout, and versions."""
+    """Return what a result was made with: command, seed where numbers were drawn, commit of a checkout, and
+    versions."""
     return {
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         **({} if seed is None else {"seed": seed}),

@@ -96,7 +96,7 @@ def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
 
 
 def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> None:
-    """In the unit of the tolerance of the time history; without one, in that which people read."""
+    """Draw a channel in the unit of the tolerance of the time history; without one, in that which people read."""
     factor, unit = channel_scale(name) if row is None else (1.0 / row.factor, row.unit)
     t = one.flight.t
     curve = one.flight.curves[name]
@@ -329,7 +329,7 @@ def _page(one: MatchedTest, figure: Any) -> dict[str, Any]:
 
 
 def _added(side: Side) -> str:
-    """What a controller added at most."""
+    """Return the largest corrections of a controller."""
     most = {name: math.degrees(float(np.abs(values).max())) for name, values in side.flown.corrections.items()}
     return ", ".join(f"{label_of(name)} up to {degrees:.2f} deg" for name, degrees in most.items())
 
@@ -395,7 +395,7 @@ def _quantity(value: Quantity | None, row: Tolerance) -> str:
 
 
 def _used(value: float) -> str:
-    """In per cent, and closer near the limit: at 100 % a row passes."""
+    """Format in per cent, and more closely near the limit: at 100 % a row passes."""
     if not math.isfinite(value):
         return "–"
     return f"{100.0 * value:.2f} %" if 0.99 < value < 1.01 else f"{100.0 * value:.0f} %"
@@ -406,7 +406,7 @@ def _outcome(check: Check) -> str:
 
 
 def _costs(one: MatchedTest) -> ReportTable:
-    """How much of each tolerance is used with all parts, and without each that costs one."""
+    """Tabulate the part of each tolerance that is used with all parts, and without each that costs one."""
     names = [row.name for row in one.test.tolerances]
     words = {row.name: row.words for row in one.test.tolerances}
     rows = []

@@ -1,4 +1,4 @@
-"""What to fly next, in words and pictures."""
+"""Describe what to fly next, in words and pictures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlights:
-    """What to fly next, `proposals`, and in words the questions for which no flight was sought or found, `beyond`."""
+    """Manoeuvres to fly next, `proposals`, and in words the questions for which no flight was sought or found,
+    `beyond`."""
 
     proposals: tuple[Proposal, ...]
     beyond: tuple[str, ...]

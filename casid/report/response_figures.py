@@ -54,7 +54,7 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
 
 
 def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figure] = blank) -> Picture:
-    """As `bode`, with models over it and their mismatch below."""
+    """Draw `bode`, with models over it and their mismatch below."""
     flight = comparison.flight
     with settings():
         figure = empty(8.2)

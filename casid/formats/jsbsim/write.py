@@ -188,7 +188,7 @@ def _before_increments(text: str) -> str:
 
 
 def _aerodynamics_begin(text: str) -> int:
-    """Where the aerodynamics begin."""
+    """Return the position at which the aerodynamics begin."""
     return blanked(text).index("<aerodynamics")
 
 
@@ -378,7 +378,7 @@ def _absorbed(effect: EffectValue) -> bool:
 
 
 def _foreign(term: str) -> bool:
-    """Whether JSBSim has no property for a variable of a term."""
+    """Return True if JSBSim has no property for a variable of a term."""
     return any(name in term.replace("^", "*").split("*") for name in ("V", "Tc"))
 
 
