@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from pathlib import Path
@@ -52,6 +53,8 @@ sphinx_gallery_conf = {
     "parallel": 2,  # examples run beside each other
     "plot_gallery": "True",
     "filename_pattern": r"/plot_",
+    # without its record an example has no figure, and its picture in the gallery would be blank
+    "ignore_pattern": r"__init__\.py" if "CASID_DATA" in os.environ else r"__init__\.py|hfb320",
     "abort_on_example_error": True,
 }
 suppress_warnings = ["config.cache"]
