@@ -72,7 +72,7 @@ CHANNELS = _table(
 SURFACES = ("delta_e", "delta_a", "delta_r")
 _ROTOR = re.compile(r"m\d{1,2}")
 EXTERNAL_FORCE = ("fx", "fy", "fz")  # of a tether, a tow or a load, in body axes
-FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not say
+FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not state it
 
 # Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
 RADIAN_LIMITS = MappingProxyType(

@@ -39,7 +39,7 @@ class Check:
     """One row of a test, judged."""
 
     tolerance: Tolerance  # the row
-    passed: bool | None  # within tolerance; None: not judged, `why` says why
+    passed: bool | None  # within tolerance; None: not judged, `why` has the reason
     used: float = math.nan  # largest part of the tolerance that is used, 1 at the limit
     # deviation, limit: simulation minus flight, and the tolerance, where most of it is used
     deviation: float = math.nan
@@ -188,7 +188,8 @@ def _fewer_are_enough(test: StandardTest, quantities: Mapping[Tolerance, Quantit
 
 
 def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simulation: Quantity, enough: bool) -> Check:
-    """Within tolerance, if flight tells the quantity more closely than that. `enough`: cycles need not be counted."""
+    """Return True within tolerance, if flight determines the quantity more closely than that. `enough`: cycles need not
+    be counted."""
     if not math.isfinite(flight.value):
         return Check(tolerance=row, passed=None, flight=flight, simulation=simulation, why="flight does not show it")
     limit = float(row.limit(flight.value, abs(flight.value)))

@@ -30,7 +30,7 @@ class Condition:
     name: str  # what is asked about, "configuration"
     asked: str  # asked, found: both in words
     found: str
-    met: bool | None  # whether it is met; None: the record or the file does not say
+    met: bool | None  # whether it is met; None: the record or the file does not state it
     of_rest: bool = False  # whether it asks how long the inputs rest
 
     def __str__(self) -> str:

@@ -22,7 +22,7 @@ from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
 
-DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
+DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that measure a state
 # surface [rad] per attitude [rad], and per rate [rad/s]
 _ATTITUDE_GAIN = 0.3
 _RATE_GAIN = 0.3
@@ -44,7 +44,7 @@ class Flown:
 
 
 def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...]:
-    """Measured channels that a model of these axes gives: what tells its state, and what is compared."""
+    """Measured channels that a model of these axes gives: those of its state, and those that are compared."""
     given = {
         "full": (*DIRECT, "ax", "ay", "az", "pdot", "qdot", "rdot"),
         "longitudinal": ("V", "alpha", "q", "theta", "altitude", "ax", "az", "qdot"),

@@ -14,7 +14,7 @@ from casid.acceptance.matched import Cost, MatchedTest
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 
-_TOLD = 3  # parts that are told where no single one decides
+_TOLD = 3  # parts that are listed where no single one decides
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,7 @@ MANOEUVRES: Mapping[str, Manoeuvre] = MappingProxyType(
     }
 )
 _INPUTS = (*SURFACES, "thrust")
-_LEAD_S = 1.0  # before the first movement: tells the state from which the simulation starts
+_LEAD_S = 1.0  # before the first movement: gives the state from which the simulation starts
 _SHORTEST_S = 2.0  # of a response that is judged
 _STEP_S = 0.5  # in which a movement must become visible
 _SIGMAS = 6.0  # of noise, beyond which a change is a movement

@@ -19,7 +19,7 @@ from casid.model.effects import effect_of
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Known:
     """(parameters,) values of a model's parameters, and (parameters, parameters) covariance of their errors; None where
-    nothing is said of them."""
+    they have none."""
 
     values: np.ndarray
     covariance: np.ndarray | None
@@ -54,7 +54,7 @@ def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
     the corrected standard deviations of the flight, or those of the prior where these are smaller."""
     fitted = diagnosis.extended.fit
     parameters = flight.model.parameters
-    # a minor cause that is a term stands in the file as such
+    # a minor cause that is a term is a term of the file
     terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
     named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
     values = dict(zip(parameters, flight.model.nominal_vector(), strict=True))

@@ -46,7 +46,7 @@ class Quantity:
     cycles: float = math.nan
 
 
-UNKNOWN = Quantity(value=math.nan, std=math.inf)  # what the samples do not tell
+UNKNOWN = Quantity(value=math.nan, std=math.inf)  # what the samples do not determine
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -46,7 +46,7 @@ class Direction:
     change: Mapping[str, float]
     share: Mapping[str, float]  # parameter -> the same over its estimate (inf: the estimate is zero)
     # whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that takes part, so
-    # that they cannot be told apart
+    # that they cannot be separated
     cannot: bool
     # controls in the names of those that take part (none there: all) that rested or moved at one frequency only
     poor: tuple[Excitation, ...]

@@ -138,7 +138,7 @@ def _check(fit: Fit, level: float, method: Transcription) -> None:
 
 
 class _ProfileSearch:
-    """The search for the ends of one parameter's interval; `along` (parameters,) says how the others follow it."""
+    """The search for the ends of one parameter's interval; `along` (parameters,) is how the others follow it."""
 
     def __init__(self, fit: Fit, name: str, method: Transcription, solver: Solver) -> None:
         self.fit = fit

@@ -31,8 +31,9 @@ _DEFLECTION = np.radians(3.0)  # rad, of a surface that the records did not move
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """Two effects between which a flight would decide: a named cause and one that these records cannot tell from it, or
-    the two nearest to a latent input at a `port`; `fault` says why no manoeuvre is proposed, if one was `sought`."""
+    """Two effects between which a flight would decide: a named cause and one that these records cannot separate from
+    it, or the two nearest to a latent input at a `port`; `fault` is the reason why no manoeuvre is proposed, if one was
+    `sought`."""
 
     first: EffectValue
     second: EffectValue
@@ -78,8 +79,8 @@ class NextFlights:
 
 @dataclass(frozen=True, kw_only=True)
 class Untold:
-    """A number of the file that these records do not tell: its 1-sigma as the file states it, NaN where it does not.
-    Standard deviation by the noise of these records alone, infinite without any information; and corrected."""
+    """A number of the file that these records do not determine: its 1-sigma as the file states it, NaN where it does
+    not. Standard deviation by the noise of these records alone, infinite without any information; and corrected."""
 
     name: str
     given: float

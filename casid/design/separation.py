@@ -130,7 +130,7 @@ def separation(rivals: Rivals, records: Sequence[Record]) -> Separation:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlight:
-    """The manoeuvre that separates two rivals best, of `amplitude` [rad], its record, and what that would tell."""
+    """The manoeuvre that separates two rivals best, of `amplitude` [rad], its record, and the separation by it."""
 
     manoeuvre: Manoeuvre
     amplitude: float

@@ -158,7 +158,7 @@ class RangeWeights:
 
 
 def check_cost(cost: Any) -> None:
-    """Raise InputError for what is no cost, and say what to write."""
+    """Raise InputError for what is no cost, with what to write."""
     expected = "expected cs.OutputError(), cs.EquationError(), cs.CombinedError() or an object of your own with both"
     if isinstance(cost, type):
         raise InputError(f"Problem: cost is the class {cost.__name__}; write cost={cost.__name__}()")

@@ -60,11 +60,11 @@ class Fit:
     log_likelihood
         Of the residuals under normal noise of `noise_covariance`, without priors. At an end that is no solution, with
         open defects or too few steps, it is that of one motion from its initial states, integrated anew, and so are the
-        predictions; not a number where that departs, as a remark says.
+        predictions; not a number where that departs, with a remark.
     log_prior
         ln of the normal densities of what has a prior: parameters, and initial states with a 1-sigma.
     noise
-        Channel -> 1-sigma that the weights stand for (range weights: what the residuals show).
+        Channel -> 1-sigma that the weights imply (range weights: what the residuals show).
     noise_covariance
         (channels, channels) likewise, with their correlations where those are considered.
     stationarity

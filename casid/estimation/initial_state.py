@@ -12,8 +12,8 @@ from casid.arguments import table_of
 class InitialState:
     """Prior knowledge of the initial states. Each is free unless its 1-sigma is zero.
 
-    An initial state without a 1-sigma is as free as the data decide. It has a prior only for the sake of what no
-    reading tells: thirty times the size of its readings or its guess, and wider where that would weigh anything.
+    An initial state without a 1-sigma is as free as the data decide. It has a prior only for what no reading
+    determines: thirty times the size of its readings or its guess, and wider where that would weigh anything.
 
     A name with a record behind it, "x[m1]", is of that record alone. A model that says `initial` itself needs nothing
     here: what it names is held there exactly.

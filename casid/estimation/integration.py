@@ -114,7 +114,7 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
 
 
 def _judged(end: Attempt) -> Attempt:
-    """The end with a status that says so where its steps are too long for what the data are worth."""
+    """The end, with status `too_coarse` where its steps are too long for the data."""
     if end.fine or not end.outcome.converged:
         return end
     doubt = doubt_of_steps(end)

@@ -15,8 +15,8 @@ What is left is the bias of an autoregression of few samples: its poles come out
 noise too weak. That of least squares is taken off at the end; taken off in every round, it would feed on itself where
 parameters follow slow noise.
 
-The slow noise that parameters cannot be told from may lie far below white noise when it is sampled fast. Therefore the
-autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
+The slow noise that cannot be separated from parameters may lie far below white noise when it is sampled fast. Therefore
+the autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
 what is left within the blocks counts as white.
 
 The variances that follow have little bias, and scatter as the autoregression does. Intervals allow for that by the

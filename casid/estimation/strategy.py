@@ -6,7 +6,7 @@
    after that. Under constraints that bind also from the solution without them. The most likely solution is taken.
 3. Where none was found, Automatic() goes on in the transcription that was asked for, with all its methods.
 
-With any other solver than Automatic() the second step only judges: a better solution is said in the status.
+With any other solver than Automatic() the second step only judges: a better solution is stated in the status.
 
 Where short stretches contradict a solution, it is a local minimum or the model is wrong (`stretches.py`). Multiple
 shooting with a state at every sample decides between the two: from the measured states and the parameters that suit the

@@ -59,7 +59,7 @@ class Uncertainty:
     corrected    the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138; Morelli and
                  Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
                  residual_colour); channels count as independent.
-    confused     names of parameters that the data cannot tell apart, or of which they say nothing
+    confused     names of parameters that the data do not separate or determine
 
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
@@ -113,7 +113,7 @@ class Uncertainty:
     @property
     def honest(self) -> np.ndarray:
         """The corrected one where the residuals of any channel are coloured, else Cramer-Rao; never below that, because
-        noise that is given stands where the residuals are smaller."""
+        noise that is given is kept where the residuals are smaller."""
         if not self.is_coloured:
             return self.covariance
         bound = np.diagonal(self.covariance)
@@ -336,7 +336,7 @@ class Uncertainty:
 
     @property
     def confused(self) -> tuple[str, ...]:
-        """Parameters that the data cannot tell apart, or of which they say nothing."""
+        """Parameters that the data do not separate or determine."""
         return self._determined[0]
 
     @cached_property
@@ -350,7 +350,7 @@ class Uncertainty:
 
     @property
     def weakest(self) -> tuple[str, ...]:
-        """Parameters of the direction that the data say least of."""
+        """Parameters of the direction that the data determine least."""
         return () if self.linear is None else weakest(self.objective, self.linear, self.limit_multipliers)
 
     @cached_property
@@ -389,7 +389,7 @@ class Uncertainty:
 class Rescaled:
     """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
     of what was estimated, `inflation` multiplies all variances, and `added` (parameters, parameters) is a covariance of
-    other origin. Not `coloured`: residuals that say nothing of a colour, as of noise by formula."""
+    other origin. Not `coloured`: residuals without a colour, as of noise by formula."""
 
     of: Uncertainty | Rescaled
     factor: np.ndarray

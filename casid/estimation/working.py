@@ -264,7 +264,7 @@ def _weighted_sum(coefficients: Mapping[str, float], s: Any) -> Any:
 
 
 def _initial_state(problem: Problem) -> InitialState:
-    """Zero, exactly if nothing else is said, for states that are counted from their initial value."""
+    """Zero, exactly unless stated otherwise, for states that are counted from their initial value."""
     given = problem.initial_state
     said = {name.split("[")[0] for name in given.std}
     begin = problem.model.initial

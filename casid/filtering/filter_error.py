@@ -152,8 +152,8 @@ class FilterFit:
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 
-    A course of iteration that goes wrong is not an error: `FilterFit.status` says it. The time constant of a lag
-    runs off to infinity from a start of the wrong sign, where the data say nothing of it. The iteration then starts
+    A course of iteration that goes wrong is not an error: `FilterFit.status` states it. The time constant of a lag
+    runs off to infinity from a start of the wrong sign, where the data do not determine it. The iteration then starts
     again with the other sign. If nothing is found there either, the status is "not identifiable", and the standard
     errors are nan.
 

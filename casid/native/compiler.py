@@ -55,7 +55,7 @@ _given_up: list[str] = []  # why this process compiles nothing more
 
 @cache
 def c_compiler() -> str | None:
-    """Find the C compiler; None (said once) when there is none, it was given up, or CASID_NO_COMPILER is set."""
+    """Find the C compiler; None (reported once) when there is none, it was given up, or CASID_NO_COMPILER is set."""
     if _given_up or os.environ.get("CASID_NO_COMPILER"):
         return None
     for name in (os.environ.get("CC", "cc"), "gcc", "clang"):
@@ -94,7 +94,7 @@ def _run(command: list[str], seconds: float, environment: dict[str, str]) -> str
 
 
 def _give_up(why: str) -> None:
-    """Compile nothing more in this process, and say why."""
+    """Compile nothing more in this process, and report why."""
     if not _given_up:
         _LOG.warning("%s: %s", _FAILED, why)
         _given_up.append(why)
@@ -136,7 +136,7 @@ def cached_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
 
 
 def compile_function(function: ca.Function) -> ca.Function | None:
-    """The function as compiled C, from the cache or made now; None (and said) when compiling fails."""
+    """The function as compiled C, from the cache or made now; None (and reported) when compiling fails."""
     library = compile_library(_source(function))
     return None if library is None else _load(function, library)
 
@@ -161,8 +161,8 @@ def is_time_to_compile(seconds: float = 0.0) -> bool:
 
 
 def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
-    """Find the library of a C source in the cache or make it; None (and said once) where that fails, and where the time
-    to compile is up."""
+    """Find the library of a C source in the cache or make it; None (and reported once) where that fails, and where the
+    time to compile is up."""
     library = cached_library(source, flags)
     compiler = c_compiler()
     if library is not None or compiler is None or not is_time_to_compile():
@@ -223,7 +223,7 @@ class Compilable:
         self._batches: OrderedDict[tuple, PointBatch] = OrderedDict()
 
     def _batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
-        """The batch of `derive`, which `key` stands for; the most recent ones are kept, so that the next estimation of
+        """The batch of `derive`, which `key` identifies; the most recent ones are kept, so that the next estimation of
         the same size finds its arrays ready. Not for two threads at once."""
         if key not in self._batches:
             self._batches[key] = PointBatch(self, derive)

@@ -1,7 +1,7 @@
 """C source of a model's kernel: simulate segments, or linearise them and gather their Gram blocks on the way.
 
 Lanes are segments. `data` holds per W segments and sample the vectors u0 (m), u1 (m), dt, z (o) and which row of the
-tables below says what is present. All else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
+tables below shows what is present. All else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
 sensitivity of the state.
 """
 
@@ -141,7 +141,7 @@ def _along_outputs_and_offset(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
 
 
 def _pull(c: ca.Sparsity, s: Sizes) -> str:
-    """C' L' of the whitened residual, which stands in q: what the cost changes with the state."""
+    """C' L' of the whitened residual, which is in q: what the cost changes with the state."""
     lines = ["static inline void pull(V *to, V (*q)[NF + 2], const V *L, long dense, const V *C)", "{", "V w[O];"]
     lines.append("for (int i = 0; i < O; i++) w[i] = L[i * (i + 1) / 2 + i] * q[i][NF];")
     lines.append("for (int i = 0; dense && i < O; i++)")

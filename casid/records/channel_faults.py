@@ -25,7 +25,7 @@ _STAIRCASE = 0.4
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
-_BESIDE = 5  # samples on either side of a plateau that tell how fast the channel moves there
+_BESIDE = 5  # samples on either side of a plateau that show how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _MOVES_WITH = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
 _INTEGRATED = frozenset(("phi", "theta", "psi", "altitude", "north", "east"))  # by a filter, from rates
@@ -209,7 +209,7 @@ def _unbroken(record: Record) -> list[slice]:
 
 
 def without_faults(record: Record, faults: Iterable[ChannelFault]) -> Record:
-    """The record with samples of outputs that are not to be believed missing, and those of inputs interpolated. What is
+    """The record with samples of outputs that are not plausible set missing, and those of inputs interpolated. What is
     corrected in steps is wrong between them, too, and stays."""
     changed: dict[str, np.ndarray] = {}
     for fault in faults:
@@ -395,7 +395,7 @@ def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> n
     return at & good
 
 
-# samples on either side that tell what is usual
+# samples on either side that show what is usual
 _WINDOW = 25
 _NEAR = 12
 

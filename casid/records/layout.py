@@ -41,7 +41,7 @@ class Layout:
     width: int  # cells of a row
     names: tuple[str, ...] | None  # of the columns, with units where a row has them; None when no line has them
     comma: bool  # decimals are written with a comma
-    hold: str | dict[str, str]  # what a comment `# hold: held` says
+    hold: str | dict[str, str]  # hold of a comment `# hold: held`
     above: int  # lines above the numbers that are neither names nor units nor comments
 
 

@@ -62,7 +62,7 @@ def of_log(
     path: Path, series: Mapping[str, Series], flying: Series | None = None, notes: tuple[str, ...] = ()
 ) -> RawTable:
     """The table of a log on the clock of its rates, or of its fastest channel, while all that drives a model was
-    recorded and, where `flying` says so, the aircraft was in the air. Pauses stay gaps."""
+    recorded and, by `flying`, the aircraft was in the air. Pauses stay gaps."""
     series, notes = _whole(series, notes)
     if not series:
         raise InputError(f"{path}: no channel has two samples; expected time series")
@@ -142,7 +142,7 @@ def _inputs(
 
 
 def _airborne(clock: np.ndarray, flying: Series | None) -> tuple[np.ndarray, str]:
-    """(N,) True while flying, and what is to be said of it."""
+    """(N,) True while flying, and a remark."""
     everywhere = np.ones(len(clock), dtype=bool)
     if flying is None or not len(flying[0]):
         return everywhere, ""

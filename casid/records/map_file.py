@@ -35,7 +35,7 @@ _ALSO: Mapping[str, tuple[str, ...]] = {
     "altitude": ("alt", "hbaro", "baroalt", "pressurealtitude", "hp", "altmsl", "altb"),
     "rho": ("density", "airdensity"),
 }
-_THROW = 25.0  # deg at full command, of which the file says that it is a guess
+_THROW = 25.0  # deg at full command, which the file marks as a guess
 
 
 def suggested_map(table: RawTable, given: ColumnMap) -> str:

@@ -35,7 +35,7 @@ _ROW = 0.21  # inches
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """A number of the file beside flight, in words, and whether flight stands `against` it."""
+    """A number of the file beside flight, in words, and whether flight is `against` it."""
 
     name: str
     file: str
@@ -46,7 +46,8 @@ class Compared:
 
 
 def compared(document: Document) -> list[Compared]:
-    """Every number of the file, those that flight contradicts first, and last what these records do not tell."""
+    """Every number of the file, those that flight contradicts first, and last those that these records do not
+    determine."""
     against = [one.parameter for one in document.contradicted]
     found = sorted(document.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
     return [_in_words(one, one.name in against) for one in found]

@@ -30,13 +30,13 @@ _PACKAGES = ("casid", "casadi", "numpy", "scipy", "matplotlib")
 _ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-_UNFINISHED = ".casid-unfinished"  # stands in a folder until it is whole
+_UNFINISHED = ".casid-unfinished"  # is in a folder until it is whole
 _PLAN = ".casid-plan"  # names of what is moved, one after the other
 _EXCHANGE = 2  # of renameat2
 
 
 def out_folder(text: str) -> Path:
-    """The folder that is called so; "" would silently be the one where the user stands."""
+    """The folder that is called so; "" would silently be the current one."""
     if not text.strip():
         raise InputError("--out is empty; name a folder for the results, like out")
     return Path(text)

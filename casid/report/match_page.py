@@ -132,7 +132,7 @@ def _label(name: str, unit: str) -> str:
 
 
 def _dots(axis: Axes, t: np.ndarray, y: np.ndarray) -> None:
-    """Draw the samples, thinned to what can be told apart."""
+    """Draw the samples, thinned to what the eye can separate."""
     every = -(-len(t) // _DOTS)
     axis.plot(t[::every], y[::every], ".", color=FAINT, ms=1.6, label="flight, samples")
 
@@ -361,7 +361,7 @@ def _quantities(one: MatchedTest) -> ReportTable:
 def _rows(
     one: MatchedTest, cells: Callable[[str, Check, bool], tuple[str, ...]], of_quantities: bool
 ) -> tuple[Row, ...]:
-    """A line for each row of the test and side, with its own cells; what is common to the sides stands in the first."""
+    """A line for each row of the test and side, with its own cells; what is common to the sides is in the first."""
     rows = []
     for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
         for label, side in one.sides.items():

@@ -111,7 +111,7 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
 
 
 def limited(document: Document) -> ReportTable:
-    """Numbers that the motion would tell, were noise the only thing that is unknown: flying more of it is no help."""
+    """Numbers that the motion would determine if noise were the only unknown: flying more of it is no help."""
     rows = tuple(
         Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected)))
         for one in document.limited

@@ -260,7 +260,7 @@ def write_report(
 
 
 def unfinished(sentence: str) -> str:
-    """The page while its figures are drawn, so that no page of an earlier diagnosis stands beside new results."""
+    """The page while its figures are drawn, so that no page of an earlier diagnosis is beside new results."""
     verdict = f"<p>{escape(sentence)}</p>"
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 

@@ -48,7 +48,7 @@ def about_unexplained(number: int) -> str:
 
 
 def about_value(parameter: str) -> str:
-    """Anchor of the statement that flight stands against a number of the file."""
+    """Anchor of the statement that flight contradicts a number of the file."""
     return "value-" + re.sub(r"[^\w.-]+", "-", parameter).strip("-")
 
 

@@ -17,7 +17,7 @@ from casid.report.style import channel_scale
 from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
 
-_TOLD = 4  # explanations told one by one
+_TOLD = 4  # explanations listed one by one
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,7 +43,7 @@ class DampedSearch:
         return CONVERGED if last is not None and at.is_rounding(last) else NO_DESCENT
 
     def _look(self, at: Iteration, linear: Linearised, damping: float) -> SolverStep | None:
-        """The step with this damping, which says how near the solution is."""
+        """The step with this damping, which shows how near the solution is."""
         step = self._step(at, linear, damping)
         if step is not None:
             at.stationarity = at.objective.length(step, at.value)

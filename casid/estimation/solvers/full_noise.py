@@ -79,7 +79,7 @@ class FullNoise:
     @property
     def coordinates(self) -> np.ndarray:
         """(o (o + 1)/2,) the logarithms of the diagonal of the Cholesky factor, what stands left of it over it, in
-        units of the standard deviations with which residuals tell them of channels that are independent."""
+        units of the standard deviations with which residuals of independent channels determine them."""
         factor = np.linalg.cholesky(self.matrix)
         diagonal = np.diagonal(factor)
         return (np.tril(factor / diagonal[:, None], -1) + np.diag(np.log(diagonal)))[self._triangle] * self._precision

@@ -60,7 +60,8 @@ class GaussNewton:
         require(self.patient, bool, "GaussNewton: patient", "patient=True or patient=False")
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
+        """Minimise the objective; it never raises for a bad course of the iteration, the status states what
+        happened."""
         iteration = Iteration(objective, Clock(self.seconds, objective), self.tolerance)
         return iteration.run(FilterSearch(iteration), self.iterations, patient=self.patient)
 
@@ -105,7 +106,7 @@ class Iteration:
         self.course: list[float] = []  # stationarity of all iterations
 
     def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
-        """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status."""
+        """Iterate until a solution, the end of descent, or too many steps; a bad course is stated in the status."""
         count = 0
         status = None if np.isfinite(self.value.cost) else DIVERGES
         while status is None:

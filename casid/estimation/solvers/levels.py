@@ -66,7 +66,7 @@ class NoiseLevels:
 
     @property
     def coordinates(self) -> np.ndarray:
-        """(channels,) ln sigma in units of the standard deviation with which the residuals tell it."""
+        """(channels,) ln sigma in units of the standard deviation with which the residuals determine it."""
         return np.log(self.sigma) * self._precision
 
     def at(self, coordinates: np.ndarray) -> NoiseLevels:
@@ -123,7 +123,7 @@ def noise_levels(
     else:
         sigma = _given(noise, names)
     sigma = np.where(present > 0, sigma, 1.0)
-    with np.errstate(over="ignore"):  # absurd measurements: no fit follows them, and its status says so
+    with np.errstate(over="ignore"):  # absurd measurements: no fit follows them, and its status states it
         magnitude = np.nansum(filled**2, axis=0)
     return NoiseLevels(
         sigma=sigma,

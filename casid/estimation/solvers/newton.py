@@ -90,7 +90,7 @@ class Automatic:
         return GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds, patient=False)
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; a bad course of the iteration is said in the status."""
+        """Minimise the objective; a bad course of the iteration is stated in the status."""
         begin = time.perf_counter()
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = replace(self.usual, patient=objective.soft).minimise(objective)
@@ -124,7 +124,7 @@ class Automatic:
 
 
 def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600.0) -> Outcome:
-    """The outcome of any solver, with a status that says so where its stationary point is no minimum.
+    """The outcome of any solver; its status is another one where its stationary point is no minimum.
 
     Not judged, and left as they are: points under path constraints and soft defects, where the cost is no function of
     the parameters alone.

@@ -187,7 +187,7 @@ class Objective:
         return self._weighed(point, value.parameters, value.trajectory, value.equations, noise)
 
     def relaxed(self, point: Point, value: ObjectiveValue) -> tuple[ObjectiveValue, float]:
-        """The value with the levels at what its residuals say, maximum likelihood for the present parameters, and the
+        """The value with the levels by its residuals, maximum likelihood for the present parameters, and the
         largest relative change of a level."""
         levels, change = value.noise.levels.relaxed(value.squares)
         if levels is value.noise.levels:
@@ -368,10 +368,10 @@ class Objective:
         diagonal entry counts as 1e-14 of the largest at least.
 
         concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
-        Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
+        Raises numpy.linalg.LinAlgError when the parameters cannot be separated.
         """
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
-        # a parameter of which the data say nothing here stays where it is
+        # a parameter that the data do not determine here keeps its value
         return self.step_by(point, linear, curved + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
 
     def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:

@@ -4,7 +4,7 @@ The step of a record is a banded system with the parameters as its border. A sam
 to that border: its multiplier, which enters the system as one more parameter does. What the elimination of the states
 then leaves is, in parameters p and multipliers m,
     H p + D'm = -g,    D p - Q m + r = value at the sample
-where Q says how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
+where Q is how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
 quadratic problem min 1/2 p'Hp + g'p + 1/2 v'v subject to lower <= D p + L v + r <= upper: small and dense, as only the
 samples that come to a limit take part. They are found in turns: solve, look at all samples, add the peaks beyond.
 Samples that stay beyond a soft limit push with its price: a known force, which adds to the gradient.

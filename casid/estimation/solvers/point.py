@@ -68,7 +68,7 @@ class ObjectiveValue:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolverStep:
     """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints; `feasible`
-    says whether the linearised constraints can all be satisfied."""
+    states whether the linearised constraints can all be satisfied."""
 
     theta: np.ndarray
     nodes: np.ndarray

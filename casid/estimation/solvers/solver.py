@@ -56,7 +56,7 @@ class Solver(Protocol):
     """Minimises an objective. Any object with this method is a solver.
 
     `Objective` gives it `start()`, `value(point)`, `linearise(point, value)` and the `step(...)` that this promises,
-    which already eliminates states; a bad course of the iteration is said in the outcome's status, not raised.
+    which already eliminates states; a bad course of the iteration is stated in the outcome's status, not raised.
     """
 
     def minimise(self, objective: Objective) -> Outcome:

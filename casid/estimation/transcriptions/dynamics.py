@@ -124,7 +124,7 @@ class Simulated:
 class Dynamics(Protocol):
     """A problem's motion on a layout of segments: what solvers work on.
 
-    `points0` are interior unknowns at the start, None without; `soft` says whether defects are random with the
+    `points0` are interior unknowns at the start, None without; `soft` states whether defects are random with the
     covariance that `blocks` gives; `kernel` eliminates states fast where there is one.
     """
 

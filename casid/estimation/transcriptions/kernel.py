@@ -217,7 +217,7 @@ class KernelOffer(Generic[K]):
 
     `get()` is None until then, and for good where there is no compiler or the emitter does not know an operation.
 
-    write   makes the source and says how many instructions it has
+    write   makes the source and counts its instructions
     load    makes the kernel of the compiled library
     """
 

@@ -52,7 +52,7 @@ def mass_properties(root: ET.Element) -> MassProperties:
 
 
 def _own(node: ET.Element) -> np.ndarray:
-    """The tensor that the file gives; products of inertia are negated unless it says that they are not."""
+    """The tensor that the file gives; products of inertia are negated unless it states that they are not."""
     xx, yy, zz, xy, xz, yz = (
         amount(node.find(f"i{pair}"), "SLUG*FT2") for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
     )
