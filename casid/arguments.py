@@ -1,4 +1,4 @@
-"""Checks of what a caller gives to a function: the value itself, or an InputError that says what to write instead."""
+"""Checks of what a caller gives to a function: the value itself, or an InputError with what to write instead."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def given(value: Any) -> str:
 
 
 def is_path(value: Any) -> TypeGuard[str | Path]:
-    """Whether a value can name a file."""
+    """Return True if a value can name a file."""
     return isinstance(value, (str, Path))
 
 
@@ -70,7 +70,7 @@ def identifier(value: Any, what: str) -> str:
 
 
 def sequence(value: Any, what: str, of: str) -> tuple[Any, ...]:
-    """Return the members of a list, tuple or array; InputError, which says `of` what, for anything else."""
+    """Return the members of a list, tuple or array; InputError, which names `of`, for anything else."""
     if not isinstance(value, (list, tuple)) and not getattr(value, "ndim", 0):
         raise InputError(f"{what} is {given(value)}; expected {of}")
     return tuple(value)

@@ -1,8 +1,8 @@
-"""Results kept in files: a line that says what it is, and a pickle.
+"""Keep results in files: a line that states what it is, and a pickle.
 
-Pickle, because a result has the whole problem in it, its equations included, and goes on working when it is read again.
-The price: such a file is for the casid that wrote it, or one that says it can read it, and like every pickle it may run
-code. What is to last, or to be read by others, is `Fit.to_dict`, `Diagnosis.write` and `Aircraft.write`.
+Pickle, because a result has the whole problem in it, its equations included, and works when it is read again.
+The price: such a file is for the casid that wrote it, or one that states that it can read it, and like every pickle it
+may run code. What is to last, or to be read by others, is `Fit.to_dict`, `Diagnosis.write` and `Aircraft.write`.
 """
 
 from __future__ import annotations

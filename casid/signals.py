@@ -72,7 +72,7 @@ CHANNELS = _table(
 SURFACES = ("delta_e", "delta_a", "delta_r")
 _ROTOR = re.compile(r"m\d{1,2}")
 EXTERNAL_FORCE = ("fx", "fy", "fz")  # of a tether, a tow or a load, in body axes
-FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not say
+FORCE_POINT = ("force_at_x", "force_at_y", "force_at_z")  # where it acts; at the c.g. where a record does not state it
 
 # Beyond these [rad, rad/s] a value is no angle or rate of an aircraft in rad; in degrees it is an ordinary one.
 RADIAN_LIMITS = MappingProxyType(
@@ -285,7 +285,7 @@ def unit_of(channel: str) -> str:
 
 
 def label_of(channel: str) -> str:
-    """How a person calls a channel; its own name when casid does not know it."""
+    """Return the label of a channel for a person; its own name when casid does not know it."""
     return CHANNELS[channel].label if channel in CHANNELS else channel
 
 

@@ -39,7 +39,7 @@ class Check:
     """One row of a test, judged."""
 
     tolerance: Tolerance  # the row
-    passed: bool | None  # within tolerance; None: not judged, `why` says why
+    passed: bool | None  # within tolerance; None: not judged, `why` has the reason
     used: float = math.nan  # largest part of the tolerance that is used, 1 at the limit
     # deviation, limit: simulation minus flight, and the tolerance, where most of it is used
     deviation: float = math.nan
@@ -61,7 +61,7 @@ def smoothed_channels(record: Record, names: Sequence[str]) -> dict[str, Smooth]
 
 
 def flight_of(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], window: Window) -> Flight:
-    """What a record, whose channels are `smoothed`, has of a test."""
+    """Return the part of a record, whose channels are `smoothed`, that a test compares."""
     inside = (record.t >= window.start) & (record.t <= window.end)
     part = record.between(window.start, np.nextafter(window.end, np.inf))
     there = [name for name in test.channels if name in smoothed]
@@ -182,13 +182,14 @@ def _history_check(row: Tolerance, window: Window, flight: Flight, simulated: np
 
 
 def _fewer_are_enough(test: StandardTest, quantities: Mapping[Tolerance, Quantity]) -> bool:
-    """Whether flight tells the quantity for which fewer cycles suffice within its tolerance."""
+    """Return True if flight determines the quantity for which fewer cycles suffice within its tolerance."""
     told = [(row, q) for row, q in quantities.items() if row.quantity == test.cycles_unless and math.isfinite(q.value)]
     return any(q.std <= row.limit(q.value, abs(q.value)) for row, q in told)
 
 
 def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simulation: Quantity, enough: bool) -> Check:
-    """Within tolerance, if flight tells the quantity more closely than that. `enough`: cycles need not be counted."""
+    """Return True within tolerance, if flight determines the quantity more closely than that. `enough`: cycles need not
+    be counted."""
     if not math.isfinite(flight.value):
         return Check(tolerance=row, passed=None, flight=flight, simulation=simulation, why="flight does not show it")
     limit = float(row.limit(flight.value, abs(flight.value)))
@@ -206,7 +207,7 @@ def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simula
 
 
 def verdict(checks: Sequence[Check]) -> bool | None:
-    """Of a test: fails with any row that fails and has no alternative that passes; None when a row is not judged."""
+    """Return False if any row of a test fails and has no alternative that passes; None when a row is not judged."""
     groups: dict[str, list[bool | None]] = {}
     for i, one in enumerate(checks):
         groups.setdefault(one.tolerance.either or f"row {i}", []).append(one.passed)

@@ -25,12 +25,12 @@ _SHORT = 0.05  # s by which a rest may fall short
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What a test asks of the flight, and what the flight has."""
+    """Condition that a test asks of the flight, and what the flight has."""
 
     name: str  # what is asked about, "configuration"
     asked: str  # asked, found: both in words
     found: str
-    met: bool | None  # whether it is met; None: the record or the file does not say
+    met: bool | None  # whether it is met; None: the record or the file does not state it
     of_rest: bool = False  # whether it asks how long the inputs rest
 
     def __str__(self) -> str:

@@ -32,7 +32,7 @@ class Eigenmode:
 
     @property
     def oscillates(self) -> bool:
-        """Whether it is a pair."""
+        """Return True if it is a pair."""
         return self.eigenvalue.imag > 0.0
 
     def share(self, states: Sequence[str]) -> float:
@@ -40,7 +40,7 @@ class Eigenmode:
         return sum(self.participation.get(name, 0.0) for name in states)
 
     def numbers(self) -> dict[str, tuple[float, np.ndarray, str]]:
-        """What is told of the mode: name -> value, derivatives by the parameters, unit."""
+        """Return the numbers of the mode: name -> value, derivatives by the parameters, unit."""
         value = self.eigenvalue
         slope = self.derivatives
         sigma = value.real

@@ -1,4 +1,4 @@
-"""What an extended aircraft has that the given one lacks, and the extended aircraft without each of these."""
+"""List what an extended aircraft has that the given one lacks, and make the extended aircraft without each of these."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
 
-DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that tell a state
+DIRECT = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "psi", "altitude")  # channels that measure a state
 # surface [rad] per attitude [rad], and per rate [rad/s]
 _ATTITUDE_GAIN = 0.3
 _RATE_GAIN = 0.3
@@ -35,7 +35,7 @@ _LOOPS: Mapping[str, tuple[str | None, str]] = {
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Flown:
-    """What a simulation gives of a manoeuvre."""
+    """Simulation of a manoeuvre."""
 
     channels: Mapping[str, np.ndarray]  # name -> (N,) as the instruments would read it; empty when it diverged
     # surface -> (N,) what a closed-loop controller added [rad]; empty for open loop
@@ -44,7 +44,7 @@ class Flown:
 
 
 def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...]:
-    """Measured channels that a model of these axes gives: what tells its state, and what is compared."""
+    """Measured channels that a model of these axes gives: those of its state, and those that are compared."""
     given = {
         "full": (*DIRECT, "ax", "ay", "az", "pdot", "qdot", "rdot"),
         "longitudinal": ("V", "alpha", "q", "theta", "altitude", "ax", "az", "qdot"),
@@ -56,7 +56,7 @@ def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ToFly:
-    """What is flown of a record: its windows, with smoothed channels `curves` and channels that are `wanted`."""
+    """Part of a record that is flown: its windows, with smoothed channels `curves` and channels that are `wanted`."""
 
     record: Record
     curves: Mapping[str, np.ndarray]
@@ -173,6 +173,6 @@ def calibrated_airspeed(V: np.ndarray, rho: np.ndarray, altitude: np.ndarray | N
 
 
 def _altitude_of_density(rho: np.ndarray) -> np.ndarray:
-    """Where the standard troposphere has a density: `standard_density` inverted."""
+    """Return the altitude at which the standard troposphere has a density: `standard_density` inverted."""
     grid = np.linspace(-2000.0, 20000.0, 2201)
     return np.interp(-rho, -standard_density(grid), grid)

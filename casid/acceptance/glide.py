@@ -26,7 +26,7 @@ Quantities = dict[str, tuple[float, np.ndarray, str]]
 
 
 def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quantities, tuple[str, ...]]:
-    """Name -> value, derivatives by the parameters and unit; and what is to be said where there is none."""
+    """Name -> value, derivatives by the parameters and unit; and a remark where there is none."""
     try:
         V, at = _search(flight, known, level)
     except InputError as error:
@@ -42,7 +42,7 @@ def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quant
     )
     if np.abs(found.fun).max() < _SMALL:
         return _named(*flattest.quantities(found.x, held, known.values)), ()
-    # at the corner of a table, where the slope jumps, the optimum stays: what is told is that of a glide at its speed
+    # at the corner of a table, where the slope jumps, the optimum stays: the values are those of a glide at its speed
     along = flight.once(("glide at a speed",), lambda: flight.along(GLIDE, _told(flight)))
     value, slope = along(*flight.at(GLIDE, at), known.values)
     slope[0] = np.nan
@@ -81,7 +81,7 @@ class _Flattest:
         self.quantities = Implicit(unknown=unknown, residual=whole, held=held, p=flight.p, quantities=told)
 
     def multipliers(self, z: np.ndarray, V: float, held: list[float], p: np.ndarray) -> np.ndarray:
-        """Of a glide that need not be the flattest."""
+        """Return the multipliers of a glide that need not be the flattest."""
         return np.linalg.solve(self._slope(z, V, held, p).full().T, self._towards)
 
 

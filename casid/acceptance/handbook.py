@@ -2,7 +2,7 @@
 
 Modes, static and manoeuvre margins, lift over drag, best glide and trim curves. Deviations are those of the delta
 method with exact derivatives: std(F)^2 = F_p P F_p' for the covariance P of the parameters, the change of trim
-included. Theil's coefficients of records stand in `theil`.
+included. Theil's coefficients of records are in `theil`.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class TrimCurves:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Handbook:
-    """What `modes` finds.
+    """Result of `modes`: eigenmodes, trim and performance of an aircraft.
 
     Attributes
     ----------
@@ -143,7 +143,7 @@ class Handbook:
 
 
 def rows(found: Handbook) -> list[tuple[str, Number]]:
-    """(label, number) of all modes and numbers, in the order in which they are told."""
+    """(label, number) of all modes and numbers, in the order of the table."""
     of_modes = [
         (f"{name}: {key.replace('_', ' ')}", one)
         for name, mode in found.modes.items()
@@ -192,7 +192,7 @@ def modes(
     Raises
     ------
     InputError
-        For a flight point that the file does not say, or at which there is no steady flight.
+        For a flight point that the file does not state, or at which there is no steady flight.
 
     Examples
     --------
@@ -343,7 +343,7 @@ def _curves(flight: SteadyFlight, known: Known, point: Mapping[str, float], V: n
 
 
 def _notes(flight: SteadyFlight, silent: Sequence[str], known: Known) -> list[str]:
-    """What is to be said of the flight: planes without aerodynamics, effects that were left out."""
+    """List remarks on the flight: planes without aerodynamics, effects that were left out."""
     notes = [*known.notes, *(f"the file has no {plane} aerodynamics: no {plane} modes are given" for plane in silent)]
     if flight.left_out:
         names = ", ".join(sorted({e.kind for e in flight.left_out}))

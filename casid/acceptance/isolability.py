@@ -1,4 +1,4 @@
-"""Isolability before flight: which causes a manoeuvre and its channels can detect and tell apart.
+"""Isolability before flight: which causes a manoeuvre and its channels can detect and separate.
 
 The aircraft file flies the manoeuvre from level flight. Every cause of the catalogue has a response m there, whitened
 by the noise of the channels, from which all that fitted derivatives, offsets and initial states can imitate is
@@ -46,7 +46,7 @@ from casid.records.given import given_records
 from casid.records.record import Record
 from casid.signals import SURFACES
 
-_POWER = 0.9  # of the smallest size that is told
+_POWER = 0.9  # of the smallest size that is stated
 _ALIKE = 0.05  # probability of confusion from which two causes are one set
 # of the aerodynamic terms that a file may lack, those that are looked at unless others are asked for
 _TERMS = ("CL:alpha^2", "CD:alpha^2", "CX:alpha^2", "CZ:alpha^2", "Cm:alpha^2", "C[Yln]:alpha[*]beta")
@@ -56,7 +56,7 @@ _Row = tuple[Effect, Mapping[str, float], float | None]  # an effect, its values
 
 @dataclass(frozen=True, kw_only=True)
 class IsolableCause:
-    """What a manoeuvre can tell of a cause."""
+    """Size from which a manoeuvre detects a cause, and the causes that it is confused with."""
 
     in_json: ClassVar[str] = "matters smallest unit detection told confusion"
 
@@ -86,7 +86,7 @@ class Addition:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Isolability:
-    """What `isolability` finds.
+    """Result of `isolability`: which causes some manoeuvres can detect and separate.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class Isolability:
     additions
         Further channels and manoeuvres, the one that would add most first.
     left_out
-        Causes that are not judged: a size says nothing of them, or the manoeuvre does not touch them.
+        Causes that are not judged: they have no size to judge by, or the manoeuvre does not excite them.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def isolability(
     suggest: bool = True,
     criteria: Criteria | None = None,
 ) -> Isolability:
-    """Which causes manoeuvres and channels can detect and tell apart, before they are flown.
+    """Predict which causes manoeuvres and channels can detect and separate, before they are flown.
 
     The aircraft flies every manoeuvre from level flight at the [trim] of its file; of the records the times, the
     surfaces and the thrust are taken, as changes from their first samples.
@@ -181,7 +181,7 @@ def isolability(
     channels
         What is measured; by default V, flow angles, rates, attitude and specific forces.
     noise
-        Channel -> 1-sigma (SI); by default that of the file, and ordinary flight-test instruments where it says none.
+        Channel -> 1-sigma (SI); by default that of the file, and ordinary flight-test instruments where it gives none.
     causes
         Globs of names, like ``"sensor_*"`` or ``"aero_term(Cm:*)"``, or own effects. By default all of the catalogue
         but the aerodynamic terms, of which only the lowest are taken.
@@ -246,7 +246,7 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Judged:
-    """Of causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
+    """Causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
 
     channels: tuple[str, ...]
     names: tuple[str, ...]
@@ -264,7 +264,7 @@ class _Judged:
         return found
 
     def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
-        """By name."""
+        """Return the causes by name."""
         enough = criteria.significance.detectable
         found = {}
         table = self.confusion
@@ -310,7 +310,7 @@ def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
 
 
 def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tuple[list[Effect], tuple[str, ...]]:
-    """Effects to be judged, and names of those of the catalogue that size says nothing of."""
+    """Effects to be judged, and names of those of the catalogue without a size to judge by."""
     every = flight.effects
     if causes is None:
         chosen = [e for e in every if e.regressor is None or any(fnmatchcase(e.name, g) for g in _DEFAULT)]
@@ -329,8 +329,9 @@ def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tupl
 
 
 def _fitted(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) -> FlightFit:
-    """The file as it is, along the rehearsed motion: that of a fit of all channels, and not what few of them tell of it
-    (an airspeed and an angle of attack tell nothing of the sideslip by which the side force is linearised)."""
+    """The file as it is, along the rehearsed motion: that of a fit of all channels, and not the one that few of them
+    determine (an airspeed and an angle of attack do not determine the sideslip by which the side force is
+    linearised)."""
     every = {name: s for name in flown.outputs if (s := flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name))}
     whole = _flight(flown, {**every, **sigma}, criteria)
     moving = fit(whole, [], whole.noise())
@@ -348,8 +349,8 @@ def _judged(flown: Rehearsal, sigma: Mapping[str, float], effects: Sequence[Effe
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Shown:
-    """How causes show in each of R records of a fit. What they show in some of these are sums, for which no record is
-    flown again."""
+    """Responses to causes in each of R records of a fit. In a part of the records they are sums, for which no record
+    is flown again."""
 
     fitted: FlightFit
     rows: tuple[_Row, ...]

@@ -14,12 +14,12 @@ from casid.acceptance.matched import Cost, MatchedTest
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 
-_TOLD = 3  # parts that are told where no single one decides
+_TOLD = 3  # parts that are listed where no single one decides
 
 
 @dataclass(frozen=True, kw_only=True)
 class Findings:
-    """What a diagnosis found, as far as a rationale quotes it."""
+    """Findings of a diagnosis, as far as a rationale quotes them."""
 
     # cause, as in tables `actuator_lag(delta_e)` -> its sentence, with the probability of the cause
     sentences: Mapping[str, str] = field(default_factory=dict)

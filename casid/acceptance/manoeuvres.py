@@ -15,9 +15,9 @@ from casid.signals import GRAVITY, SURFACES
 
 @dataclass(frozen=True, kw_only=True)
 class Manoeuvre:
-    """How a manoeuvre is found in a record: the inputs that begin it, whether it is the `free` response after these
-    have come to rest, and whether it is `slow`, as a phugoid: then one period of it must fit. Without inputs its time
-    must be given."""
+    """Rule by which a manoeuvre is found in a record: the inputs that begin it, whether it is the `free` response
+    after these have come to rest, and whether it is `slow`, as a phugoid: then one period of it must fit. Without
+    inputs its time must be given."""
 
     inputs: tuple[str, ...] = ()
     free: bool = False
@@ -38,7 +38,7 @@ MANOEUVRES: Mapping[str, Manoeuvre] = MappingProxyType(
     }
 )
 _INPUTS = (*SURFACES, "thrust")
-_LEAD_S = 1.0  # before the first movement: tells the state from which the simulation starts
+_LEAD_S = 1.0  # before the first movement: gives the state from which the simulation starts
 _SHORTEST_S = 2.0  # of a response that is judged
 _STEP_S = 0.5  # in which a movement must become visible
 _SIGMAS = 6.0  # of noise, beyond which a change is a movement
@@ -135,8 +135,8 @@ def _movements(record: Record, name: str) -> list[tuple[str, float, float]]:
 
 
 def _least(record: Record, name: str) -> float:
-    """What a movement must be beside: thrust its own level, a surface the movements of the others, which a pilot who
-    moves one of them makes with it."""
+    """Return the least size of a movement: thrust is compared with its own level, a surface with the movements of
+    the others, which a pilot who moves one of them makes with it."""
     if name == "thrust":
         return _POWER * float(np.median(np.abs(record[name])))
     ranges = [np.ptp(record[other]) for other in SURFACES if other in record and np.isfinite(record[other]).all()]

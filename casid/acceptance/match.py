@@ -51,7 +51,7 @@ def proof_of_match(
     Every test of the table whose manoeuvre a record shows is flown open loop, from the measured state at its beginning
     and with the inputs of flight. A time history must be within tolerance at every sample; the noise of the measured
     one is smoothed before. Derived quantities are measured from flight and simulation in the same way. With an extended
-    aircraft each part that it has and the given one lacks is taken out in turn: which tolerances it costs is told.
+    aircraft each part that it has and the given one lacks is taken out in turn, to find the tolerances that it costs.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def proof_of_match(
     extended
         The extended aircraft, or its file.
     diagnosis
-        A diagnosis of this aircraft, or the folder that `casid diagnose` wrote: each test says whether its record was
+        A diagnosis of this aircraft, or the folder that `casid diagnose` wrote: each test states whether its record was
         fitted, and one that was out of tolerance has its rationale. Its extended aircraft is taken if none is given.
     tolerances
         "part60", one's own TOML file, or a `Standard`.
@@ -131,7 +131,7 @@ def proof_of_match(
 
 
 def _axes(aircraft: Aircraft, record: Record) -> str:
-    """What the surfaces of a record allow and the aircraft has aerodynamics of."""
+    """Return the axes that the surfaces of a record allow and for which the aircraft has aerodynamics."""
     axes = axes_of([record])
     modelled = [one for one in ("longitudinal", "lateral") if has_aerodynamics(aircraft, one)]
     return modelled[0] if axes == "full" and len(modelled) == 1 else axes
@@ -219,7 +219,7 @@ def _unfit(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], w
 
 
 def _looked_at(tests: Iterable[StandardTest]) -> list[str]:
-    """Channels whose curves are needed: what tests compare, and what tells the state."""
+    """Channels whose curves are needed: those that tests compare, and those of the state."""
     seen = set(DIRECT)
     for test in tests:
         seen |= {*test.channels, *([test.condition.channel] if test.condition else [])}
@@ -248,7 +248,7 @@ class _Flight:
 
     @cached_property
     def measured(self) -> list[Measured]:
-        """What it has of each test."""
+        """Flight data of each test."""
         return [flight_of(test, self.record, self.smoothed, window) for test, window in self.chosen]
 
 

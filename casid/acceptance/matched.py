@@ -22,13 +22,13 @@ class Side:
 
     @property
     def passed(self) -> bool | None:
-        """Of the test; None: it is not judged."""
+        """Return True if the test is passed, None if it is not judged."""
         return verdict(self.checks)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What a part of the extended aircraft is worth in a test."""
+    """Effect of taking a part out of the extended aircraft, in one test."""
 
     part: str  # the effect or the numbers that were taken out
     subject: str  # name of the cause, `actuator_lag(delta_e)`; "" of numbers
@@ -98,5 +98,5 @@ class MatchedTest:
 
     @property
     def passed(self) -> bool | None:
-        """Of the last side."""
+        """Return True if the last side passes, None if it is not judged."""
         return list(self.sides.values())[-1].passed

@@ -1,4 +1,4 @@
-"""What is known of the parameters of an aircraft: their values and the covariance of their errors."""
+"""Collect what is known of the parameters of an aircraft: their values and the covariance of their errors."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from casid.model.effects import effect_of
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Known:
     """(parameters,) values of a model's parameters, and (parameters, parameters) covariance of their errors; None where
-    nothing is said of them."""
+    they have none."""
 
     values: np.ndarray
     covariance: np.ndarray | None
@@ -33,7 +33,8 @@ class Known:
 
 
 def known_by_file(flight: SteadyFlight) -> Known:
-    """As the file says: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all independent."""
+    """Return what the file states: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all
+    independent."""
     model = flight.model
     aircraft = flight.aircraft
     of_effects = {effect_of(e).name: e.std for e in aircraft.effects if e.std > 0.0}
@@ -44,16 +45,16 @@ def known_by_file(flight: SteadyFlight) -> Known:
 
 
 def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
-    """As an estimate says, with its corrected covariance."""
+    """Return what an estimate gives, with its corrected covariance."""
     return known_by_estimate(flight, fit.values, fit.covariance_corrected)
 
 
 def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
-    """As a diagnosis says of its extended aircraft: the correlations of the extended model's fit, with the corrected
-    standard deviations of the flight, or those of the prior where these are smaller."""
+    """Return what a diagnosis gives for its extended aircraft: the correlations of the extended model's fit, with
+    the corrected standard deviations of the flight, or those of the prior where these are smaller."""
     fitted = diagnosis.extended.fit
     parameters = flight.model.parameters
-    # a minor cause that is a term stands in the file as such
+    # a minor cause that is a term is a term of the file
     terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
     named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
     values = dict(zip(parameters, flight.model.nominal_vector(), strict=True))
@@ -87,7 +88,7 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
 
 
 def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
-    """What an estimate.json says, which `where` names in errors; InputError when it is none."""
+    """Return what an estimate.json gives, which `where` names in errors; InputError for any other file."""
     try:
         parameters = document["parameters"]
         correlation = document["correlation"]

@@ -1,4 +1,4 @@
-"""What a proof of match gives: tests, their rows for each simulation, and what parts of the extended aircraft cost."""
+"""Hold a proof of match: tests, their rows for each simulation, and the effect of parts of the extended aircraft."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class ProofOfMatch:
-    """What `proof_of_match` gives.
+    """Result of `proof_of_match`: every test with its rows, before and after.
 
     Attributes
     ----------
@@ -56,8 +56,8 @@ class ProofOfMatch:
 
     @property
     def passed(self) -> bool:
-        """Whether the extended aircraft passes every test (the given one, where it is alone). One that is not judged,
-        or whose conditions are not met, is not passed."""
+        """Return True if the extended aircraft passes every test (the given one, where it is alone). One that is not
+        judged, or whose conditions are not met, is not passed."""
         return all(one.passed is True and not one.unmet for one in self.tests)
 
     @property
@@ -71,7 +71,7 @@ class ProofOfMatch:
 
     @property
     def sentence(self) -> str:
-        """How many tests each side passes, and how many were not flown as the standard asks."""
+        """Sentence on how many tests each side passes, and how many were not flown as the standard asks."""
         told_of = []
         for label in self.aircraft:
             outcomes = [one.sides[label].passed for one in self.tests]
@@ -90,7 +90,7 @@ class ProofOfMatch:
         return f"{said[0].upper()}{said[1:]}.{asked}{seen}{lost}"
 
     def to_dict(self) -> dict[str, Any]:
-        """As `match.json`, "casid.match/1": SI units and radians; what is no number is null."""
+        """Return the content of `match.json`, "casid.match/1": SI units and radians; null for what is not finite."""
         return {
             "schema": "casid.match/1",
             **plain(self, "passed sentence aircraft closed_loop"),

@@ -46,13 +46,13 @@ class Quantity:
     cycles: float = math.nan
 
 
-UNKNOWN = Quantity(value=math.nan, std=math.inf)  # what the samples do not tell
+UNKNOWN = Quantity(value=math.nan, std=math.inf)  # what the samples do not determine
 
 
 @dataclass(frozen=True, kw_only=True)
 class QuantityKind:
-    """How a derived quantity is called, its SI unit, and by what it is measured: a fitted oscillation, of two channels
-    or one, or the samples t, y (N,) of a response."""
+    """Name of a derived quantity, its SI unit, and its measurement: a fitted oscillation, of two channels or one, or
+    the samples t, y (N,) of a response."""
 
     words: str
     unit: str
@@ -73,7 +73,7 @@ class Oscillation:
 
     @property
     def cycles(self) -> float:
-        """How many were seen."""
+        """Number of cycles that were seen."""
         return self.frequency * self.duration / (2.0 * math.pi)
 
     def quantity(self, value: float, gradient: Mapping[int, float]) -> Quantity:
@@ -221,7 +221,7 @@ def _time_between_peaks(o: Oscillation) -> Quantity:
 
 
 def time_constant(t: np.ndarray, response: np.ndarray) -> Quantity:
-    """Of an exponential approach to a constant [s]."""
+    """Return the time constant of an exponential approach to a constant [s]."""
     there = np.isfinite(response)
     t = t[there] - t[0]
     y = response[there]
@@ -254,12 +254,13 @@ def time_constant(t: np.ndarray, response: np.ndarray) -> Quantity:
 
 
 def rise_time(t: np.ndarray, response: np.ndarray) -> Quantity:
-    """From 10 % to 90 % of the way from the first to the final value [s], the mean of the last tenth."""
+    """Return the time from 10 % to 90 % of the way from the first to the final value [s], the mean of the last
+    tenth."""
     return _of_step(t, response, _rise)
 
 
 def overshoot(t: np.ndarray, response: np.ndarray) -> Quantity:
-    """By how much the peak exceeds the final value, as a part of the way to it."""
+    """Return the excess of the peak over the final value, as a part of the way to it."""
     return _of_step(t, response, _beyond)
 
 

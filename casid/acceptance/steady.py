@@ -109,7 +109,7 @@ class SteadyFlight:
         return ca.vertcat(*(self.setting[name] for name in SETTINGS if name not in unknown))
 
     def once(self, key: tuple, make: Callable[[], Any]) -> Any:
-        """What is made once for this aircraft, such as a compiled expression."""
+        """Make something once for this aircraft, such as a compiled expression, and return it."""
         if key not in self._made:
             self._made[key] = make()
         return self._made[key]
@@ -140,7 +140,7 @@ class SteadyFlight:
         )
 
     def at(self, unknown: Sequence[str], solved: Solved) -> tuple[np.ndarray, list[float]]:
-        """Where `along` is evaluated: unknowns and what is held."""
+        """Return the point at which `along` is evaluated: unknowns and what is held."""
         return solved.z, [solved.values[name] for name in SETTINGS if name not in unknown]
 
     def _unknown_in(self, z: ca.SX, unknown: Sequence[str]) -> tuple[list[ca.SX], list[ca.SX]]:

@@ -1,6 +1,6 @@
 """Tolerance tables of a proof of match: a standard, its tests, and what each of them compares, read from TOML.
 
-A test without the paragraph that its numbers stand in is refused. Numbers are SI and radians once they are read.
+A test without the paragraph of its numbers is refused. Numbers are SI and radians once they are read.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Tolerance:
     relative: float | None = None  # limit as a fraction of flight; with an absolute one, the less restrictive holds
     # "value": of flight at the same sample, or of the quantity; "peak": of the largest size in flight
     relative_to: str = "value"
-    unit: str  # in which the row is told
+    unit: str  # in which the row is reported
     # from_s, to_s: span from the beginning of the manoeuvre [s] to which the row is confined
     from_s: float | None = None
     to_s: float | None = None
@@ -51,7 +51,7 @@ class Tolerance:
 
     @property
     def words(self) -> str:
-        """What is compared, for a person: "pitch rate", "period of sideslip angle"."""
+        """Name of what is compared: "pitch rate", "period of sideslip angle"."""
         if self.quantity is None:
             return told(self.channel)
         of = told(self.channel) if self.reference is None else f"{told(self.channel)} and {told(self.reference)}"
@@ -77,7 +77,7 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True)
 class Condition:
-    """What the flight must have been like for a test to apply: the largest size of a channel, SI."""
+    """Condition of the flight for a test to apply: the largest size of a channel, SI."""
 
     channel: str
     peak_from: float
@@ -92,16 +92,18 @@ class StandardTest:
     id: str  # id, title: as the standard has them
     title: str
     manoeuvre: str  # of `MANOEUVRES`: by what it is found in a record
-    paragraph: str  # where its numbers stand
+    paragraph: str  # that has its numbers
     tolerances: tuple[Tolerance, ...]  # its rows
     condition: Condition | None = None  # what the flight must have been like; None: anything
     configurations: tuple[str, ...] = ()  # of `CONFIGURATIONS`, those in which the test is flown; none: any
     cycles: float = 0.0  # fewest cycles of an oscillation from which it may be judged
-    cycles_unless: str | None = None  # quantity for which fewer are enough where flight tells it within its tolerance
+    cycles_unless: str | None = (
+        None  # quantity for which fewer are enough where flight determines it within its tolerance
+    )
     # before_s, after_s: how long the inputs rest before the manoeuvre, and after it, by the standard
     before_s: float = 0.0
     after_s: float = 0.0
-    remark: str = ""  # what the standard says besides
+    remark: str = ""  # what the standard states besides
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -167,7 +169,7 @@ class Standard:
 
 
 def told(channel: str) -> str:
-    """How a standard calls a channel."""
+    """Return the name that a standard gives to a channel."""
     return _WORDS.get(channel, label_of(channel))
 
 

@@ -1,4 +1,4 @@
-"""After an estimation: intervals, and what the data can tell apart."""
+"""Analyse an estimation: intervals, and what the data can separate."""
 
 from casid.analysis.bootstrap import Bootstrap, bootstrap, collected, drawn_problem, replica
 from casid.analysis.identifiability import Identifiability, identifiability

@@ -1,4 +1,5 @@
-"""How the inputs of records moved, in words, and which manoeuvre would tell most about a combination of parameters."""
+"""Describe how the inputs of records moved, and which manoeuvre is most informative about a combination of
+parameters."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ class Suggestion:
 
 @dataclass(frozen=True, kw_only=True)
 class Excitation:
-    """How a control moved: largest excursion `move` (SI), and the frequencies [Hz] between which 80 % of its power
+    """Motion of a control: largest excursion `move` (SI), and the frequencies [Hz] between which 80 % of its power
     lies, NaN when it rested; `resolution` [Hz] is one over the longest record."""
 
     control: str
@@ -67,7 +68,7 @@ class Excitation:
 
     @property
     def poor(self) -> bool:
-        """Whether it rested, or moved within an octave or what a record of this length cannot resolve."""
+        """Return True if it rested, or moved within an octave or what a record of this length cannot resolve."""
         return not (self.high >= 2.0 * self.low and self.high - self.low > _RESOLVED * self.resolution)
 
     @property
@@ -94,7 +95,7 @@ class Excitation:
 
 
 def excitations(records: Sequence[Record], controls: Sequence[str]) -> tuple[Excitation, ...]:
-    """How each control moved in the records together."""
+    """Describe how each control moved in the records together."""
     moves = {name: max(_excursion(record[name]) for record in records) for name in controls}
     largest = max(moves.values(), default=0.0)
     resolution = 1.0 / max(record.duration for record in records)

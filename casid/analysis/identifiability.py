@@ -1,4 +1,4 @@
-"""What a fit's data can tell apart, in words: weak directions of the information, what moved, what the prior did.
+"""Find what a fit's data can separate, in words: weak directions of the information, what moved, what the prior did.
 
 The information of the parameters, priors left out and initial states eliminated, is scaled to a unit diagonal, so that
 its eigenvalues measure collinearity alone (Belsley, Kuh and Welsch, Regression Diagnostics, 1980, ch. 3; Klein and
@@ -46,7 +46,7 @@ class Direction:
     change: Mapping[str, float]
     share: Mapping[str, float]  # parameter -> the same over its estimate (inf: the estimate is zero)
     # whether that change is larger than the a-priori 1-sigma (without one: value) of a parameter that takes part, so
-    # that they cannot be told apart
+    # that they cannot be separated
     cannot: bool
     # controls in the names of those that take part (none there: all) that rested or moved at one frequency only
     poor: tuple[Excitation, ...]
@@ -177,7 +177,7 @@ class Identifiability:
 def identifiability(
     fit: Fit, *, controls: Sequence[str] | None = None, method: MultipleShooting = _DEFAULT_METHOD
 ) -> Identifiability:
-    """What the data of a fit tell of its parameters, whether it used a prior or not.
+    """Analyse which parameters the data of a fit determine, whether it used a prior or not.
 
     The a-priori blend uses the model's `prior_std`; where the fit left it out, it is put in by one linear step. With
     weights that are no inverse noise the information is that of the weights.

@@ -138,7 +138,7 @@ def _check(fit: Fit, level: float, method: Transcription) -> None:
 
 
 class _ProfileSearch:
-    """The search for the ends of one parameter's interval; `along` (parameters,) says how the others follow it."""
+    """The search for the ends of one parameter's interval; `along` (parameters,) is how the others follow it."""
 
     def __init__(self, fit: Fit, name: str, method: Transcription, solver: Solver) -> None:
         self.fit = fit
@@ -218,7 +218,7 @@ class _ProfileSearch:
 
 
 def _next_distance(known: list[tuple[float, float]], reach: float) -> float:
-    """Where the root of the deviance is expected to reach `reach`: inside the bracket when there is one."""
+    """Return where the root of the deviance is expected to reach `reach`: inside the bracket when there is one."""
     below = max((k for k in known if k[1] < reach), key=lambda k: k[0])
     above = min((k for k in known if k[1] > reach and k[0] > below[0]), key=lambda k: k[0], default=None)
     if above is not None:

@@ -31,7 +31,8 @@ class AtFit:
 
     @property
     def information(self) -> np.ndarray:
-        """(parameters, parameters) what the data say: initial states eliminated, priors of parameters left out."""
+        """(parameters, parameters) information of the data: initial states eliminated, priors of parameters left
+        out."""
         return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2)
 
     @property

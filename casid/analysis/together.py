@@ -30,7 +30,7 @@ _SEGMENT_SAMPLES = 1 << 16  # of all runs that are solved at once: their sensiti
 
 
 class Together:
-    """What all runs have in common with a fit: its problem, in the coordinates of the solvers, and its motion.
+    """Common part of all runs with a fit: its problem, in the coordinates of the solvers, and its motion.
 
     tolerance   as of `Automatic`
     """
@@ -52,8 +52,8 @@ class Together:
 
     @staticmethod
     def takes(fit: Fit, method: Transcription) -> bool:
-        """Whether a fit is one of output error with independent noise, without limits, events and random defects, and
-        its repetition by a method too."""
+        """Return True if a fit is one of output error with independent noise, without limits, events and random
+        defects, and its repetition by a method too."""
         end = fit.uncertainty.solved
         objective = end.objective
         if objective is None or end.linear is None:  # it was read from a file

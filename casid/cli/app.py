@@ -48,7 +48,7 @@ def main() -> None:
 
 
 def _first_line(where: str) -> str:
-    """What a command does, for the list of all, read from its docstring without the imports of its file."""
+    """Return the summary of a command, for the list of all, read from its docstring without the imports of its file."""
     import ast
     from importlib.resources import files
 

@@ -32,7 +32,7 @@ def check(
 ) -> int:
     """Check flight records by physics that needs no aerodynamics: signs, units, swapped, frozen or clipped channels.
 
-    Prints every finding, numbers of the aircraft file that cannot be, and a table of the channels. A file that cannot
+    Prints every finding, impossible numbers of the aircraft file, and a table of the channels. A file that cannot
     be read is reported, and the others are checked. The status is 0 when nothing is wrong and 1 when something is.
     With --out also DIR/check.html, a page with suspected channels as a picture, and DIR/check.json.
 
@@ -41,10 +41,10 @@ def check(
     aircraft
         The aircraft file (TOML): weight, trim and signs of derivatives are compared too.
     believe
-        Channels that are believed as they were recorded: what they contradict is explained otherwise.
+        Channels that are right as recorded: what they contradict is explained otherwise.
     write_map
-        Write a column map (TOML) of the first record to this file: what is known or likely of its columns, and as
-        comments what is missing and what the other columns hold. The records are then read by it.
+        Write a column map (TOML) of the first record to this file, to be filled in: known and likely columns, and as
+        comments the missing channels and the other columns. The records are then read by it.
     """
     if not records:
         raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")

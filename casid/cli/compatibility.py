@@ -29,7 +29,7 @@ def compatibility(
     """Check the kinematic consistency of measurements by flight-path reconstruction.
 
     Begins with `casid check`. Estimates the motion with biases of all instruments, and those errors of scale, delay and
-    place that the data ask for; with velocity over ground also the steady wind. Aerodynamics play no part.
+    position that the data require; with velocity over ground also the steady wind. Aerodynamics play no part.
     Status 0: the measurements are compatible; 1: the data have a fault, an error is clear and larger than allowed or of
     an impossible size, or more than noise is left.
     With --out also DIR/compatibility.html, a page with measured and reconstructed histories, and compatibility.json.

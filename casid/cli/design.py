@@ -72,9 +72,9 @@ def design(
         Globs of the derivatives to be estimated; default: all of these axes.
     separate
         Two causes with their sizes in SI, like 'actuator_lag(delta_e)=0.1' 'input_delay(delta_e)=0.1': the manoeuvre
-        that tells them apart best, by what no derivative can imitate.
+        that separates them best, by what no derivative can imitate.
     seed
-        Of the random starts.
+        Seed of the random starts.
     """
     for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
         if not (math.isfinite(value) and value > 0.0):

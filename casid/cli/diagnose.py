@@ -69,9 +69,9 @@ def diagnose(
     """Diagnose what a flight simulation lacks, from flight records.
 
     Writes DIR/report.html (one page for a person), DIR/diagnosis.json (the same for a program), DIR/extended.toml
-    (the aircraft file with the causes that were found) and DIR/run.json (made with what). The status is 0 whatever
-    is found. All processors that the process may use are used, or as many as the variable OMP_NUM_THREADS says; the
-    results are the same.
+    (the aircraft file with the causes that were found) and DIR/run.json (command and versions). The status is 0
+    whatever is found. All processors that the process may use are used, or as many as the variable OMP_NUM_THREADS
+    allows; the results are the same.
 
     Parameters
     ----------
@@ -80,25 +80,25 @@ def diagnose(
     aircraft
         The aircraft file (TOML).
     model
-        In place of it the model of any dynamic system, in a Python file that is run: tanks.py:model. There is no
-        extended.toml then, but diagnosis.txt.
+        The model of any dynamic system in place of an aircraft, in a Python file that is executed: tanks.py:model. It
+        gives diagnosis.txt in place of extended.toml.
     hold_out
-        Records that are never fitted. Without, the last record is held back, or of a single one its last third.
+        Records that are never fitted. Default: the last record, or the last third of a single one.
     axes
-        What is judged. Without, what surfaces and motion of the records can tell of.
+        Plane of motion that is judged. Default: what surfaces and motion of the records allow.
     quick
         Thin the records to 25 Hz.
     seconds
         Time for the verdict: what is not tried in it is listed. The file is re-estimated and flown on the held-out
         records in any case. Ctrl-C asks for the verdict so far; a second one ends without results.
     criteria
-        TOML file with other numbers to decide by.
+        TOML file with other thresholds of decisions.
     as_recorded
         Leave the data as they are: faults are reported, and neither corrected nor left out.
     believe
-        Channels that are believed as they were recorded: `--believe thrust` undoes a correction of the thrust alone.
+        Channels that are right as recorded: `--believe thrust` undoes a correction of the thrust alone.
     shapes
-        Write the shapes of what stays unexplained to extended.toml too, as tables.
+        Write the curves of what stays unexplained to extended.toml too, as tables.
     """
     channels_of(believe or False, "--believe")
     by = Criteria() if criteria is None else Criteria.read(criteria)
@@ -134,7 +134,7 @@ def diagnose(
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
-    """Diagnose the embedded example: a Fokker 50 whose elevator lags its command, which its file does not know.
+    """Diagnose the embedded example: a Fokker 50 whose elevator lags its command, a lag that its file lacks.
 
     Parameters
     ----------

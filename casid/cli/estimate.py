@@ -78,24 +78,24 @@ def estimate(
     """Estimate the derivatives of an aircraft file from flight records.
 
     Writes DIR/estimate.json, DIR/model.toml (the aircraft file with the estimates), the page DIR/estimate.html and
-    DIR/run.json. The status is 0 also without convergence, which estimate.json says in words.
+    DIR/run.json. The status is 0 also without convergence, which estimate.json states.
 
     Parameters
     ----------
     aircraft
         The aircraft file (TOML). Its a-priori uncertainty is a prior, its effects act.
     cost
-        What is minimised: output error, equation error, or both.
+        Cost: output error, equation error, or both.
     equation_weight
         Weight of the equation part, with --cost combined.
     method
-        How the trajectory is represented.
+        Transcription of the trajectory.
     interval
         Samples per shooting interval; default 25.
     defects
         Soft: forces and moments are noisy, with the variances of highest likelihood.
     solver
-        Who minimises.
+        Solver; automatic tries Gauss-Newton first.
     free
         Globs of the parameters to estimate; default: all derivatives and terms that move the axes.
     axes

@@ -33,7 +33,7 @@ def export(
         SITL of ArduPilot, Gazebo's AdvancedLiftDrag, a struct of MATLAB and Simulink, tables, or JSBSim. Of a
         multirotor a frame of SITL, Gazebo's motor model, RotorPy, or a table for learning environments.
     out
-        The file; default: named like the aircraft file, in the folder where you stand. A struct is written as .m or as
+        The file; default: named like the aircraft file, in the current folder. A struct is written as .m or as
         .mat, by the ending.
     as_json
         Print the file's name and what it does not hold as JSON and nothing else.

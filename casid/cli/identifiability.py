@@ -29,7 +29,7 @@ def identifiability(
     out: Folder = Path("out/identifiability"),
     as_json: AsJson = False,
 ) -> None:
-    """Say which derivatives the records tell apart, which they did not move, and which manoeuvre would help.
+    """List the derivatives that the records separate, those that they did not excite, and a manoeuvre that would help.
 
     Writes DIR/identifiability.txt and DIR/identifiability.json.
 

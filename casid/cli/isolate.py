@@ -23,7 +23,7 @@ def isolate(
     out: Folder = Path("out/isolate"),
     as_json: AsJson = False,
 ) -> None:
-    """Say which causes a manoeuvre and its channels can detect and tell apart, before it is flown.
+    """List the causes that a manoeuvre and its channels can detect and separate, before it is flown.
 
     Writes DIR/isolability.html, DIR/isolability.json and DIR/isolability_figures.
 

@@ -51,9 +51,9 @@ def match(
     Parameters
     ----------
     aircraft
-        The aircraft file (TOML), and behind it the extended one where there is one.
+        The aircraft file (TOML), followed by the extended one where there is one.
     diagnosis
-        Folder that casid diagnose wrote for this aircraft. Its extended.toml is the extended aircraft; each test says
+        Folder that casid diagnose wrote for this aircraft. Its extended.toml is the extended aircraft; each test states
         whether its record was fitted; and a test that is out of tolerance as given gets a rationale.
     tolerances
         part60, or a TOML file of one's own.

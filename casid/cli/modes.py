@@ -35,9 +35,9 @@ def modes(
     out: Folder = Path("out/modes"),
     as_json: AsJson = False,
 ) -> None:
-    """Modes, static and manoeuvre margins, lift over drag, best glide and trim curves, with intervals.
+    """Compute modes, static and manoeuvre margins, lift over drag, best glide and trim curves, with intervals.
 
-    Several aircraft files, such as an original and its extended one, stand side by side, all at the flight point of the
+    Several aircraft files, such as an original and its extended one, are compared, all at the flight point of the
     first. Writes DIR/modes.html, DIR/modes.json and DIR/modes_figures.
 
     Parameters

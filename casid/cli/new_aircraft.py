@@ -114,7 +114,7 @@ def _write(target: Path, text: str) -> None:
 
 
 def _answered(given: dict[str, float | None]) -> dict[str, float]:
-    """What was given, and the answers to what was not."""
+    """Return what was given, and the answers to what was not."""
     missing = ", ".join(f"--{what}" for what, value in given.items() if value is None)
     if missing and not sys.stdin.isatty():
         raise InputError(f"missing: {missing}; give them as options")

@@ -40,24 +40,24 @@ def response(
 ) -> None:
     """Estimate frequency responses from flight records, with coherence and random error.
 
-    Writes DIR/response.json and
-    the page DIR/response.html with a Bode diagram for each output. With aircraft files, their responses
-    by exact linearisation at the medians of the records stand beside it, with the mismatch and its cost.
+    Writes DIR/response.json and the page DIR/response.html with a Bode diagram for each output. The responses of
+    aircraft files, by exact linearisation at the medians of the records, are drawn beside it with the mismatch and its
+    cost.
 
     Parameters
     ----------
     records
         Files, or patterns like 'flight/m*.csv'; all together give one response.
     input
-        Channel that moves, like delta_e.
+        Input channel, like delta_e.
     output
-        Channels that answer, like q alpha.
+        Output channels, like q alpha.
     other
         Inputs that move with it, like delta_r with delta_a; their part is taken off.
     aircraft
         Aircraft files (TOML), such as an original and its extended one.
     axes
-        Of the aircraft; default: what the surfaces allow.
+        Plane of motion of the aircraft; default: what the surfaces allow.
     band
         Lowest and highest frequency, rad/s; default: what the windows and the samples allow.
     windows

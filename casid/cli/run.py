@@ -1,4 +1,4 @@
-"""From the words of a command line to a function."""
+"""Call a function with the words of a command line."""
 
 from __future__ import annotations
 

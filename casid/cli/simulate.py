@@ -52,10 +52,8 @@ def simulate(
     """Fly recorded inputs through one or more aircraft files, open loop.
 
     Every flight begins at the measured state; states that are not measured begin as they fit the first seconds of the
-    record best. Writes the simulated
-    records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel, and
-    the page DIR/simulate.html. A simulation that
-    diverges is said, and is not an error.
+    record best. Writes the simulated records, DIR/simulate.json with r.m.s., R2 and Theil's coefficient per channel,
+    and the page DIR/simulate.html. A simulation that diverges is reported, and is no error.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How a command is left: from the first import to the end, by whatever happens, with one line and a true status.
+"""Leave a command, from the first import to the end, with one line and a true status, whatever happens.
 
 This is imported before all that is slow, and is therefore made of the standard library and the errors alone.
 """
@@ -44,7 +44,7 @@ def begin() -> dict[int, object]:
 
 
 def ready() -> None:
-    """From now on Ctrl-C and SIGTERM stop the program where it stands."""
+    """Let Ctrl-C and SIGTERM stop the program at once from now on."""
     for number in _WORDS:
         if signal.getsignal(number) is _leave:  # otherwise nobody began: the signals are not ours
             signal.signal(number, _stop)
@@ -88,7 +88,7 @@ def leave(status: int) -> NoReturn:
 
 
 def _imported_by_a_script() -> bool:
-    """Whether the file that is run imports this itself, and no worker process does."""
+    """Return True if the file that is run imports this itself, and no worker process does."""
     frame = sys._getframe(1)
     while frame is not None and frame.f_code.co_filename in (__file__, *_IMPORTERS):
         frame = frame.f_back

@@ -20,14 +20,14 @@ def why(
     *target: Annotated[str, Parameter(name="TARGET")],
     as_json: AsJson = False,
 ) -> None:
-    """Say why a cause was named in a diagnosis, and why another one was not.
+    """Explain why a cause was named in a diagnosis, and why another one was not.
 
     Parameters
     ----------
     out
         Folder of a diagnosis, or its diagnosis.json.
     cause
-        As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone stands for all its targets. Without it: the
+        As "actuator_lag(delta_e)" or actuator_lag delta_e; a kind alone selects all its targets. Without it: the
         statements that the verdict rests on, and one line with the gate that decided for every cause that was named or
         came nearest to it.
     target
@@ -47,10 +47,10 @@ def why(
         print(json.dumps([one.to_dict() for one in trace.decisions], indent=1))
     else:
         for one in document.get("claims", ()) if cause is None else ():
-            print(f"{'said' if one['said'] else 'not said':<10} {one['statement']}{_because(one)}")
+            print(f"{'stated' if one['said'] else 'not stated':<10} {one['statement']}{_because(one)}")
         print(trace.summary() if cause is None else trace)
         if any(gate.gate.startswith("gain") for one in trace.decisions for gate in one.gates):
-            print('"gain" is the likelihood-ratio statistic, 2 ln L, as the round of the search had it')
+            print('"gain" is the likelihood-ratio statistic, 2 ln L, of that round of the search')
 
 
 def _because(claim: Mapping[str, str]) -> str:

@@ -84,7 +84,7 @@ def frames(channels: Iterable[str]) -> Iterator[Alternative]:
 def _reading(
     body: _Body, attitude: bool, air: bool, heading: float, force: str, there: frozenset[str]
 ) -> Reading | None:
-    """How records in a frame are taken; None where they lack what that needs."""
+    """Return how records in a frame are read; None where they lack a channel that this needs."""
     if force == ACCELERATION and not there >= {"phi", "theta", "az"}:
         return None
     factor = dict[str, float]()

@@ -1,7 +1,7 @@
 """Check of flight data before anything is estimated: the faults of the records, and the corrected records.
 
 First what one channel shows alone (`records.channel_faults`), whose samples are left out; then what channels show
-together, by physics that needs no aerodynamics, where alternatives to the records as they stand compete.
+together, by physics that needs no aerodynamics, where alternatives to the records as given compete.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class DataFindings:
 
     @property
     def clean(self) -> bool:
-        """Whether nothing is wrong."""
+        """Return True if nothing is wrong."""
         return not (self.findings or self.doubts or self.impossible or self.remarks or self.unread)
 
     @property

@@ -45,8 +45,8 @@ class Weighed:
 
     alternative: Alternative
     records: tuple[str, ...]  # that have it
-    log_odds: float  # posterior, against the records as they stand
-    rivals: tuple[Alternative, ...]  # other explanations that these data cannot tell from it
+    log_odds: float  # posterior, against the records as given
+    rivals: tuple[Alternative, ...]  # other explanations that these data cannot separate from it
     refused: bool = False  # whether another kind of fault concerns the same channel, so that neither is corrected
 
     @property
@@ -79,7 +79,7 @@ class Weighing:
         self._stated = {n: one[n] for one in stated for n in one if all(other.get(n) == one[n] for other in stated)}
         self.readings: list[Reading] = [AS_RECORDED for _ in records]  # as the data prefer them
         self.trusted: list[Reading] = [AS_RECORDED for _ in records]  # with nothing that has a rival
-        self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight says so
+        self.meanings: list[FileMeaning] = []  # of numbers of the file, when flight shows them
         self._terms = self._all_terms()
         self._present: dict[tuple[int, int], tuple[float, float]] = {}
         self._response = Response(aircraft, criteria) if aircraft is not None else None
@@ -148,7 +148,7 @@ class Weighing:
         return judged
 
     def _find_surfaces(self, found: list[Weighed]) -> None:
-        """What the response says of surfaces, or else of the units of the file."""
+        """Find faults of surfaces by the response, or else another unit of the file."""
         settled: set[str] = set()
         gains, (odds, meanings) = self._response_gains(), self._meanings()
         for _ in SURFACES:
@@ -165,8 +165,8 @@ class Weighing:
 
     def _meanings(self) -> tuple[float, list[FileMeaning]]:
         """Other meanings of the file with which flight would agree, the most probable one first, with those that it
-        cannot be told from, and its log odds; none when the file stands. Of several points of the moments the best one
-        speaks, with the odds of them all."""
+        cannot be separated from, and its log odds; none when the file is kept. Of several points of the moments the
+        best one is returned, with the odds of them all."""
         if self._aircraft is None or self._response is None:
             return 0.0, []
         by = self._criteria
@@ -189,9 +189,9 @@ class Weighing:
         return best, [one for o, one in reversed(ranked) if o > best - by.alone]
 
     def _agrees(self, meaning: FileMeaning, given: Aircraft, as_given: Response, reads: Sequence[Read]) -> bool:
-        """Whether another meaning of a file brings it most of the way to what the records say: a file that is wrong all
-        over is less wrong in many a unit. Along other axes it leaves less than half of what it leaves as it stands, and
-        of what varies."""
+        """Return True if another meaning of a file brings it most of the way to the records: a file that is wrong all
+        over is less wrong in many a unit. Along other axes it leaves less than half of what the file as given leaves,
+        and of what varies."""
         meant = Response(meaning.corrected(given), self._criteria)
         if isinstance(meaning, ForceAxes):
             (as_it_stands, varies), (left, _) = as_given.left_along_x(reads), meant.left_along_x(reads)
@@ -223,8 +223,8 @@ class Weighing:
         return max(found, self._criteria.impossible)
 
     def _or_else_the_record(self, best: Weighed, elsewhere: Collection[str]) -> Weighed | None:
-        """What an error of a kind from `elsewhere` explains may be a fault of the records, when this explains it as
-        well."""
+        """Return the fault of the records that explains what an error of a kind from `elsewhere` explains; the error
+        itself if its kind is not from there, and None where no fault does."""
         if best.alternative.kind not in elsewhere:
             return best
         faults = [one for one in best.rivals if one.kind not in elsewhere]
@@ -258,8 +258,8 @@ class Weighing:
         return max((float(np.nanmax(np.abs(values), initial=0.0)) for values in read), default=0.0)
 
     def _flies(self, alternative: Alternative) -> bool:
-        """Whether no channel that becomes larger, or that is read in the place of another, leaves the limits of readers
-        and models."""
+        """Return True if no channel that becomes larger, or that is read in the place of another, leaves the limits of
+        readers and models."""
         factor = alternative.reading.factor
         source = alternative.reading.source
         changed = {*source, *(name for name, by in factor.items() if abs(by) > 1.0)}
@@ -309,7 +309,7 @@ class Weighing:
         return found
 
     def _stretched(self) -> list[float]:
-        """The factors on time that make rates of rotation what the gyros say, of all records or of some; no units."""
+        """The factors on time that make rates of rotation equal to the gyros, of all records or of some; no units."""
         each = [self._stretches(j) for j in range(len(self.names))]
         found: list[float] = []
         near = self._criteria.one_factor
@@ -380,7 +380,7 @@ class Weighing:
         return self._response.gains(reads, able)
 
     def _are_deflections(self, alternative: Alternative) -> bool:
-        """Whether surfaces that move excite something, as they are read then."""
+        """Return True if every surface that moves still deflects enough to excite something, as it is read then."""
         for name, factor in alternative.reading.factor.items():
             ranges = [np.ptp(self._quick[j].values[name]) for j in range(len(self.names)) if name in self._quick[j]]
             moved = abs(factor) * max(ranges, default=0.0)
@@ -408,7 +408,7 @@ class Weighing:
 
     def _prior(self, alternative: Alternative) -> float:
         """Log prior odds beside those of any fault: one axis of an instrument is rarely in a unit of its own, and
-        accelerometers stand where there is room."""
+        accelerometers are mounted where there is room."""
         if alternative.kind in INSTRUMENT_ERRORS:
             return -self._criteria.fault - 0.5 * float(np.sum(np.square(alternative.reading.place))) / self._place**2
         if alternative.kind == "data_gravity":
@@ -448,19 +448,19 @@ def _mean_alpha(reads: Sequence[Read]) -> float:
 
 
 def _of_forces_alone(alternative: Alternative) -> bool:
-    """Whether it takes accelerations otherwise, by as much: their likelihoods compare."""
+    """Return True if it reads accelerations otherwise, by as much: their likelihoods compare."""
     sizes = {abs(factor) for factor in alternative.reading.factor.values()}
     return bool(alternative.channels & {*FORCES}) and sizes <= {1.0}
 
 
 def _of_motion(one: Weighed) -> bool:
-    """Whether a fault concerns the motion, and not surfaces or the file alone."""
+    """Return True if a fault concerns the motion, and not surfaces or the file alone."""
     return bool(one.alternative.channels - {*SURFACES})
 
 
 def _clash(one: Weighed, other: Weighed) -> bool:
-    """Whether two faults of different kinds concern one channel of a record, or two turn or exchange channels of the
-    motion: that is other axes, which are not corrected channel by channel."""
+    """Return True if two faults of different kinds concern one channel of a record, or two turn or exchange channels of
+    the motion: that is other axes, which are not corrected channel by channel."""
     a = one.alternative
     b = other.alternative
     if not set(one.records) & set(other.records):
@@ -486,7 +486,7 @@ def _there(record: Smooth, alternative: Alternative) -> bool:
 
 
 def _same(one: Alternative, other: Alternative, near: float) -> bool:
-    """Whether two alternatives take the same channels by factors whose logarithms are `near`."""
+    """Return True if two alternatives read the same channels by factors whose logarithms are `near`."""
     if one.kind != other.kind or one.reading.source or other.reading.source:
         return False
     a = one.reading.factor

@@ -185,13 +185,13 @@ def _drag_of_trim(aircraft: Aircraft) -> _TrimDrag | None:
         return None
     try:
         level = trim_of(aircraft, V=trim["V"], rho=density)
-    except InputError:  # an aircraft that does not fly level there says nothing of its drag
+    except InputError:  # an aircraft that does not fly level there gives no drag
         return None
     return _TrimDrag(drag=level.thrust, rho=density, uncertainty=aircraft.relative_uncertainty)
 
 
 def trimmed_density(aircraft: Aircraft) -> float | None:
-    """Density [kg/m3] of the trim of a file, where it says one."""
+    """Density [kg/m3] of the trim of a file, where it gives one."""
     trim = aircraft.trim
     if "rho" in trim:
         return trim["rho"]
@@ -256,8 +256,8 @@ def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c:
 
 
 def _kinematic_sideslip(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
-    """Side force opposes the sideslip that the motion makes, where no vane tells it: p sin(alpha) - r cos(alpha) + (ay
-    + g sin(phi) cos(theta)) / V is integrated, and both sides high-passed, so that biases do not add up."""
+    """Side force opposes the sideslip that the motion makes, where no vane measures it: p sin(alpha) - r cos(alpha) +
+    (ay + g sin(phi) cos(theta)) / V is integrated, and both sides high-passed, so that biases do not add up."""
     made = _made_by_air(c, "ay", aircraft)
     if c.has("beta") or made is None:
         return 0.0

@@ -32,7 +32,7 @@ class Smooth:
     rates: Mapping[str, np.ndarray]
     known: Mapping[str, np.ndarray]  # channel -> (N,) whether enough samples of the window are there
     independent: float  # number of independent samples of a smoothed series: windows in the record
-    density: float | None = None  # [kg/m3] where neither density nor altitude is recorded; None where nothing says it
+    density: float | None = None  # [kg/m3] where neither density nor altitude is recorded; None where it is unknown
 
     def __contains__(self, channel: str) -> bool:
         return channel in self.values
@@ -91,7 +91,8 @@ def _share(there: np.ndarray, count: int) -> np.ndarray:
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """How what was recorded is taken."""
+    """Rules by which recorded numbers become SI values: factors, offsets, columns, unit of time, and place of a
+    sensor."""
 
     factor: Mapping[str, float] = field(default_factory=dict)  # channel -> SI value over recorded number
     offset: Mapping[str, float] = field(default_factory=dict)  # channel -> what is added to that
@@ -294,7 +295,7 @@ class Finding:
 
     @property
     def puts_in_doubt(self) -> bool:
-        """Whether nothing that rests on these data can be judged.
+        """Return True if nothing that rests on these data can be judged.
 
         Data for which a value of the aircraft file is as good an explanation are judged by that value.
         """

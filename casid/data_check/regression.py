@@ -17,8 +17,8 @@ from casid.signals import SURFACES
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Row:
-    """What a coefficient depends on: names, terms and values of the file's derivatives, without the constant. Behind
-    them come terms that errors of healthy instruments make, with their spread."""
+    """Regressors of a coefficient: names, terms and values of the file's derivatives, without the constant. Behind them
+    come terms that errors of healthy instruments make, with their spread."""
 
     names: tuple[str, ...]
     terms: tuple[str, ...]
@@ -37,7 +37,7 @@ class Row:
 
     @property
     def besides(self) -> np.ndarray:
-        """Spread of every column that its value does not tell."""
+        """Spread of every column beside its value."""
         return np.append(np.zeros(len(self.prior)), [spread for _, spread in self.errors])
 
     @property

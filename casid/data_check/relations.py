@@ -21,7 +21,7 @@ Errors = Callable[[Read, DataCriteria], list[np.ndarray]]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Relation:
-    """needs: channels without which it says nothing; uses: all that enter; sides: the two series of a record.
+    """needs: channels that it cannot do without; uses: all that enter; sides: the two series of a record.
 
     slow: to be seen through the longer window; errors: what ordinary errors of healthy instruments put in, 1-sigma
     each.
@@ -159,9 +159,9 @@ RELATIONS: tuple[Relation, ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Agreement:
-    """How two sides agree: their covariance, each without its line, and how many independent samples tell of it.
+    """Covariance of two sides, each without its line, and the number of independent samples that it is from.
 
-    `close` is the least that they have unlike, `scale` within which an instrument is no question of units."""
+    `close` is the least that they have unlike, `scale` within which an instrument does not suggest another unit."""
 
     left: float
     right: float
@@ -172,9 +172,9 @@ class Agreement:
 
     @property
     def unlike(self) -> float:
-        """What no common signal of equal size explains: generalised variance over that of two unrelated series, from
-        `close` to 1. With noise of their own the covariance of the sides lies between zero and the smaller variance, or
-        is taken there."""
+        """Part that no common signal of equal size explains: generalised variance over that of two unrelated series,
+        from `close` to 1. With noise of their own the covariance of the sides lies between zero and the smaller
+        variance, or is taken there."""
         best = min(self._at(gain) for gain in self._gains())
         return float(min(max(best, self.close), 1.0))
 
@@ -193,12 +193,12 @@ class Agreement:
 
     @property
     def log_likelihood(self) -> float:
-        """Of the samples, over that of two unrelated series."""
+        """Log-likelihood of the samples, over that of two unrelated series."""
         return -0.5 * self.independent * float(np.log(self.unlike))
 
 
 def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCriteria) -> Agreement | None:
-    """How the sides of a relation agree in a record; None where it lacks a channel."""
+    """Return the agreement of the sides of a relation in a record; None where it lacks a channel."""
     if not record.has(*relation.needs):
         return None
     at = record.known(*relation.uses)
@@ -230,7 +230,7 @@ def _in_time(
     """The one side where it is known, without its line and with the ordinary errors that bring it nearest to the other.
 
     `errors` of the instruments, a delay and a clock that drifts have their prior sizes; the last two are sought step by
-    step, since a slope does not tell large ones. `every` samples are one independent one.
+    step, since a slope does not find large ones. `every` samples are one independent one.
     """
     if not np.isfinite(errors).all():
         return _without_line(rate[at])
@@ -259,6 +259,6 @@ def _without_line(series: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _line(count: int) -> tuple[np.ndarray, float]:
-    """From -1 to 1, and the sum of its squares."""
+    """Return a line from -1 to 1, and the sum of its squares."""
     x = np.linspace(-1.0, 1.0, count)
     return x, float(x @ x)

@@ -21,7 +21,7 @@ _SEA_LEVEL = float(standard_density(np.array(0.0)))
 
 
 def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: DataCriteria) -> tuple[str, ...]:
-    """What a person should look at, one sentence for each kind, with the records concerned."""
+    """Return what a person should look at, one sentence for each kind, with the records concerned."""
     said: dict[str, list[str]] = {}
     thrust: dict[str, tuple[float, float]] = {}
     for record in records:

@@ -129,11 +129,12 @@ class Alternative:
 
     @property
     def channels(self) -> frozenset[str]:
-        """What it takes otherwise; "t" when it is the time."""
+        """Channels that it reads otherwise; "t" when it is the time."""
         return self.reading.channels | ({"t"} if self.reading.time != 1.0 else set())
 
     def possible(self, stated: str) -> bool:
-        """Whether a channel with a stated unit may be so: numbers in that unit were SI, or those in SI in another."""
+        """Return True if a channel with a stated unit may be so: numbers in that unit were SI, or those in SI in
+        another."""
         if self.kind != "data_unit" or self.unit is None:
             return True
         other = self.unit.removeprefix(_NOT_IN)
@@ -172,7 +173,7 @@ _WITHOUT_GRAVITY = Alternative(kind="data_gravity", target="az", reading=Reading
 
 
 def _units(label: str, members: tuple[str, ...]) -> list[Alternative]:
-    """In another unit than SI; or in SI though the header says that other unit."""
+    """List the alternatives of another unit than SI, and of SI where the header states that other unit."""
     found = []
     for unit in _UNITS.get(unit_of(members[0]), ()):
         factor = si_factor(unit, members[0])
@@ -214,7 +215,7 @@ _READ_TOO: Mapping[str, str] = {"alpha": "beta", "beta": "alpha"}  # a flow angl
 
 
 class Response:
-    """The response that an aircraft file predicts, and what records say of it."""
+    """The response that an aircraft file predicts, compared with records."""
 
     def __init__(self, aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft | None = None) -> None:
         """`stated`: the file whose values were added up to those of `aircraft`, which have their errors."""
@@ -261,8 +262,8 @@ class Response:
         return found
 
     def likelihood(self, records: Sequence[Read]) -> float:
-        """Log marginal likelihood of the file's derivatives, as far as the records tell of them, with the noise that is
-        left, and of the mean pitching moment. What no derivatives explain is taken off: a missing jump, or a thrust
+        """Log marginal likelihood of the file's derivatives, as far as the records determine them, with the noise that
+        is left, and of the mean pitching moment. What no derivatives explain is taken off: a missing jump, or a thrust
         line, is no evidence for them."""
         plain = self._plain(records)
         noise = self._noise(plain)
@@ -323,8 +324,8 @@ class Response:
         return found - total.samples * float(np.log(noise))  # of other axes by its own noise
 
     def left_along_x(self, records: Sequence[Read]) -> tuple[float, float]:
-        """What the derivatives of the file leave of the force along the body x axis, and what varies of it: sums of
-        squares."""
+        """Return what the derivatives of the file leave of the force along the body x axis, and what varies of it: sums
+        of squares."""
         total = self._along(records)
         if total is None:
             return 0.0, 0.0
@@ -432,7 +433,7 @@ class Response:
         return found
 
     def _parts(self, record: Read, reading: Reading, there: Collection[str]) -> dict[str, Squares]:
-        """Coefficient -> sums over a record, of the coefficients that it can tell of. What other records have and it
+        """Coefficient -> sums over a record, of the coefficients that it can determine. What other records have and it
         has not must not enter there, nor any motion that is not measured: a rudder makes sideslip, and what that does
         would be taken for the rudder's."""
         if not record.has("V", "rho"):
@@ -476,7 +477,7 @@ def _unexplained(c: Read, rows: Collection[str]) -> float:
 def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[str, Row]:
     """Coefficient -> its derivatives and terms in the file."""
     table: dict[str, list[tuple[str, str, float, float]]] = {}
-    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual says so
+    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual states it
     for coefficient, name, term in aerodynamic_parameters(aircraft):
         value, given = (_value(one, coefficient, name, term) for one in (aircraft, stated))
         size = max(abs(value), abs(given))
@@ -500,7 +501,7 @@ def _value(aircraft: Aircraft, coefficient: str, name: str, term: str) -> float:
 
 
 def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
-    """What healthy instruments add to a coefficient that has these slopes by its terms, and its spread."""
+    """Yield the terms that healthy instruments add to a coefficient with these slopes, each with its spread."""
     for angle, other in _READ_TOO.items():
         if angle in slopes and other not in slopes:
             yield other, criteria.upwash * abs(slopes[angle])
@@ -550,7 +551,7 @@ def _regressors(c: Read, aircraft: Aircraft, reading: Reading, criteria: DataCri
 
 
 def _measured(c: Read, aircraft: Aircraft) -> dict[str, np.ndarray]:
-    """(N,) coefficients that the motion tells."""
+    """(N,) coefficients that the motion determines."""
     p, q, r = (c.value(name) for name in "pqr")
     pdot, qdot, rdot = (c.rate(name) if c.has(name) else np.zeros(len(p)) for name in "pqr")
     inertia = aircraft.inertia

@@ -1,4 +1,4 @@
-"""Faults of records of multirotors: what the commands of their rotors and the motion say of each other.
+"""Find faults in records of multirotors by comparing the commands of their rotors with the motion.
 
 In flight the rotors carry what the accelerometer reads; on the ground it reads gravity whatever they do. Rolling and
 pitching accelerations follow the commands by the places of the rotors, so that another numbering shows.
@@ -47,7 +47,7 @@ def rotor_faults(records: Sequence[Record], aircraft: Aircraft) -> list[Finding]
 
 
 def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
-    """First and last time [s] at which the rotors carry the aircraft; the whole record where nothing tells."""
+    """First and last time [s] at which the rotors carry the aircraft; the whole record where that is unknown."""
     whole = float(record.t[0]), float(record.t[-1])
     if "az" not in record or not all(name in record for name in rotors.names):
         return whole
@@ -78,8 +78,8 @@ def airborne(record: Record, rotors: Rotors) -> tuple[float, float]:
 
 
 def _follows(ratio: np.ndarray) -> bool:
-    """Whether the specific force follows the thrust, by their ratio: of another mass in flight, and not of the ground,
-    which carries what the rotors leave, and more than half where these idle."""
+    """Return True if the specific force follows the thrust, by their ratio: so it does with another mass in flight, and
+    not on the ground, which carries what the rotors leave, and more than half where these idle."""
     return len(ratio) > 0 and float(np.min(ratio)) > 0.5 and float(np.std(ratio)) < _FOLLOWING
 
 
@@ -89,7 +89,7 @@ def _without_gaps(record: Record, name: str) -> np.ndarray:
 
 
 def ground(record: Record, rotors: Rotors) -> Iterator[str]:
-    """What is said of a record that begins or ends on the ground."""
+    """Yield a sentence about a record that begins or ends on the ground."""
     first, last = airborne(record, rotors)
     parts = [f"up to {first:.4g} s"] if first > record.t[0] + _STEADY_S else []
     parts += [f"from {last:.4g} s on"] if last < record.t[-1] - _STEADY_S else []
@@ -101,7 +101,7 @@ def ground(record: Record, rotors: Rotors) -> Iterator[str]:
 
 
 def until_one_stands(record: Record, rotors: Rotors) -> Record:
-    """The record up to the time from which a rotor stands: its command does not say why, nor what it still does."""
+    """The record up to the time from which a rotor stands: its command shows neither why, nor what it still does."""
     begins = [begin for one in standing(record, rotors) for begin, _ in one.intervals_s[record.name]]
     first = min(begins, default=np.inf)
     return record if first - record.t[0] < _STANDS_S or not begins else record.between(float(record.t[0]), first)

@@ -1,4 +1,4 @@
-"""What is said of faults of the data."""
+"""Write the sentences about faults of the data."""
 
 from __future__ import annotations
 
@@ -72,8 +72,8 @@ def of_alternative(
 def handled_as(
     kind: str, value: float | None, rivals: Sequence[str], undone: bool, refused: bool, log_odds: float
 ) -> str:
-    """What corrects it, or why nothing is changed; `refused`: another kind of correction concerns the channel.
-    `log_odds`: of the fault, against records that are well."""
+    """Return the end of a sentence: what corrects the fault, or why nothing is changed. `refused`: another kind of
+    correction concerns the channel. `log_odds`: of the fault, against records without fault."""
     if rivals:
         return f"; or else {' or '.join(rivals[:3])}: these data do not decide, and nothing was changed."
     if refused:

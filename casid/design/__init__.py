@@ -1,4 +1,4 @@
-"""Input design: the manoeuvre that tells most about the parameters."""
+"""Input design: the most informative manoeuvre about the parameters."""
 
 from casid.design.experiment import Experiment
 from casid.design.input_design import InputDesign, design_input, standard_3211

@@ -1,4 +1,5 @@
-"""What an input is designed for: the model, what may move how far, what is measured, and which parameters count."""
+"""Define the task of an input design: the model, what may move how far, what is measured, and which parameters
+count."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ from casid.records.record import Record
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
-    """What an input is designed for.
+    """Task of an input design: the model, its limits, the measurements and the parameters to estimate.
 
     Attributes
     ----------

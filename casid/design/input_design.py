@@ -1,4 +1,4 @@
-"""The input that tells most about the parameters within given limits: D- or A-optimal, by IPOPT on exact derivatives.
+"""Design the most informative input within given limits: D- or A-optimal, by IPOPT on exact derivatives.
 
 The bound is that of output error with the initial state free: states and their sensitivities to (initial state,
 parameters) are integrated together, M = sum (dy/dtheta)' R^-1 (dy/dtheta). The initial state, which no more is
@@ -47,7 +47,7 @@ _WARM = {"acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4} 
     f"warm_start_{name}": _NEAR for name in _PUSHES
 }
 _SLACK = 1e-3  # of a limit: what a solution may exceed it by
-_LOOSE = 1e-6  # of what the readings tell of an initial state: what its prior tells, for those that they do not tell
+_LOOSE = 1e-6  # of the information of readings on an initial state: that of its prior, where readings have none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -225,7 +225,7 @@ def _standard_unknowns(search: _InputSearch, shape: StepInput) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found:
-    """Where IPOPT stopped: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
+    """End of IPOPT: unknowns, status, multipliers of the unknowns' limits and of the constraints."""
 
     z: np.ndarray
     status: str
@@ -247,7 +247,7 @@ class _InputSearch:
         z = ca.MX.sym("z", len(self.low))
         moves = self._moves(z)
         information, paths = _integrated(experiment, ca.vertcat(*[m.T for m in moves.values()]))
-        # in units in which the readings of an experiment at rest tell as much of each initial state
+        # in units in which readings at rest are equally informative about each initial state
         at_rest = np.diag(ca.Function("at_rest", [z], [information])(np.zeros(z.shape)).full())[: len(experiment.start)]
         told = np.where(at_rest > 0.0, at_rest, 1.0)
         information += ca.DM(np.diag(np.r_[_LOOSE * told, np.zeros(len(experiment.free))]))
@@ -287,7 +287,7 @@ class _InputSearch:
         return {n: limits[n] * self.shape.samples(p, t) for n, p in zip(limits, self._parts(z), strict=True)}
 
     def cost(self, z: np.ndarray) -> float:
-        """The criterion; infinite for what departs or tells nothing of a parameter."""
+        """The criterion; infinite for what departs or does not depend on a parameter."""
         value = float(self._value(z)[0])
         return value if math.isfinite(value) else math.inf
 

@@ -25,7 +25,7 @@ _ALONE: tuple[Plane, ...] = ("longitudinal", "lateral")
 
 
 def _of_both(longitudinal: tuple[str, ...], lateral: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-    """By plane of motion; "full" has both."""
+    """Return names by plane of motion; "full" has both."""
     return MappingProxyType({"longitudinal": longitudinal, "lateral": lateral, "full": (*longitudinal, *lateral)})
 
 
@@ -43,8 +43,7 @@ _DT = 0.04  # s
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a manoeuvre may not exceed, as changes from trim: `surfaces` [rad], `channels` (SI); and its `duration`
-    [s]."""
+    """Limits of a manoeuvre, as changes from trim: `surfaces` [rad], `channels` (SI); and its `duration` [s]."""
 
     surfaces: Mapping[str, float]
     channels: Mapping[str, float]

@@ -10,7 +10,7 @@ import numpy as np
 from casid.design.experiment import Experiment
 from casid.design.input_shapes import StepInput
 
-_UNITS_S = np.geomspace(0.2, 1.6, 7)  # of the shortest pulse; slower ones tell the less of what is fast
+_UNITS_S = np.geomspace(0.2, 1.6, 7)  # of the shortest pulse; slower ones excite less of what is fast
 _BEGIN_S = 0.5
 _PULSES = {"doublet": 2, "double doublet": 4, "pulse train": 8}
 _SWEEP_HZ = (0.1, 2.5)  # from the phugoid's end to beyond the short period

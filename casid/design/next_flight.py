@@ -1,4 +1,4 @@
-"""What to fly next: the manoeuvres that would separate what stayed ambiguous, and tell what these records do not."""
+"""Design what to fly next: the manoeuvres that would separate what stayed ambiguous, and excite what rested."""
 
 from __future__ import annotations
 
@@ -31,8 +31,9 @@ _DEFLECTION = np.radians(3.0)  # rad, of a surface that the records did not move
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Question:
-    """Two effects between which a flight would decide: a named cause and one that these records cannot tell from it, or
-    the two nearest to a latent input at a `port`; `fault` says why no manoeuvre is proposed, if one was `sought`."""
+    """Two effects between which a flight would decide: a named cause and one that these records cannot separate from
+    it, or the two nearest to a latent input at a `port`; `fault` is the reason why no manoeuvre is proposed, if one was
+    `sought`."""
 
     first: EffectValue
     second: EffectValue
@@ -70,7 +71,7 @@ class Exciting:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlights:
-    """What to fly next, and the questions that no manoeuvre of one surface answers."""
+    """Manoeuvres to fly next, and the questions that no manoeuvre of one surface answers."""
 
     flights: tuple[Separating | Exciting, ...] = ()
     beyond: tuple[Question, ...] = ()
@@ -78,8 +79,8 @@ class NextFlights:
 
 @dataclass(frozen=True, kw_only=True)
 class Untold:
-    """A number of the file that these records do not tell: its 1-sigma as the file states it, NaN where it does not.
-    Standard deviation by the noise of these records alone, infinite without any information; and corrected."""
+    """A number of the file that these records do not determine: its 1-sigma as the file states it, NaN where it does
+    not. Standard deviation by the noise of these records alone, infinite without any information; and corrected."""
 
     name: str
     given: float
@@ -88,7 +89,7 @@ class Untold:
     corrected: float
 
     def unmoved(self, least: float) -> bool:
-        """Whether it was not excited: by noise alone, less than `least` of what is known would come from the
+        """Return True if it was not excited: by noise alone, less than `least` of what is known would come from the
         records."""
         return not self.stated**2 / (self.stated**2 + self.by_noise**2) > least
 
@@ -129,7 +130,7 @@ def next_flights(questions: Iterable[Question], unmoved: Sequence[Untold], setti
 
 
 def _at_trim(aircraft: Aircraft, flown: Sequence[Record]) -> Aircraft:
-    """With the trim that its file has, else that of the records."""
+    """Return the aircraft with the trim that its file has, else that of the records."""
     if "V" in aircraft.trim and {"altitude", "rho"} & set(aircraft.trim):
         return aircraft
     own = {name: _median(flown, name) for name in ("V", "rho") if any(name in r for r in flown)}

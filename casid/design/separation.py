@@ -1,4 +1,4 @@
-"""How well a flight separates two explanations, and the manoeuvre that separates them best.
+"""Measure how well a flight separates two explanations, and find the manoeuvre that separates them best.
 
 Were the first effect the true one, the second would imitate it as well as its size, the derivatives and the initial
 states can. What it cannot imitate, over the noise, is left: half the sum of its squares is the expected logarithm of
@@ -93,14 +93,14 @@ class _Flights:
 
     @property
     def truth(self) -> list[np.ndarray]:
-        """Of each record (N, channels) what the instruments read with the first effect."""
+        """Readings of the instruments with the first effect, (N, channels) of each record."""
         applied = self.of(self.rivals.first)
         return [_flown(applied, r) for r in range(len(self.records))]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Separation:
-    """What a flight would tell of two rivals."""
+    """Power of a flight to separate two rivals."""
 
     log_odds: float  # expected logarithm of the likelihood ratio in favour of the true one
     told: Mapping[str, float]  # channel -> its part of that
@@ -118,20 +118,21 @@ class Separation:
 
     @property
     def tells_apart(self) -> bool:
-        """Whether it tells of the two anything that is worth mentioning (Jeffreys: odds of 3)."""
+        """Return True if it separates the two well enough to mention (Jeffreys: odds of 3)."""
         return self.log_odds >= math.log(3.0)
 
 
 @single_threaded()
 def separation(rivals: Rivals, records: Sequence[Record]) -> Separation:
-    """What flights with the inputs of these records tell of the rivals; each begins in its first measured state."""
+    """Measure how well flights with the inputs of these records separate the rivals; each begins in its first
+    measured state."""
     flights = _Flights(rivals=rivals, records=tuple(records))
     return _imitated(flights, flights.truth, range(len(records)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlight:
-    """The manoeuvre that separates two rivals best, of `amplitude` [rad], its record, and what that would tell."""
+    """The manoeuvre that separates two rivals best, of `amplitude` [rad], its record, and the separation by it."""
 
     manoeuvre: Manoeuvre
     amplitude: float
@@ -258,8 +259,8 @@ def _columns(applied: FlownRecords, r: int, p: np.ndarray, start: np.ndarray, fr
 
 
 def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[int], steps: int = _STEPS) -> Separation:
-    """What is left when the second imitates the `truth` in `which` of the records, by Gauss-Newton from its own size
-    and its own starts; the best of all steps counts."""
+    """Return what is left when the second imitates the `truth` in `which` of the records, by Gauss-Newton from its
+    own size and its own starts; the best of all steps counts."""
     second = flights.rivals.second
     values = {}
     best = None
@@ -290,7 +291,7 @@ def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[in
 
 @dataclass(frozen=True, eq=False)
 class _At:
-    """Where an imitation stands: derivatives, initial states, what is left over the noise, and its flights."""
+    """State of an imitation: derivatives, initial states, what is left over the noise, and its flights."""
 
     values: Mapping[str, float]
     starts: Mapping[int, np.ndarray]

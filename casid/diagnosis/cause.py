@@ -55,12 +55,12 @@ class Gate:
 
     @property
     def holds(self) -> bool:
-        """Whether the comparison itself holds, without the alternatives."""
+        """Return True if the comparison itself holds, without the alternatives."""
         return self.value >= self.threshold if self.least else self.value <= self.threshold
 
     @property
     def passed(self) -> bool:
-        """Whether the comparison holds or one of the alternatives passes."""
+        """Return True if the comparison holds or one of the alternatives passes."""
         return self.holds or any(other.passed for other in self.or_else)
 
     @property
@@ -89,7 +89,7 @@ class Gate:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry of ``gates`` in diagnosis.json. The outcome tells the sign of an infinite number."""
+        """The gate of an entry of ``gates`` in diagnosis.json. The outcome gives the sign of an infinite number."""
         others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
         least = entry.get("least", True)
         holds = entry["passed"] and not any(other.passed for other in others)
@@ -115,7 +115,7 @@ def at_most(gate: str, value: float, threshold: float, criterion: str = "", or_e
 
 
 def all_passed(gates: Iterable[Gate]) -> bool:
-    """Whether every gate passed."""
+    """Return True if every gate passed."""
     return all(gate.passed for gate in gates)
 
 
@@ -200,7 +200,7 @@ class Trace:
         Parameters
         ----------
         cause
-            Kind with or without target; a target without its term stands for all terms.
+            Kind with or without target; a target without its term selects all terms.
 
         Raises
         ------
@@ -379,7 +379,7 @@ class Cause:
 
     @property
     def target(self) -> str:
-        """Where it acts, as "delta_e"."""
+        """Port where it acts, as "delta_e"."""
         return self.effect.target
 
     @property
@@ -399,7 +399,7 @@ class Cause:
 
     @property
     def name(self) -> str:
-        """As "actuator_lag(delta_e)", the name in the decisions."""
+        """Name in the decisions, as "actuator_lag(delta_e)"."""
         return self.effect.name
 
     @property

@@ -32,7 +32,7 @@ from casid.model.effect import Effect
 from casid.model.terms import parse_term
 from casid.model.vocabulary import effect_sentence, title_of
 
-_LASTING = ("length", "duration")  # values that say how long an event takes
+_LASTING = ("length", "duration")  # durations of events
 _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
 
 
@@ -62,7 +62,7 @@ def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[t
 
 
 def _is_structure(round_: Round, final: FlightFit) -> bool:
-    """Whether a round named structure that every aircraft has, and it is still in the final model."""
+    """Return True if a round named structure that every aircraft has, and it is still in the final model."""
     name = round_.leader.candidate.name
     return is_usual(round_.leader.effect) and name in {one.name for one in final.attached}
 
@@ -345,7 +345,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
         left = unlike_derivatives(fit, coefficient, mean * factor * series)
         share = float(np.std(left[fit.batch.live])) / size[coefficient]
         if share > matter:
-            continue  # not small: it represents something missing, and the verdict says where
+            continue  # not small: it represents something missing, and the verdict states where
         effect = unsteady_aero(coefficient) if "dot" in term else aero_term(coefficient, term)
         sentence = effect_sentence(*effect.key, mean * factor)
         found.append(

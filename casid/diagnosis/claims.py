@@ -1,17 +1,19 @@
-"""What may be said: every statement of a diagnosis passes a function here, which knows what it may not contradict.
+"""Decide what may be stated: every statement of a diagnosis passes a function here, which knows what it may not
+contradict.
 
 1. "Adequate" is said of a simulation that as given stays within the noise on held-out records, and of no other.
 2. Every value of the extended model that left its stated uncertainty is reported, identifiable or not.
-3. While structure is missing, or the held-out error has grown, no value is what the records say; a cause that values
+3. While structure is missing, or the held-out error has grown, no value is reported as measured; a cause that values
    reproduce is structure.
 4. Shares of an error are from 0 to 100 % and add up to 100 %; a step that makes it worse is reported as that.
 5. A probability is conditional on the catalogue. With more than twice the error of the right model left, none is
    above 90 %.
 6. Held-out records differ from fitted ones by content.
 7. The headline names the worst channels, and records where they differ.
-8. A cause smaller than the noise of any one reading is not told.
+8. A cause smaller than the noise of any one reading is not reported.
 
-All functions take facts, fit nothing and return words, numbers or a reason; an empty reason means that it may be said.
+All functions take facts, fit nothing and return words, numbers or a reason; an empty reason means that it may be
+stated.
 """
 
 from __future__ import annotations
@@ -37,11 +39,11 @@ class Claim:
     in_json: ClassVar[str] = "statement said because"
 
     statement: str  # what is stated, in a few words
-    because: str = ""  # why it is not said; empty if it is said
+    because: str = ""  # why it is not stated; empty if it is
 
     @property
     def said(self) -> bool:
-        """Whether it is said."""
+        """Return True if it may be stated."""
         return not self.because
 
 
@@ -94,7 +96,7 @@ def left_over(facts: Facts) -> str:
 
 
 def no_values(facts: Facts) -> str:
-    """Return why no value of the extended model is what the records say; empty if they are."""
+    """Return why no value of the extended model is reported as measured; empty if they are."""
     if facts.at_fault:
         return "the data are at fault"
     if facts.unexplained:
@@ -143,14 +145,14 @@ def explanations(
 def visible(cause: Cause, facts: Facts) -> bool:
     """Return whether a cause may change a reading by more than its noise.
 
-    The sum of squares of its changes of all readings, in units of their noise, may all stand in the channel that is
+    The sum of squares of its changes of all readings, in units of their noise, may all be in the channel that is
     read least. A cause that does not reach one per reading even there is not visible on any.
     """
     return cause.on_readings >= facts.fewest_readings
 
 
 def account(facts: Facts) -> tuple[AccountStep, ...]:
-    """What accounts for the error on the held-out records; the shares add up to 100 %."""
+    """Return the steps that account for the error on the held-out records; the shares add up to 100 %."""
     worst = facts.budget.worst()[:1]
     seen = [(max((one.effect.get(name, 0.0) for name in worst), default=0.0), one) for one in facts.changed]
     named = [one for effect, one in sorted(seen, key=lambda pair: -pair[0]) if effect > 1.0]

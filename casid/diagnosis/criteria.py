@@ -129,7 +129,7 @@ class KinematicCriteria:
 
 @dataclass(frozen=True, kw_only=True)
 class TurbulenceCriteria:
-    """Whether the air is turbulent, and how much the approximate model of turbulence leaves unexplained."""
+    """Thresholds of turbulence, and of what its approximate model leaves unexplained."""
 
     other_axes: float = number(
         0.1,
@@ -191,7 +191,7 @@ class ScreeningCriteria:
 
 @dataclass(frozen=True, kw_only=True)
 class SizeCriteria:
-    """How large an effect must be to matter to an engineer."""
+    """Sizes from which an effect matters to an engineer."""
 
     share: float = number(
         0.05,
@@ -284,7 +284,7 @@ class NamingCriteria:
 
 @dataclass(frozen=True, kw_only=True)
 class DoubtCriteria:
-    """Whether a cause explains what was missing or only imitates it."""
+    """Thresholds between a cause that explains what was missing and one that only imitates it."""
 
     left: float = number(
         0.25,
@@ -307,7 +307,7 @@ class HeldOutCriteria:
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictCriteria:
-    """What the verdict reports."""
+    """Thresholds of the verdict."""
 
     missing: float = number(
         150.0,
@@ -419,7 +419,8 @@ class Criteria:
         return {a.name: a.value for a, b in zip(self.rows, Criteria().rows, strict=True) if a.value != b.value}
 
     def with_values(self, table: Mapping[str, Any], where: str = "") -> Criteria:
-        """With other values from a nested table; `where` is named in errors. Raises InputError (see `overridden`)."""
+        """Return a copy with other values from a nested table; `where` is named in errors. Raises InputError (see
+        `overridden`)."""
         return overridden(self, table, where)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What is diagnosed, an aircraft or any other system: as given, as extended, and what its values are called."""
+"""Describe what is diagnosed, an aircraft or any other system: as given, as extended, and the names of its values."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from casid.model.system import Model
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DiagnosedAircraft:
-    """What the diagnosis of an aircraft has beside that of any system."""
+    """Aircraft that is diagnosed: the file as given, the extended one, and the words for both."""
 
     file: Aircraft  # the aircraft as given
     extended: Aircraft  # the aircraft with estimated values and the named causes
@@ -48,7 +48,7 @@ class DiagnosedAircraft:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class DiagnosedSystem:
-    """What the diagnosis of a system has beside that of an aircraft."""
+    """System that is diagnosed: the model as given, the extended one, and the words for both."""
 
     model: Model  # the system as given
     # with the named causes, whose sizes are parameters, and fitted values; `extended.ready(record)` feeds it

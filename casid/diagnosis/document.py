@@ -223,7 +223,7 @@ class AxisResponses:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Document:
-    """What a diagnosis says: the content of diagnosis.json, and what its page shows."""
+    """Content of diagnosis.json, and what its page shows."""
 
     in_json: ClassVar[str] = (
         "verdict sentence not_judged data notes account factors contradicted moved combinations claims records "
@@ -232,7 +232,7 @@ class Document:
         "seconds_of_processor"
     )
 
-    # what was diagnosed: its name; the words for its values, and for what speaks against them
+    # what was diagnosed: its name; the words for its values, and for what contradicts them
     name: str
     source: str
     witness: str
@@ -292,14 +292,15 @@ class Document:
     criteria: Criteria
     seconds: Mapping[str, float]
     seconds_of_processor: float
-    # what to fly next, and values that more of the same motion would not tell
+    # what to fly next, and values that more of the same motion would not determine
     next_flights: NextFlights
     limited: tuple[Untold, ...]
     failed: tuple[str, ...]  # what of this could not be computed, with the error
 
     @property
     def of_aeroplane(self) -> bool:
-        """Whether an aircraft without rotors was diagnosed: its coefficients have figures and tables of their own."""
+        """Return True if an aircraft without rotors was diagnosed: its coefficients have figures and tables of their
+        own."""
         return self.aircraft is not None and self.aircraft.rotors is None
 
     @property
@@ -337,7 +338,7 @@ class Document:
 
     @property
     def gain(self) -> dict[str, Any]:
-        """What the extended model gains on the held-out records, and by the information criterion."""
+        """Gain of the extended model on the held-out records, and by the information criterion."""
         before = self.held_out_as_given
         after = self.held_out_extended
         per_sample = (after.log_likelihood - before.log_likelihood) / before.samples

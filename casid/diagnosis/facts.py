@@ -76,9 +76,9 @@ class Combination:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Facts:
-    """What statements and verdict depend on."""
+    """Facts on which statements and verdict depend."""
 
-    # source, witness: what the values are from, "file" or "model"; and what speaks against them, "flight" or "the
+    # source, witness: what the values are from, "file" or "model"; and what contradicts them, "flight" or "the
     # records"
     source: str
     witness: str

@@ -1,6 +1,6 @@
 """Every comparison by which a cause is named or refused, in the order in which a diagnosis asks them.
 
-The functions take the numbers that are compared, and fit nothing; `engine/acceptance.py` says which are asked of a
+The functions take the numbers that are compared, and fit nothing; `engine/acceptance.py` selects those of a
 cause alone, and which of a set of causes.
 """
 
@@ -353,5 +353,5 @@ def unexplained(gain: float, size: float, told: bool, unknown: bool, criteria: C
 
 
 def is_possible(one: Attached) -> bool:
-    """Whether the values of an effect are physically possible."""
+    """Return True if the values of an effect are physically possible."""
     return all_passed(possible(one))

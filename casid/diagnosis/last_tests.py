@@ -81,7 +81,8 @@ def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[Missi
 
 
 def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """Of the causes that are not named, those that are too small to matter, and those that another gate refused.
+    """Divide the causes that are not named into those that are too small to matter, and those that another gate
+    refused.
 
     Structure that is expected of an aircraft and part of the final model is among the first.
     """
@@ -186,7 +187,7 @@ def _missing_on_held(
 def _nothing_left_with(
     kept: Kept, nuisance: Sequence[Attached], state: State, causes: Sequence[Cause], required: float
 ) -> bool:
-    """Whether nothing is missing in the fitted records if `nuisance` causes are added to all that were named."""
+    """Return True if nothing is missing in the fitted records once `nuisance` causes are beside all that were named."""
     if not kept.has_all(state):
         return False
     evidence = weigh(kept.with_effects(nuisance))

@@ -1,4 +1,4 @@
-"""What a diagnosis leaves open, as questions that a flight may answer."""
+"""List what a diagnosis leaves open, as questions that a flight may answer."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def _value(cause: Cause) -> EffectValue:
 
 
 def _attached_value(one: Attached) -> EffectValue:
-    """Of a cause that was fitted or scored."""
+    """Return a cause that was fitted or scored, as a value of an aircraft file."""
     effect = one.effect
     values = one.effect.in_words(one.values)
     further = {key: value for key, value in values.items() if key != "value"}
@@ -55,7 +55,8 @@ def _attached_value(one: Attached) -> EffectValue:
 
 
 def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | None:
-    """What a cause cannot be told from, with the size that was fitted or predicted; None where there is none."""
+    """Return the rival that a cause cannot be separated from, with the size that was fitted or predicted; None where
+    there is none."""
     key = other["kind"], other["target"], other["term"]
     trials = [trial.candidate.attached for round_ in rounds for trial in round_.trials]
     fitted = next((one for one in trials if one.effect.key == key), None)
@@ -67,7 +68,8 @@ def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | N
 
 
 def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Flight) -> Iterator[Untold]:
-    """Numbers of the aircraft file that the records of a flight do not tell, with those of surfaces that rested."""
+    """Numbers of the aircraft file that the records of a flight do not determine, with those of surfaces that
+    rested."""
     relative = aircraft.relative_uncertainty or np.nan
     for one in parameters:
         if one.flight.determined:

@@ -193,7 +193,7 @@ class Diagnosis:
         Parameters
         ----------
         cause
-            As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone stands for all its targets.
+            As "actuator_lag(delta_e)" or "actuator_lag delta_e"; a kind alone selects all its targets.
 
         Raises
         ------
@@ -214,12 +214,13 @@ class Diagnosis:
 
     @property
     def of_aircraft(self) -> bool:
-        """Whether an aircraft was diagnosed, and not another system."""
+        """Return True if an aircraft was diagnosed, and not another system."""
         return isinstance(self.diagnosed, DiagnosedAircraft)
 
     @property
     def of_aeroplane(self) -> bool:
-        """Whether an aircraft without rotors was diagnosed: its coefficients have figures and tables of their own."""
+        """Return True if an aircraft without rotors was diagnosed: its coefficients have figures and tables of their
+        own."""
         return self.of_aircraft and self.aircraft.rotors is None
 
     @property
@@ -276,7 +277,7 @@ class Diagnosis:
 
     @property
     def untold(self) -> tuple[Untold, ...]:
-        """Numbers of an aircraft file that the records do not tell."""
+        """Numbers of an aircraft file that the records do not determine."""
         return tuple(untold(self.parameters, self.aircraft, of_aircraft(self.extended.fit.flight)))
 
     def next_flights(self) -> NextFlights:
@@ -293,7 +294,7 @@ class Diagnosis:
         return next_flights(questions(self.causes, self.unexplained, self.rounds), unmoved, setting)
 
     def document(self, figures: bool = True) -> Document:
-        """What the diagnosis says in words, numbers and arrays. What cannot be computed is noted in it.
+        """Return the content of the diagnosis in words, numbers and arrays. What cannot be computed is noted in it.
 
         Parameters
         ----------
@@ -389,7 +390,7 @@ class Diagnosis:
 
     @property
     def is_extended(self) -> bool:
-        """Whether the extended model has a cause, named or minor, that the re-estimated model lacks."""
+        """Return True if the extended model has a cause, named or minor, that the re-estimated model lacks."""
         return self.extended.fit is not self.refitted.fit
 
     @property
@@ -406,7 +407,7 @@ class Diagnosis:
 
     @cached_property
     def following(self) -> Following | None:
-        """In moving air, the output whose innovations follow earlier changes of the inputs most; None in calm air."""
+        """Output whose innovations follow earlier changes of the inputs most, in moving air; None in calm air."""
         return following(self.extended.fit) if self.extended.fit.noise.coloured else None
 
     @property

@@ -98,7 +98,7 @@ def missing_beside(missing: MissingInput, fitted: Sequence[str]) -> str:
 
 def unexplained(missing: MissingInput, share: float, fitted: Sequence[str], no_cause: str) -> str:
     """The sentence of a latent input that no cause explains; `share` is its part of the variation at its port, and
-    `no_cause` says of which causes none explains it."""
+    `no_cause` names the causes of which none explains it."""
     if missing.place.kind == "wind":
         size = f", {missing.rms:.2g} m/s"
     else:
@@ -116,8 +116,8 @@ def no_air(one: Following) -> str:
 
 
 def remarks(minor: Sequence[Cause], faint: tuple[str, float] | None) -> str:
-    """What is added to a verdict that names nothing: that minor causes exist, and the sentence and the probability of
-    the cause nearest to a name."""
+    """Return what is added to a verdict that names nothing: that minor causes exist, and the sentence and the
+    probability of the cause nearest to a name."""
     said = _SMALL if minor else ""
     if faint is None:
         return said
@@ -237,7 +237,7 @@ def whole(facts: Facts, account: Sequence[AccountStep], found: Diagnosis) -> str
 
 def contradicted(facts: Facts) -> str:
     """The clause of common factors and single numbers that are inconsistent with the records; empty if none may be
-    said.
+    stated.
     """
     factors = claims.told_factors(facts)
     numbers = () if claims.no_values(facts) else facts.contradicted
@@ -251,7 +251,8 @@ def contradicted(facts: Facts) -> str:
 
 
 def moved(facts: Facts) -> str:
-    """The sentences of values that left their stated uncertainty and are not told as inconsistent with the records."""
+    """The sentences of values that left their stated uncertainty and are not reported as inconsistent with the
+    records."""
     because = claims.no_values(facts)
     told = {d for one in claims.told_factors(facts) for d in one.derivatives}
     told |= set() if because else {one.parameter for one in facts.contradicted}

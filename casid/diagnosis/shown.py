@@ -151,7 +151,7 @@ def titled(name: str, effects: Mapping[str, Effect]) -> str:
 
 def gusts_of(fit: FlightFit, sigma: float) -> Gusts | None:
     """Reconstruct the moving air of a turbulent flight by the filter's smoother; `sigma` is the named velocity."""
-    # behind them stand the rotation of the air, and noise of inputs that passed through an effect
+    # they are followed by the rotation of the air, and noise of inputs that passed through an effect
     stations = [station for station in fit.noise.coloured if station in WIND]
     if not stations:
         return None

@@ -36,12 +36,12 @@ class TimeLimit:
 
     @property
     def is_up(self) -> bool:
-        """Whether what comes first, the beginning or the search, must end."""
+        """Return True if what comes first, the beginning or the search, must end."""
         return self._interrupted or time.perf_counter() >= self._until
 
     @property
     def is_over(self) -> bool:
-        """Whether the whole time is over, also that of the end."""
+        """Return True if the whole time is over, also that of the end."""
         return time.perf_counter() >= self._begin + self._seconds
 
     @property
@@ -56,7 +56,7 @@ class TimeLimit:
         say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
 
     def leaves_out(self, what: str) -> bool:
-        """Whether something must be left out because the time is up; it is noted then."""
+        """Return True if something must be left out because the time is up, and note it."""
         if not self.is_up:
             return False
         self.leave_out(what)
@@ -72,7 +72,7 @@ class TimeLimit:
 
     @property
     def left_out(self) -> list[str]:
-        """What was left out, in words."""
+        """List what was left out, in words."""
         fits = [f"fit{'s' if len(self._fits) > 1 else ''} of {', '.join(self._fits)}"] if self._fits else []
         return [*fits, *self._others]
 

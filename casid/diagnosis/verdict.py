@@ -140,7 +140,7 @@ def facts_of(
 
 
 def _is_told_by(finding: Finding, named: Collection[tuple[str, str]]) -> bool:
-    """Whether nothing was corrected, and one of the `named` causes, (kind, target), is as good an explanation."""
+    """Return True if nothing was corrected, and one of the `named` causes, (kind, target), explains as much."""
     others = {(one["kind"], one["target"]) for one in finding.indistinguishable_from}
     return finding.handled == "reported" and not others.isdisjoint(named)
 
@@ -165,7 +165,7 @@ def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
 
 
 def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: Criteria) -> Decision:
-    """The decision on a cause that values reproduce: it is listed with them, for no record tells them apart."""
+    """The decision on a cause that values reproduce: it is listed with them, for no record separates them."""
     return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(common(statistic, criteria),), against=values)
 
 

@@ -28,7 +28,7 @@ _MOST_SECONDS = 600.0
 
 
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
-    """From the problem's start: minimised, integrated as finely as the data are worth, judged to second order."""
+    """Minimise from the problem's start, integrate as finely as the data require, and judge the end to second order."""
     objective = build_objective(problem, method, solver.effort)
     end = Attempt(objective=objective, outcome=solver.minimise(objective), method=method)
     asked = getattr(method, "substeps", None)
@@ -59,7 +59,7 @@ def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objec
 
 
 def _pull(objective: Objective, outcome: Outcome, loose: np.ndarray) -> float:
-    """What the priors of the `loose` (records, states) initial states add to -ln(likelihood)."""
+    """Return what the priors of the `loose` (records, states) initial states add to -ln(likelihood)."""
     if objective.dynamics is None:
         return 0.0
     apart = outcome.point.nodes[objective.layout.first] - objective.centre

@@ -1,4 +1,4 @@
-"""Checks of what a caller gives to `Problem` and `solve`: an InputError that says what to write instead."""
+"""Checks of what a caller gives to `Problem` and `solve`: an InputError with what to write instead."""
 
 from __future__ import annotations
 

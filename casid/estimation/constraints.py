@@ -118,7 +118,7 @@ def limit_combination(
 
     Examples
     --------
-    A wind tunnel tells that Cm_q is at least twice as negative as Cm_alphadot:
+    A wind tunnel found that Cm_q is at least twice as negative as Cm_alphadot:
 
     >>> import casid as cs
     >>> ratio = cs.limit_combination({"Cm_q": 1.0, "Cm_alphadot": -2.0}, upper=0.0)

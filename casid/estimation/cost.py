@@ -1,4 +1,4 @@
-"""What is minimised: the cost, independent of how the trajectory is represented and of who minimises."""
+"""Define the cost that is minimised, independent of how the trajectory is represented and of who minimises."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from casid.errors import EstimationError, InputError
 
 
 class Cost(Protocol):
-    """What a cost says: how much half the sum of squares of each kind of whitened residual weighs.
+    """Weights of a cost: the factor of half the sum of squares of each kind of whitened residual.
 
     Any object with these two numbers, not negative and not both zero, is a cost. A part that weighs nothing is not
     computed: without the output part nothing is simulated. A model without states has outputs only, which are its
@@ -120,7 +120,7 @@ class CombinedError:
 
     @property
     def output_weight(self) -> float:
-        """What the equation part leaves."""
+        """Return the weight that the equation part leaves."""
         return 1.0 - self.equation_weight
 
 
@@ -158,7 +158,7 @@ class RangeWeights:
 
 
 def check_cost(cost: Any) -> None:
-    """Raise InputError for what is no cost, and say what to write."""
+    """Raise InputError for what is no cost, with what to write."""
     expected = "expected cs.OutputError(), cs.EquationError(), cs.CombinedError() or an object of your own with both"
     if isinstance(cost, type):
         raise InputError(f"Problem: cost is the class {cost.__name__}; write cost={cost.__name__}()")

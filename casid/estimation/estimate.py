@@ -52,10 +52,10 @@ def solve(
 
     The three choices are independent: cost (in the problem), transcription, solver; each may be a class of your own
     with the methods of `Cost`, `Transcription`, `Solver`. GaussNewton and Ipopt work alone; Automatic takes what the
-    problem needs, and `Fit.solver` says which one finished. EquationError simulates nothing, so every transcription
+    problem needs, and `Fit.solver` names the one that finished. EquationError simulates nothing, so every transcription
     gives the same result with it.
 
-    A course of iteration that goes wrong is not an error: `Fit.status` says it, with `Fit.result`, `Fit.reason` and
+    A course of iteration that goes wrong is not an error: `Fit.status` states it, with `Fit.result`, `Fit.reason` and
     `Fit.remedy` as its parts.
 
     Parameters
@@ -135,7 +135,7 @@ def solve(
 
 
 def _solved(problem: Problem, method: Transcription, solver: Solver) -> Fit:
-    """From the problem's own start."""
+    """Solve from the problem's own start."""
     begin = time.perf_counter()
     clock = timed(solver, begin)
     # a trial that departs runs into infinities; what is not finite is refused, so this is no reason for alarm

@@ -1,4 +1,4 @@
-"""What an estimation gives: parameters with their errors, addressed by name, and how well the data are explained."""
+"""Hold the result of an estimation: parameters with their errors, addressed by name, and the fit of the data."""
 
 from __future__ import annotations
 
@@ -60,11 +60,11 @@ class Fit:
     log_likelihood
         Of the residuals under normal noise of `noise_covariance`, without priors. At an end that is no solution, with
         open defects or too few steps, it is that of one motion from its initial states, integrated anew, and so are the
-        predictions; not a number where that departs, as a remark says.
+        predictions; not a number where that departs, with a remark.
     log_prior
         ln of the normal densities of what has a prior: parameters, and initial states with a 1-sigma.
     noise
-        Channel -> 1-sigma that the weights stand for (range weights: what the residuals show).
+        Channel -> 1-sigma that the weights imply (range weights: what the residuals show).
     noise_covariance
         (channels, channels) likewise, with their correlations where those are considered.
     stationarity
@@ -149,7 +149,7 @@ class Fit:
 
     @property
     def result(self) -> Results:
-        """How the solution ended, of an enumeration whose values say what to do about it."""
+        """Return how the solution ended, of an enumeration whose values state what to do about it."""
         return self.ended.result
 
     @property
@@ -159,7 +159,7 @@ class Fit:
 
     @property
     def remedy(self) -> str:
-        """What to do about that; "" where nothing is wrong."""
+        """Return what to do about that; "" where nothing is wrong."""
         if self.converged:
             return ""
         return self.ended.remedy or self.result.value
@@ -171,12 +171,12 @@ class Fit:
 
     @property
     def converged(self) -> bool:
-        """Whether the point is a checked stationary point that satisfies the constraints."""
+        """Return True if the point is a checked stationary point that satisfies the constraints."""
         return self.ended.converged
 
     @property
     def integrator(self) -> str:
-        """How the motion was integrated, in words; "" where nothing was simulated."""
+        """Return the method of integration, in words; "" where nothing was simulated."""
         if not self.states:
             return ""
         kind = "implicit (Radau collocation)" if self.method == "Collocation" else "explicit (Runge-Kutta)"
@@ -281,9 +281,9 @@ class Fit:
 
     @cached_property
     def remarks(self) -> tuple[str, ...]:
-        """What a person should know besides the status, a sentence each: a channel whose mean explains it better, a
-        parameter three a-priori deviations from the file or of the opposite sign, an input that jumps between samples
-        and would explain the data better held."""
+        """List what a person should know besides the status, a sentence each: a channel whose mean explains it
+        better, a parameter three a-priori deviations from the file or of the opposite sign, an input that jumps
+        between samples and would explain the data better held."""
         found = remarks(self)
         found = (self.way, *found) if self.way else found
         solved = self.uncertainty.solved

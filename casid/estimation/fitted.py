@@ -56,7 +56,7 @@ class Estimate:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelFit:
-    """How well one channel is fitted, over the samples present.
+    """Quality of the fit of one channel, over the samples present.
 
     Attributes
     ----------
@@ -175,7 +175,7 @@ class Minimum:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Starts:
-    """How many starts ended where.
+    """Number of starts by where they ended.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ def _place(i: int, minimum: Minimum) -> str:
 def channel_fits(
     names: Sequence[str], measured: Mapping[str, np.ndarray], predicted: Mapping[str, np.ndarray]
 ) -> dict[str, ChannelFit]:
-    """Of all channels with a sample, by record -> (N, channels) in the order of the names."""
+    """Return the fit of all channels with a sample, by record -> (N, channels) in the order of the names."""
     z = np.concatenate([measured[record] for record in predicted])
     y = np.concatenate(list(predicted.values()))
     return {n: channel_fit(z[:, i], y[:, i]) for i, n in enumerate(names) if np.isfinite(z[:, i]).any()}

@@ -95,7 +95,8 @@ def _smoothed(problem: Problem, deadline: float) -> Mapping[str, np.ndarray] | N
 
 
 def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapping[str, np.ndarray] | None, float]:
-    """As `_smoothed`, with states so many times larger than the model says, and the mean square of the residuals."""
+    """Smooth as `_smoothed`, with states so many times larger than the model states, and give the mean square of the
+    residuals."""
     held = cached(problem.model, ("held",), lambda: _held(problem.model))  # with the guess of whatever came first
     model = share_cache(replace(held, guess=problem.model.guess), held)
     # in continuous time noise gathers over a record's duration, in discrete time over its samples
@@ -130,7 +131,7 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
 
 
 def _with_sizes(problem: Problem, larger: float) -> InitialState:
-    """What is known of the initial states, and of the others a deviation of so many sizes."""
+    """Return the given knowledge of initial states, with a deviation of so many sizes for the others."""
     given = problem.initial_state
     model = problem.model
     known = {name.split("[")[0] for name in given.std}
@@ -184,7 +185,7 @@ def _values(problem: Problem) -> dict[str, float]:
 
 
 def _twentieth(records: Sequence[Record], name: str) -> float:
-    """Of the range of a channel over all records; of one that is constant or missing any number."""
+    """Return a twentieth of the range of a channel over all records; a nominal size if it is constant or missing."""
     read = np.concatenate([record[name] for record in records if name in record] or [np.zeros(0)])
     read = read[np.isfinite(read)]
     if not len(read):

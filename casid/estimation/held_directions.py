@@ -49,8 +49,9 @@ class HeldDirections:
 def held_directions(
     rows: np.ndarray, multipliers: np.ndarray, equal: np.ndarray, hessian: np.ndarray, inverse: np.ndarray
 ) -> HeldDirections | None:
-    """Of limits `rows` (rows, parameters); `equal` (rows,) those that are no inequality, which are never left.
-    `inverse` is that of the information `hessian` in the directions that are free. None where nothing is held."""
+    """Return the directions that limits `rows` (rows, parameters) hold; `equal` (rows,) marks equalities, which are
+    never left. `inverse` is that of the information `hessian` in the directions that are free. None where nothing is
+    held."""
     active = (multipliers != 0.0) & ~equal
     if not active.any():
         return None

@@ -31,7 +31,7 @@ class InitialErrors:
         return np.maximum(own + (inflation - 1.0) * (own - prior) + by_parameters, 0.0)
 
     def told(self, covariance: np.ndarray) -> float:
-        """How many initial states the data determine, each counted as far as they and not the prior do."""
+        """Return how many initial states the data determine, each counted as far as they and not the prior do."""
         free = np.diagonal(self.given, axis1=1, axis2=2) > 0.0
         share = 1.0 - self.variances(covariance) * self.precision
         return float(np.clip(share, 0.0, 1.0)[free].sum())

@@ -1,4 +1,4 @@
-"""What is known of the initial states of an estimation problem."""
+"""Hold what is known of the initial states of an estimation problem."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from casid.arguments import table_of
 
 @dataclass(frozen=True, kw_only=True)
 class InitialState:
-    """What is known of the initial states. Each is free unless its 1-sigma is zero.
+    """Prior knowledge of the initial states. Each is free unless its 1-sigma is zero.
 
-    An initial state without a 1-sigma is as free as the data decide. It has a prior only for the sake of what no
-    reading tells: thirty times the size of its readings or its guess, and wider where that would weigh anything.
+    An initial state without a 1-sigma is as free as the data decide. It has a prior only for what no reading
+    determines: thirty times the size of its readings or its guess, and wider where that would weigh anything.
 
     A name with a record behind it, "x[m1]", is of that record alone. A model that says `initial` itself needs nothing
     here: what it names is held there exactly.

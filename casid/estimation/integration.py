@@ -1,4 +1,4 @@
-"""How many steps a sample interval takes: the error of the integration against the noise of the data.
+"""Choose the number of steps in a sample interval: the error of the integration against the noise of the data.
 
 An error e of the predictions, in standard deviations of the data, moves no estimate by more than |e| of its own
 standard deviations: the estimate is a projection of the residuals. So |e| over all samples must be small. It moves
@@ -56,7 +56,7 @@ _NEAR = 4  # times as many steps, at most: the motion was off by some ten deviat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Attempt:
-    """Where a solver ended, with the objective and the transcription that it took; `fine`: with half the steps of
+    """End of a solver, with the objective and the transcription that it took; `fine`: with half the steps of
     integration the solution is the same."""
 
     objective: Objective
@@ -66,7 +66,7 @@ class Attempt:
 
     @property
     def found(self) -> bool:
-        """Whether it converged where the data say something of every parameter."""
+        """Return True if it converged where the data determine every parameter."""
         return is_found(self.objective, self.outcome)
 
     @property
@@ -77,7 +77,7 @@ class Attempt:
 
     @cached_property
     def stretches(self) -> Stretches:
-        """Of short stretches of the records; nothing where it ended without a motion."""
+        """Return the fit of short stretches of the records; nothing where it ended without a motion."""
         value = self.outcome.value
         if value.trajectory is None or not np.isfinite(value.parameters).all():
             return Stretches()
@@ -85,12 +85,12 @@ class Attempt:
 
     @cached_property
     def is_slow(self) -> bool:
-        """Whether its residuals are slow."""
+        """Return True if its residuals are slow."""
         return is_slow(self.objective, self.outcome.value)
 
     @property
     def doubtful(self) -> bool:
-        """Whether another minimum may be better: residuals are slow, and short stretches do not agree."""
+        """Return True if another minimum may be better: residuals are slow, and short stretches do not agree."""
         return self.is_slow and not self.stretches.agree
 
     @property
@@ -114,7 +114,7 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
 
 
 def _judged(end: Attempt) -> Attempt:
-    """The end with a status that says so where its steps are too long for what the data are worth."""
+    """The end, with status `too_coarse` where its steps are too long for the data."""
     if end.fine or not end.outcome.converged:
         return end
     doubt = doubt_of_steps(end)
@@ -122,8 +122,8 @@ def _judged(end: Attempt) -> Attempt:
 
 
 def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
-    """Where collocation finds no solution: it may lead states out of the range in which the model has numbers, which
-    the motion itself never leaves."""
+    """Shoot implicitly where collocation finds no solution: it may lead states out of the range in which the model
+    has numbers, which the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
     steps = _steps_at_start(objective, solver)
     objective = Objective(
@@ -133,7 +133,7 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
 
 
 def _is_lower(one: Attempt, other: Attempt) -> bool:
-    """Whether the first of two ends is a solution, or more likely and a motion of the model."""
+    """Return True if the first of two ends is a solution, or more likely and a motion of the model."""
     if one.outcome.converged or other.outcome.converged:
         return one.outcome.converged
     ends = (one, other)
@@ -214,7 +214,8 @@ def _needed_steps(objective: Objective, outcome: Outcome, finer: Stepping, solve
 
 
 def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Of df/dx [1/s], at those of some samples of states (K, L, n) where it is largest; none where it is no number."""
+    """Return the eigenvalues of df/dx [1/s], at those of some samples of states (K, L, n) where it is largest; none
+    where it is not finite."""
     model = objective.problem.model
     layout = objective.layout
     count, length, n = states.shape
@@ -233,7 +234,7 @@ def _eigenvalues(objective: Objective, states: np.ndarray, parameters: np.ndarra
 
 
 def _is_motion(outcome: Outcome) -> bool:
-    """Whether an end is a motion of the model, converged or not."""
+    """Return True if an end is a motion of the model, converged or not."""
     value = outcome.value
     return outcome.converged or bool(np.isfinite(value.cost) and value.worst() < MET)
 
@@ -254,8 +255,8 @@ def _stable_steps(objective: Objective, end: ObjectiveValue | None = None) -> in
 
 
 def _stable_steps_of_uneven(objective: Objective, end: ObjectiveValue) -> int:
-    """Of `_stable_steps` at an end, where only few steps may be too long for the method: their error stays small, and a
-    decay that cannot become faster looks like a minimum. Steps that are all too long show by their error."""
+    """Return `_stable_steps` at an end where only few steps may be too long for the method: their error stays small,
+    and a decay that cannot become faster looks like a minimum. Steps that are all too long show by their error."""
     steps = objective.layout.dt[objective.layout.dt > 0.0]
     return _stable_steps(objective, end) if steps.max(initial=0.0) > _UNEVEN * steps.min(initial=np.inf) else 0
 
@@ -308,22 +309,22 @@ def _finite_steps(objective: Objective, method: Stepping, solver: Timed) -> int:
 
 
 def _collocated(problem: Problem, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As of `LiftedCollocation.after_samples`, at the start."""
+    """Evaluate `LiftedCollocation.after_samples` at the start."""
     layout = build_layout(problem, CONDENSED, steps)
     dynamics = LiftedCollocation(problem.model, problem.free_index, layout, Collocation().degree)
     return dynamics.after_samples(problem.start_parameters)
 
 
 def _held_by_data(carried: np.ndarray, alone: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Of errors (count, n) that are carried along or stay alone: the former, unless the motion grows by itself, faster
-    than a double integrator. There the data hold the nodes, so that each error counts where it is made."""
+    """Return errors (count, n) as they are carried along, unless the motion grows by itself, faster than a double
+    integrator. There the data hold the nodes, so that each error counts where it is made: `alone`."""
     most, made = (float(np.abs(one / scale).max(initial=0.0)) for one in (carried, alone))
     return carried if most <= len(alone) ** 2 * made else alone
 
 
 def doubt_of_steps(end: Attempt) -> str:
-    """What to say of a solution whose steps are longer than the data are worth; "" where they are not, or where that
-    cannot be told."""
+    """Return what to report of a solution whose steps are longer than the data allow; "" where they are not, or
+    where that is unknown."""
     objective = end.objective
     outcome = end.outcome
     method = as_stepping(end.method)
@@ -351,15 +352,15 @@ def doubt_of_steps(end: Attempt) -> str:
 
 
 def is_judged(objective: Objective) -> bool:
-    """Whether half steps say how large the error is: not in discrete time, with a control law in the loop, or with
-    random defects."""
+    """Return True if half steps show how large the error is: not in discrete time, with a control law in the loop,
+    or with random defects."""
     problem = objective.problem
     stepless = problem.feedback is not None or problem.model.period is not None
     return objective.dynamics is not None and not stepless and not objective.soft
 
 
 def _excess(off: float, cost: float) -> float:
-    """How many times too large an error is, see `_integration_error`."""
+    """Return how many times too large an error is, see `_integration_error`."""
     return max(off / _TOLERANCE, abs(cost) / _COST)
 
 
@@ -406,8 +407,8 @@ def _with_half_steps(objective: Objective, outcome: Outcome, method: Stepping) -
 
 
 def _directly(objective: Objective, value: ObjectiveValue, difference: np.ndarray) -> tuple[float, float]:
-    """Of the whitened difference (K, L, o) of the predictions from the same nodes: sum of squares, and product with the
-    residuals."""
+    """Return, for the whitened difference (K, L, o) of the predictions from the same nodes, the sum of squares and
+    the product with the residuals."""
     layout = objective.layout
     assert value.trajectory is not None
     sigma = np.maximum(value.noise.levels.sigma[: layout.z.shape[2]], EXACT * layout.ranges)

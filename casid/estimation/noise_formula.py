@@ -152,8 +152,8 @@ def _reading(record: Record, name: str, noise: Noise) -> tuple[np.ndarray, np.nd
 
 
 def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
-    """The problem where no noise begins beyond the range of its readings, and what was changed. There the readings tell
-    nothing of any parameter, and an iteration has no way to go."""
+    """The problem where no noise begins beyond the range of its readings, and what was changed. There the readings
+    determine no parameter, and an iteration has no direction."""
     model = problem.model
     start = dict(problem.start)
     said = list[str]()
@@ -198,7 +198,7 @@ def _with_smaller_noise(problem: Problem) -> tuple[Problem, str]:
 
 
 def _at_start(problem: Problem) -> _Squares:
-    """With every 1-sigma as it is at the start values, at the readings."""
+    """Evaluate every 1-sigma at the start values, at the readings."""
     model = problem.model
     reference = {}
     for r, record in enumerate(problem.records):

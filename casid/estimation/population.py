@@ -83,9 +83,9 @@ def _given(problem: Problem, names: tuple[str, ...], mean: np.ndarray, spread: n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Seen:
-    """What the data, and priors of other parameters, say about all parameters: -ln(likelihood) is, up to a constant,
-    1/2 theta' hessian theta - slope' theta. `member` (parameters,) is the number of the distribution that a parameter
-    is drawn from, -1 of none; `size` (distributions,) the largest spread that is thought of."""
+    """Information that the data, and priors of other parameters, give about all parameters: -ln(likelihood) is, up
+    to a constant, 1/2 theta' hessian theta - slope' theta. `member` (parameters,) is the number of the distribution
+    that a parameter is drawn from, -1 of none; `size` (distributions,) the largest spread that is considered."""
 
     hessian: np.ndarray
     slope: np.ndarray
@@ -94,7 +94,7 @@ class _Seen:
 
     @classmethod
     def of(cls, problem: Problem, names: tuple[str, ...], fit: Fit, given: tuple[np.ndarray, np.ndarray]) -> _Seen:
-        """By the linearisation of a fit with given means and spreads, in the coordinates of the solvers."""
+        """Linearise a fit with given means and spreads, in the coordinates of the solvers."""
         base = fit.uncertainty.solved
         assert base.linear is not None
         inner = base.objective.problem
@@ -171,7 +171,7 @@ class _Seen:
         return into @ covariance @ into.T, v[count:], np.sqrt(np.diagonal(covariance)[count:])
 
     def interval(self, spread: np.ndarray, scale: np.ndarray, which: int) -> tuple[float, float]:
-        """Of 95 %, by the rise of the misfit with the other spreads as they are."""
+        """Return the interval of 95 %, by the rise of the misfit with the other spreads as they are."""
 
         def above(value: float) -> float:
             moved = spread.copy()
@@ -189,7 +189,8 @@ class _Seen:
 
 
 def _largest_spread(theta: np.ndarray, data: np.ndarray, spread: float) -> float:
-    """Of values (records,) with their information: several times what they differ by and by what they are off."""
+    """Return a limit of the spread of values (records,) with their information: several times what they differ by
+    and by what they are off."""
     informed = np.diagonal(data)
     errors = 1.0 / np.sqrt(informed[informed > 0.0]) if (informed > 0.0).any() else np.zeros(1)
     found = 2.0 * float(np.std(theta)) + float(np.median(errors))

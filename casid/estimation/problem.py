@@ -55,7 +55,7 @@ class Problem:
         Globs of model parameters to estimate with an own value per record, named "bias_q[m1]" in results.
     spread
         Per-record parameter -> typical size of how much it differs between records. Its values are then drawn from a
-        normal distribution (of its logarithm, where it stands in `log`), whose mean and spread are estimated. The size
+        normal distribution (of its logarithm, where it is in `log`), whose mean and spread are estimated. The size
         is the scale of a half-normal prior of the spread; infinite for none. `Fit.population` has what was found.
     fixed
         Values of parameters that are not estimated (it wins over the globs); all others stay nominal. A name with a
@@ -193,12 +193,12 @@ class Problem:
 
     @property
     def is_output_error(self) -> bool:
-        """Whether the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
+        """Return True if the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
         return (float(self.cost.output_weight), float(self.cost.equation_weight)) == (1.0, 0.0)
 
     @property
     def simulated(self) -> bool:
-        """Whether a trajectory takes part in the cost."""
+        """Return True if a trajectory takes part in the cost."""
         return self.weights[0] > 0.0
 
     @cached_property
@@ -255,7 +255,7 @@ class Problem:
         return np.array([order[n] for n in self.shared + self.local], dtype=int)
 
     def columns(self, record: int) -> np.ndarray:
-        """(free,) where the free parameters of a record, by its position, stand in `parameters`; as `free_index`."""
+        """(free,) where the free parameters of a record, by its position, are in `parameters`; as `free_index`."""
         return self._columns[record]
 
     @cached_property
@@ -332,14 +332,14 @@ class Problem:
     @cached_property
     def state_size(self) -> np.ndarray:
         """(states,) order of magnitude of each state: of its readings where it is measured, else the larger one of what
-        the model says and of the guess."""
+        the model states and of the guess."""
         read = [any(s in r and np.isfinite(r[s]).any() for r in self.records) for s in self.model.states]
         rounded = 10.0 ** np.round(np.log10(self.guessed_size))  # the same for all records of one experiment
         return np.where(read, rounded, np.maximum(rounded, self.model.scale_vector()))
 
     @cached_property
     def guessed_size(self) -> np.ndarray:
-        """(states,) largest magnitude of readings or guess in any record; where these are zero, what the model says."""
+        """(states,) largest magnitude of readings or guess in any record; where these are zero, that of the model."""
         size = np.zeros(len(self.model.states))
         for record in self.records:
             guess = np.asarray(self.model.guess(record), dtype=float)

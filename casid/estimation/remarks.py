@@ -1,4 +1,4 @@
-"""What a person should know of a fit that its status does not say: channels that it misses, values that contradict."""
+"""Write what a person should know of a fit beside its status: channels that it misses, values that contradict."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterato
 
 
 def _initial(fit: Any) -> Iterator[str]:
-    """Initial states far from what was said of them."""
+    """Initial states far from their prior."""
     for states in fit.initial_states.values():
         for e in states.values():
             far = abs(e.value - e.prior) / e.prior_std if e.prior_std > 0.0 else 0.0

@@ -15,8 +15,8 @@ What is left is the bias of an autoregression of few samples: its poles come out
 noise too weak. That of least squares is taken off at the end; taken off in every round, it would feed on itself where
 parameters follow slow noise.
 
-The slow noise that parameters cannot be told from may lie far below white noise when it is sampled fast. Therefore the
-autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
+The slow noise that cannot be separated from parameters may lie far below white noise when it is sampled fast. Therefore
+the autoregression is that of the means of blocks of samples, as long as the sensitivities stay the same within a block;
 what is left within the blocks counts as white.
 
 The variances that follow have little bias, and scatter as the autoregression does. Intervals allow for that by the
@@ -69,7 +69,7 @@ class Colour:
 
     @property
     def white(self) -> bool:
-        """Whether a sample says nothing of the next."""
+        """Return True if a sample does not predict the next."""
         return len(self.a) == 1
 
     @cached_property
@@ -140,8 +140,8 @@ def variance_scatter(
 
 
 class _Scatter:
-    """Of one channel, the variance that `variance_scatter` is the sum of. With u = X `inverse`_i of parameter i and
-    v = u/A its part is variance sum v^2, and the slope of that in a_j is -2 variance sum v_k (v/A)_(k-j)."""
+    """Variance of one channel that `variance_scatter` is the sum of. With u = X `inverse`_i of parameter i and v =
+    u/A its part is variance sum v^2, and the slope of that in a_j is -2 variance sum v_k (v/A)_(k-j)."""
 
     def __init__(self, colour: Colour, own: ChannelSums, inverse: np.ndarray) -> None:
         self.colour = colour
@@ -174,7 +174,7 @@ class _Scatter:
         self.squares += (once**2).sum(axis=0)
 
     def _ring(self) -> None:
-        """What follows the last sample of a record, for as long as it was itself."""
+        """Add what follows the last sample of a record, for as long as the record was itself."""
         if self.record >= 0 and len(self.slopes):
             self._along(np.zeros((self._rows, len(self.inverse))))
 
@@ -219,7 +219,7 @@ class _Blocks:
 
 
 class _Lagged:
-    """Of streams (m, width): sums of rows_(i-k) rows_i' for the lags k, and the number of rows."""
+    """Sums of rows_(i-k) rows_i' of streams (m, width) for the lags k, and the number of rows."""
 
     def __init__(self, width: int) -> None:
         self.sums = np.zeros((ORDER + 1, width, width))
@@ -252,7 +252,7 @@ def spread(total: np.ndarray, products: list[Product]) -> np.ndarray:
 
 
 class ChannelSums:
-    """Of one channel: lagged sums of [x; r] over all records with the same parameters, for every size of block."""
+    """Lagged sums of [x; r] of one channel over all records with the same parameters, for every size of block."""
 
     def __init__(self) -> None:
         self._columns: dict[bytes, np.ndarray] = {}
@@ -309,7 +309,7 @@ class ChannelSums:
 
     @property
     def variance_within(self) -> float:
-        """Of the residuals about the means of their blocks."""
+        """Return the variance of the residuals about the means of their blocks."""
         if self._level == 0:
             return 0.0
         whole, means = (sum(squares[i, -1] for squares in self._squares.values()) for i in (0, self._level))
@@ -414,7 +414,8 @@ def estimated(autocovariance: np.ndarray, count: int) -> Colour:
 
 
 def _stationary(a: np.ndarray) -> bool:
-    """Whether an autoregression has all reflection coefficients below one, by the recursion of Levinson backwards."""
+    """Return True if an autoregression has all reflection coefficients below one, by the recursion of Levinson
+    backwards."""
     while len(a) > 1:
         reflection = a[-1]
         if not abs(reflection) < 1.0:

@@ -1,4 +1,4 @@
-"""How a solution ended, and for what reason: a state, a parameter, a time or an expression is named."""
+"""Explain how a solution ended, and for what reason: a state, a parameter, a time or an expression is named."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _ran_off(problem: Problem, point: Point) -> list[str]:
 
 
 def idle_parameters(problem: Problem) -> list[str]:
-    """List free parameters that stand in no equation."""
+    """List free parameters of no equation."""
     model = problem.model
     parts = [model.f, model.h, *model.events.values()]
     if model.equation is not None:

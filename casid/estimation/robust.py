@@ -31,8 +31,8 @@ _SCALE = "scale of the noise of {}"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Law:
-    """Of residuals over their scale u: the weight w, the derivative of psi = w u, ln of the density, and what the mean
-    of gives the square by which the scale is too small."""
+    """Functions of residuals over their scale u: the weight w, the derivative of psi = w u, ln of the density, and
+    the function whose mean is the square by which the scale is too small."""
 
     growth: Callable[[np.ndarray], np.ndarray]
     weight: Callable[[np.ndarray], np.ndarray]

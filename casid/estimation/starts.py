@@ -92,7 +92,7 @@ def best_of(
     `solved` does what it can from a start; `tried`, if there is one, only what is quick. Then starts that it loses give
     way to further ones, and are solved only where all that are drawn leave too few, or where one is more likely than
     every end that was solved. An end that is more likely than all that converged is the best, whatever its status:
-    a minimum between bounds says nothing against it.
+    a minimum between bounds does not contradict it.
     Raises InputError for a parameter without a range.
     """
     fits = [solved(problem)]
@@ -117,9 +117,9 @@ def best_of(
 def confirmed(problem: Problem, first: Fit, tried: Callable[[Problem], Fit | None]) -> Fit:
     """A solution on few readings, or the best that quick searches from beyond its interval find.
 
-    A minimum that is not the lowest leaves no trace in few residuals, and the intervals know of no other. So searches
-    begin on both sides of it, along what the data determine least. An end is judged by itself and not by its start.
-    Nothing else is tried where the problem is linear or has more readings. `tried` is None when time is up.
+    A minimum that is not the lowest leaves no trace in few residuals, and the intervals do not reach another. So
+    searches begin on both sides of it, along what the data determine least. An end is judged by itself and not by its
+    start. Nothing else is tried where the problem is linear or has more readings. `tried` is None when time is up.
     """
     readings = sum(channel.samples for channel in first.channels.values())
     unknowns = len(problem.parameters) + int((problem.initial_knowledge[1] > 0.0).sum())
@@ -185,7 +185,7 @@ def _minima(fits: Sequence[Fit], best: float) -> tuple[Minimum, ...]:
 
 
 def _same(one: Fit, other: Fit) -> bool:
-    """Whether two ends are one minimum: no data could tell them apart."""
+    """Return True if two ends are one minimum: no data could separate them."""
     if abs(_badness(one) - _badness(other)) > _LIKELY:
         return False
     value = np.array(list(one.values.values()))

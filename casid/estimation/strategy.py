@@ -6,7 +6,7 @@
    after that. Under constraints that bind also from the solution without them. The most likely solution is taken.
 3. Where none was found, Automatic() goes on in the transcription that was asked for, with all its methods.
 
-With any other solver than Automatic() the second step only judges: a better solution is said in the status.
+With any other solver than Automatic() the second step only judges: a better solution is stated in the status.
 
 Where short stretches contradict a solution, it is a local minimum or the model is wrong (`stretches.py`). Multiple
 shooting with a state at every sample decides between the two: from the measured states and the parameters that suit the
@@ -56,8 +56,8 @@ _NODES = 20_000  # of a record: with more samples, several share a state
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ending:
-    """What is taken, and what a person should know of how it was found, "" if nothing; `coarse`: half the steps of
-    integration would change it."""
+    """Attempt that is taken, and what a person should know of how it was found, "" if nothing; `coarse`: half the
+    steps of integration would change it."""
 
     attempt: Attempt
     remark: str = ""
@@ -120,7 +120,7 @@ def usual_of(solver: Solver) -> GaussNewton | None:
 
 
 def _held(attempt: Attempt) -> bool:
-    """Whether a constraint binds, so that it may have led the iteration astray."""
+    """Return True if a constraint binds, so that it may have misled the iteration."""
     problem = attempt.objective.problem
     return bool(problem.path_constraints) or bool(np.abs(attempt.outcome.limit_multipliers).max(initial=0.0) > 0.0)
 
@@ -169,7 +169,8 @@ def _others(problem: Problem, method: Stepping, first: Attempt, quick: Timed) ->
 
 
 def _fine(problem: Problem, method: Stepping, implicit: bool) -> Stepping:
-    """With a state at every sample; the same integration as was asked for, by `implicit` steps where it took them."""
+    """Return the method with a state at every sample; the same integration as was asked for, by `implicit` steps
+    where it took them."""
     if isinstance(method, Collocation):
         return method
     most = max(len(record) for record in problem.records)
@@ -177,7 +178,7 @@ def _fine(problem: Problem, method: Stepping, implicit: bool) -> Stepping:
 
 
 def _same(first: Attempt, other: Attempt) -> bool:
-    """Whether another iteration ended, or gave up on its way, at the same minimum."""
+    """Return True if another iteration ended, or gave up on its way, at the same minimum."""
     if other.found and abs(other.misfit - first.misfit) <= _EQUAL:
         return True
     linear = first.outcome.linear
@@ -188,8 +189,8 @@ def _same(first: Attempt, other: Attempt) -> bool:
 
 
 def _better(first: Attempt, second: Attempt) -> Attempt:
-    """Of two ends that are no solution the one that is stationary, else the more likely; where both are equally likely
-    the second, which all methods have judged."""
+    """Return, of two ends that are no solution, the one that is stationary, else the more likely; where both are
+    equally likely the second, which all methods have judged."""
     stationary = [a.outcome.converged for a in (first, second)]
     if stationary[0] != stationary[1]:
         return second if stationary[1] else first

@@ -36,7 +36,7 @@ _PER_STATE = 5  # readings of a stretch per state, so that its initial state tak
 
 
 def is_slow(objective: Objective, value: ObjectiveValue) -> bool:
-    """Whether residuals of a simulated solution are so slow that stretches have to be asked."""
+    """Return True if residuals of a simulated solution are so slow that stretches have to be fitted."""
     dynamics = objective.dynamics
     if dynamics is None or dynamics.soft or value.trajectory is None:
         return False
@@ -44,7 +44,7 @@ def is_slow(objective: Objective, value: ObjectiveValue) -> bool:
 
 
 def _exact(objective: Objective, value: ObjectiveValue) -> bool:
-    """Whether the outputs are met so well that what is left may be rounding and integration."""
+    """Return True if the outputs are met so well that what is left may be rounding and integration."""
     layout = objective.layout
     o = objective.layout.z.shape[2]
     rms = value.noise.levels.rms(value.squares)[:o]
@@ -52,7 +52,8 @@ def _exact(objective: Objective, value: ObjectiveValue) -> bool:
 
 
 def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> float:
-    """Of the residuals of any output over some lags, in magnitude; those that are missing count as zero."""
+    """Return the largest autocorrelation of the residuals of any output over some lags, in magnitude; missing ones
+    count as zero."""
     trajectory = value.trajectory
     layout = objective.layout
     assert trajectory is not None
@@ -69,21 +70,21 @@ def largest_autocorrelation(objective: Objective, value: ObjectiveValue) -> floa
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretches:
-    """What short stretches, each with its own initial state, leave of the sum of squared residuals of the whole, and
-    the parameters (parameters,) with which they do; 1 is expected of a solution with white noise. NaN and None where
-    the records are too short to tell, or the model does not move from the measured states."""
+    """Share of the sum of squared residuals of the whole that short stretches leave, each with its own initial
+    state, and the parameters (parameters,) with which they do; 1 is expected of a solution with white noise. NaN and
+    None where the records are too short, or the model does not move from the measured states."""
 
     left: float = math.nan
     theta: np.ndarray | None = None
 
     @property
     def agree(self) -> bool:
-        """Whether the whole explains the records about as well."""
+        """Return True if the whole explains the records about as well."""
         return self.left >= _LEFT
 
     @property
     def contradict(self) -> bool:
-        """Whether the stretches explain the records far better."""
+        """Return True if the stretches explain the records far better."""
         return self.left < _LEFT
 
 

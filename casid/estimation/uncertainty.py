@@ -59,7 +59,7 @@ class Uncertainty:
     corrected    the residuals' autocorrelation in place of white noise (Maine and Iliff, NASA RP-1138; Morelli and
                  Klein, J. Aircraft 34, 1997), by an autoregression of each channel that counts the parameters (see
                  residual_colour); channels count as independent.
-    confused     names of parameters that the data cannot tell apart, or of which they say nothing
+    confused     names of parameters that the data do not separate or determine
 
     Priors count as information: with them the covariances are those of the blended estimates. The regressors of an
     equation error count as exact and the two parts of a combined cost as independent: what noise in the regressors
@@ -80,7 +80,7 @@ class Uncertainty:
     __repr__ = brief
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is kept of it are the numbers: how they came about is not pickled."""
+        """Keep the numbers: how they came about is not pickled."""
         names = (
             "covariance",
             "corrected",
@@ -97,7 +97,7 @@ class Uncertainty:
 
     @property
     def solved(self) -> Uncertainty:
-        """As of `Rescaled`."""
+        """Return itself, as `Rescaled` does the inner one."""
         return self
 
     @cached_property
@@ -107,13 +107,13 @@ class Uncertainty:
 
     @cached_property
     def corrected(self) -> np.ndarray:
-        """With the colour of the residuals."""
+        """Return the covariance with the colour of the residuals."""
         return self._unknown if self._inverse is None else self._of_parameters(*self._coloured)
 
     @property
     def honest(self) -> np.ndarray:
         """The corrected one where the residuals of any channel are coloured, else Cramer-Rao; never below that, because
-        noise that is given stands where the residuals are smaller."""
+        noise that is given is kept where the residuals are smaller."""
         if not self.is_coloured:
             return self.covariance
         bound = np.diagonal(self.covariance)
@@ -124,7 +124,7 @@ class Uncertainty:
 
     @cached_property
     def is_coloured(self) -> bool:
-        """Whether an autoregression predicts the residuals of any channel better than white noise, by AIC."""
+        """Return True if an autoregression predicts the residuals of any channel better than white noise, by AIC."""
         return self._in_time and any(not c.white for c in self._scores.colours.values())
 
     @cached_property
@@ -138,7 +138,7 @@ class Uncertainty:
 
     @property
     def _in_time(self) -> bool:
-        """Whether there are residuals that follow each other in time: those of a regression have no order."""
+        """Return True if there are residuals that follow each other in time: those of a regression have no order."""
         objective = self.objective
         equations = isinstance(objective.equations, EquationPart) and bool(objective.problem.model.states)
         return self._inverse is not None and (objective.dynamics is not None or equations)
@@ -229,7 +229,7 @@ class Uncertainty:
 
     @property
     def _is_plain(self) -> bool:
-        """Whether the weights are the inverse of the noise."""
+        """Return True if the weights are the inverse of the noise."""
         levels = self.value.noise.levels
         return not levels.proportional and bool((levels.share == 1.0).all())
 
@@ -288,7 +288,7 @@ class Uncertainty:
 
     @cached_property
     def _coloured(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `_cramer_rao`, with the colour of the residuals."""
+        """Return `_cramer_rao` with the colour of the residuals."""
         score = self._scores.coloured
         return self._inverse @ score @ self._inverse, score  # pyright: ignore[reportOptionalOperand]
 
@@ -336,7 +336,7 @@ class Uncertainty:
 
     @property
     def confused(self) -> tuple[str, ...]:
-        """Parameters that the data cannot tell apart, or of which they say nothing."""
+        """Parameters that the data do not separate or determine."""
         return self._determined[0]
 
     @cached_property
@@ -350,7 +350,7 @@ class Uncertainty:
 
     @property
     def weakest(self) -> tuple[str, ...]:
-        """Parameters of the direction that the data say least of."""
+        """Parameters of the direction that the data determine least."""
         return () if self.linear is None else weakest(self.objective, self.linear, self.limit_multipliers)
 
     @cached_property
@@ -389,7 +389,7 @@ class Uncertainty:
 class Rescaled:
     """The standard errors of another scale of the parameters: `factor` (parameters,) is the change of each per change
     of what was estimated, `inflation` multiplies all variances, and `added` (parameters, parameters) is a covariance of
-    other origin. Not `coloured`: residuals that say nothing of a colour, as of noise by formula."""
+    other origin. Not `coloured`: residuals without a colour, as of noise by formula."""
 
     of: Uncertainty | Rescaled
     factor: np.ndarray
@@ -406,7 +406,7 @@ class Rescaled:
 
     @property
     def corrected(self) -> np.ndarray:
-        """With the colour of the residuals."""
+        """Return the covariance with the colour of the residuals."""
         return self._scaled(self.of.corrected if self.coloured else self.of.covariance)
 
     @property
@@ -452,7 +452,7 @@ class Rescaled:
 
     @property
     def solved(self) -> Uncertainty:
-        """That of what was estimated."""
+        """Return the uncertainty of what was estimated."""
         return self.of.solved
 
 
@@ -490,7 +490,7 @@ def _score_covariances(
 
 
 def prior_information(information: np.ndarray, sums: Mapping[int, ChannelSums]) -> np.ndarray:
-    """What the information has besides the data's, of which `sums` are gathered."""
+    """Return what the information has besides the data's, of which `sums` are gathered."""
     prior = information.copy()
     for own in sums.values():
         spread(prior, own.gram(-1.0))

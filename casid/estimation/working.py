@@ -75,7 +75,7 @@ class Working:
         }
 
     def _with_noise(self, fit: Fit) -> Fit:
-        """What is in units of the noise of its sample in units of the channel."""
+        """Return the fit in units of the channels, from one in units of the noise of each sample."""
         outputs = self.posed.model.outputs
         if not set(self.posed.sigma_channels) <= set(outputs):
             raise EstimationError("solve: noise per sample is given for a channel that is not an output")
@@ -266,7 +266,7 @@ def _weighted_sum(coefficients: Mapping[str, float], s: Any) -> Any:
 
 
 def _initial_state(problem: Problem) -> InitialState:
-    """Zero, exactly if nothing else is said, for states that are counted from their initial value."""
+    """Zero, exactly unless stated otherwise, for states that are counted from their initial value."""
     given = problem.initial_state
     said = {name.split("[")[0] for name in given.std}
     begin = problem.model.initial

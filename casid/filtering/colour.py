@@ -1,8 +1,8 @@
 """Colour of innovations: what a model leaves of a channel is no white noise, but moves slowly from reading to reading.
 
-An innovation is then told in part by the one before it, and only the rest of it is news. Of a channel whose innovations
-are a first-order Gauss-Markov process of 1-sigma s and correlation time tau, the reading after an interval d brings
-(e - rho e_before) / (s sqrt(1 - rho^2)), rho = exp(-d / tau). It is white with unit variance.
+An innovation is then predicted in part by the one before it, and only the rest of it is new. Of a channel whose
+innovations are a first-order Gauss-Markov process of 1-sigma s and correlation time tau, the reading after an interval
+d brings (e - rho e_before) / (s sqrt(1 - rho^2)), rho = exp(-d / tau). It is white with unit variance.
 """
 
 from __future__ import annotations
@@ -103,7 +103,8 @@ def most_likely(series: Sequence[tuple[np.ndarray, np.ndarray]], longest: float 
 
 
 def _told(t: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
-    """Share of every value that the one before it tells, none of the first; and 1-sigma of the rest, of the whole."""
+    """Share of every value that the one before it predicts, none of the first; and 1-sigma of the rest, of the
+    whole."""
     told = np.zeros(len(t))
     told[1:] = np.exp(-np.diff(t) / tau)
     return told, np.sqrt(-np.expm1(2.0 * np.log(np.maximum(told, 1e-150))))

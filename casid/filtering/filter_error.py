@@ -111,7 +111,7 @@ class FilterFit:
 
     @property
     def result(self) -> Results:
-        """How the iteration ended, of an enumeration whose values say what to do about it."""
+        """Return how the iteration ended, of an enumeration whose values state what to do about it."""
         return self.ended.result
 
     @property
@@ -121,7 +121,7 @@ class FilterFit:
 
     @property
     def converged(self) -> bool:
-        """Whether neither parameters nor noise would move any more."""
+        """Return True if neither parameters nor noise would move any more."""
         return self.ended.converged
 
     @property
@@ -152,8 +152,8 @@ class FilterFit:
 def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterations: int = 40) -> FilterFit:
     """Estimate parameters, measurement noise and process noise together.
 
-    A course of iteration that goes wrong is not an error: `FilterFit.status` says it. The time constant of a lag
-    runs off to infinity from a start of the wrong sign, where the data say nothing of it. The iteration then starts
+    A course of iteration that goes wrong is not an error: `FilterFit.status` states it. The time constant of a lag
+    runs off to infinity from a start of the wrong sign, where the data do not determine it. The iteration then starts
     again with the other sign. If nothing is found there either, the status is "not identifiable", and the standard
     errors are nan.
 
@@ -221,7 +221,7 @@ def filter_error(problem: Problem, process_noise: Mapping[str, float], *, iterat
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _End:
-    """Where an iteration ended; `lost` are parameters of which the data say nothing there."""
+    """End of an iteration; `lost` are parameters that the data do not determine there."""
 
     theta: np.ndarray
     noise: NoiseModel
@@ -232,7 +232,7 @@ class _End:
 
 
 def _iterated(system: FilterSystem, theta: np.ndarray, iterations: int) -> _End:
-    """From the parameters theta, with a first guess of noise and trajectory."""
+    """Iterate from the parameters theta, with a first guess of noise and trajectory."""
     linear = system.linearise(theta, system.measured)
     log_sigma = _first_noise(system, linear)
     slope = np.zeros(len(theta))

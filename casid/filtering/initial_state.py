@@ -17,15 +17,15 @@ from casid.records.record import Record
 _LEAST_NOISE = 1e-3  # of a channel's variation: a noise-free simulation must not have infinite weight
 _ITERATIONS = 6
 _NEWTON = 8
-BEGINNING_S = 1.0  # of a record, through which a straight line says where a reading begins
+BEGINNING_S = 1.0  # of a record, through which a straight line gives the beginning of a reading
 
 
 def fit_initial_state(
     model: Model, record: Record, window_s: float = np.inf, values: Mapping[str, float] | None = None
 ) -> np.ndarray:
     """(states,) initial state by weighted least squares over the first `window_s` seconds, with `values` of parameters
-    put over the model's nominal ones. Channels are weighted by their high-band noise. A whole record says little about
-    its beginning for a model that is unstable or wrong: then take a window."""
+    put over the model's nominal ones. Channels are weighted by their high-band noise. A whole record contains little
+    about its beginning for a model that is unstable or wrong: then take a window."""
     part = record.between(record.t[0], record.t[0] + window_s)
     names = [o for o in model.outputs if o in part and np.isfinite(part[o]).any()]
     sigma = {o: 1.0 for o in model.outputs} | {o: _sigma(record[o]) for o in names}
@@ -103,7 +103,7 @@ def state_of_outputs(
     model: Model, record: Record, outputs: Mapping[str, float], start: np.ndarray, parameters: np.ndarray | None = None
 ) -> np.ndarray:
     """(states,) the state at the first sample that has these `outputs`, by Newton's method from `start`, where states
-    that the outputs do not tell stay."""
+    that the outputs do not determine stay."""
     rows = [model.outputs.index(name) for name in outputs]
     scale = model.scale_vector()
     function = cached(model, (_outputs_by_state, *rows), lambda: _outputs_by_state(model, rows))

@@ -32,7 +32,7 @@ _BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay i
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseModel:
-    """What is random."""
+    """Random part of a model: noise of measurements, inputs and states."""
 
     measurement: Mapping[str, float]  # output -> 1-sigma, white from sample to sample
     # disturbance -> 1-sigma of the noise of a recorded input: white from sample to sample and, like the input, linear
@@ -56,8 +56,8 @@ class NoiseModel:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Batch:
     """Records side by side, padded to the longest: t (N, R), dt (N-1, R), U (N, R, nu), Z (N, R, ny) with NaN where a
-    sample is missing, live (N, R) true inside the record. held (R, nu) says how inputs run between samples: 0 linearly,
-    1 held until the next, -1 as the next from the beginning, and shares of these."""
+    sample is missing, live (N, R) true inside the record. held (R, nu) states how inputs run between samples: 0
+    linearly, 1 held until the next, -1 as the next from the beginning, and shares of these."""
 
     names: tuple[str, ...]
     t: np.ndarray

@@ -42,7 +42,7 @@ class Filter:
 
     @cached_property
     def colouring(self) -> Colouring:
-        """What makes innovations white that the noise model says are not."""
+        """Filter that makes innovations white where the noise model gives them a colour."""
         return colouring(self.linear, self.noise.colour)
 
     def of_records(self, some: slice | list[int]) -> Filter:
@@ -73,7 +73,7 @@ class Filter:
         return replace(self, linear=linear, through=through, noise=noise, A=A, C=C, gain=gain, P=P)
 
     def _knows(self, linear: Linear, noise: NoiseModel) -> bool:
-        """Whether all that another model could change of it but the times of its readings is already in it."""
+        """Return True if all that another model could change of it but the times of its readings is already in it."""
         model = linear.model
         before = self.through.model
         same_model = model.states == before.states and model.disturbances == before.disturbances
@@ -180,10 +180,10 @@ class Filter:
     def entrances(
         self, stations: Sequence[int] | np.ndarray, columns: np.ndarray, read: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What columns of innovations (R, N, ny, nc), which are overwritten, have in common with the response to a unit
-        at each sample: of each disturbance of `stations` (ns, R, N, nc), and of each output as `read` (ny, R, N, nc).
-        One pass of the transposed filter for all histories: its sum over samples times one is the product with that
-        history's response."""
+        """Return what columns of innovations (R, N, ny, nc), which are overwritten, have in common with the response
+        to a unit at each sample: of each disturbance of `stations` (ns, R, N, nc), and of each output as `read` (ny,
+        R, N, nc). One pass of the transposed filter for all histories: its sum over samples times one is the product
+        with that history's response."""
         white = self.colouring.transposed(columns)
         if self.kernel is not None:
             return self.kernel.entrances(self, stations, white, read)
@@ -359,7 +359,7 @@ def _between(linear: Linear, first: int, stop: int) -> Linear:
 
 
 def _names(linear: Linear, noise: NoiseModel) -> list[str]:
-    """Of the filter's states: those of the model, coloured disturbances, slow noise of readings."""
+    """List the filter's states: those of the model, coloured disturbances, slow noise of readings."""
     return [*linear.model.states, *noise.coloured, *slow_states(noise.slow)]
 
 
@@ -445,7 +445,7 @@ def _decay(dt: np.ndarray, noise: NoiseModel) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Sources:
-    """What is random: places among the model's disturbances, and strengths in their order."""
+    """Random sources: places among the model's disturbances, and strengths in their order."""
 
     coloured: list[int]  # coloured, white, inputs: indices; inputs are the noise of recorded ones
     white: list[int]

@@ -1,4 +1,4 @@
-"""The recursions of `kalman` and `innovations` as compiled C; the numpy versions beside them say what they compute.
+"""The recursions of `kalman` and `innovations` as compiled C; the numpy versions beside them define what they compute.
 
 Nothing in the source depends on the model: one library serves all, compiled once per machine. Records know nothing of
 each other, nor columns of columns: processors share them out (`OMP_NUM_THREADS` limits how many do).
@@ -198,7 +198,7 @@ def _range_of(index: np.ndarray) -> tuple[int, int]:
 
 
 def _as_it_lies(array: np.ndarray) -> ctypes.c_void_p:
-    """Where an array begins that the function writes to, also one that is part of a larger one."""
+    """Return where an array begins that the function writes to, also one that is part of a larger one."""
     return ctypes.c_void_p(array.ctypes.data)
 
 

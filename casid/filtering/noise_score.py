@@ -12,8 +12,8 @@ from casid.filtering.kalman import Filter, augmented
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class UnitVariance:
-    """What one variance, set to 1 and alone, puts into the covariances of a filter: state noise Q (N-1, R, n, n),
-    measurement noise M (N, R, ny, ny) and initial state P (R, n, n). The covariances are linear in the variances."""
+    """Covariances of a filter from one variance, set to 1 and alone: state noise Q (N-1, R, n, n), measurement noise
+    M (N, R, ny, ny) and initial state P (R, n, n). The covariances are linear in the variances."""
 
     Q: np.ndarray
     M: np.ndarray

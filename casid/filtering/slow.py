@@ -1,7 +1,7 @@
 """Noise of a reading that is white in part and slow in part: first-order Gauss-Markov processes beside the white noise.
 
-A reading whose noise is slow tells less than as many independent ones, of what is slow itself; of what is quick it
-tells as much as before. So white and slow noise are apart: in a Kalman filter the slow one is a state that only this
+A reading whose noise is slow has less information than as many independent ones on what is slow itself, and as much as
+before on what is quick. So white and slow noise are apart: in a Kalman filter the slow one is a state that only this
 reading sees. An offset is the slowest: its correlation time is infinite.
 """
 
@@ -16,7 +16,7 @@ import numpy as np
 
 from casid.filtering.innovations import Linear
 
-# shares of the variance that are slow, as odds: from what no record tells to what leaves next to nothing white
+# shares of the variance that are slow, as odds: from what no record shows to what leaves next to nothing white
 _LEAST_ODDS = 0.02
 _MOST_ODDS = 50.0
 _ODDS = 9
@@ -91,7 +91,7 @@ def white_and_slow(t: np.ndarray, values: np.ndarray, seen: np.ndarray) -> list[
 
 def usual_offset(offsets: np.ndarray, stds: np.ndarray) -> float:
     """1-sigma of the offsets of all channels in all records, in units of their noise, by what most of them show. One
-    that is off is no reason to expect it of the others. `stds` say how well each is known; NaN is none."""
+    that is off is no reason to expect it of the others. `stds` is how well each is known; NaN is none."""
     if not np.isfinite(stds).any():
         return 0.0
     scale = _MEDIAN_DEVIATION * float(np.nanmedian(np.abs(offsets)))

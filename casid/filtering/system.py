@@ -21,7 +21,7 @@ _PERTURBATION = 1e-3  # of the standard error of a parameter when the others are
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FilterSystem:
-    """What stays the same over the iterations of a filter-error estimation."""
+    """Data that stay the same over the iterations of a filter-error estimation."""
 
     problem: Problem
     batch: Batch

@@ -1,1 +1,1 @@
-"""An aircraft in the files of other simulators: what they can hold, and what they cannot, said."""
+"""Write and read an aircraft as files of other simulators; what they cannot hold is reported."""

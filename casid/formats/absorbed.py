@@ -15,14 +15,14 @@ from casid.model.terms import derivative_term, parse_term
 from casid.model.trim import trim
 
 _RATE = {"CY": "betadot", "Cl": "betadot", "Cn": "betadot"}  # of the flow angle that unsteady aerodynamics are of
-_RANGE = 0.1  # rad about the trim, in which a parabola stands for the drag of a file
+_RANGE = 0.1  # rad about the trim, in which a parabola replaces the drag of a file
 _ROUNDING = 1e-12
 _POWERS = ("0", "alpha", "alpha^2", "alpha^3")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Absorbed:
-    """What a target is made of."""
+    """Content of a target: aircraft, its terms, and what no number of it holds."""
 
     aircraft: Aircraft  # without effects
     # coefficient -> canonical monomial ("0" for the constant) -> value, of all that is not zero
@@ -30,7 +30,7 @@ class Absorbed:
     left: tuple[str, ...]  # effects that no number of an aircraft holds, a line each
 
     def value(self, coefficient: str, term: str) -> float:
-        """Of a term; zero where the file has none."""
+        """Return the value of a term; zero where the file has none."""
         return self.rows.get(coefficient, {}).get(term, 0.0)
 
     def beyond(self, held: Mapping[str, Sequence[str]]) -> list[str]:
@@ -91,8 +91,8 @@ def need_derivatives(aircraft: Aircraft, target: str) -> None:
 
 def in_wind_axes(plain: Absorbed) -> Absorbed:
     """Lift and drag in place of CX and CZ, by their series about the trim: lift to first order in the angle of attack,
-    drag to second, everything else as it acts there. A line in `left` says how far that departs. Files in wind axes are
-    left alone."""
+    drag to second, everything else as it acts there. A line in `left` states how far that departs. Files in wind axes
+    are left alone."""
     if plain.aircraft.force_axes == "wind":
         return plain
     at = _trim_alpha(plain.aircraft)
@@ -125,7 +125,7 @@ def in_wind_axes(plain: Absorbed) -> Absorbed:
 
 @dataclass(frozen=True, kw_only=True)
 class Polar:
-    """CD = parasitic + factor CL^2, CL that of the angle of attack alone; `note` says where it departs from the file,
+    """CD = parasitic + factor CL^2, CL that of the angle of attack alone; `note` states where it departs from the file,
     "" where it does not."""
 
     parasitic: float
@@ -143,7 +143,7 @@ def polar_of(plain: Absorbed) -> Polar:
     CL = np.polynomial.Polynomial(lift)
     at = _trim_alpha(plain.aircraft)
     if abs(CL(at)) < _ROUNDING:
-        at += _RANGE  # without lift, no slope of the drag says how it grows with lift
+        at += _RANGE  # without lift, no slope of the drag shows how it grows with lift
     factor = float(drag.deriv()(at)) / (2.0 * float(CL(at)) * lift[1])
     parasitic = float(drag(at)) - factor * float(CL(at)) ** 2
     alpha = at + np.linspace(-_RANGE, _RANGE, 41)

@@ -94,7 +94,7 @@ def _sign(value: float) -> float:
 
 
 def _with_head(aircraft: Aircraft, size: dict[str, float], left: list[str]) -> str:
-    """Comments, which ArduPilot's reader skips: what the numbers stand for, and what is not in them."""
+    """Comments, which ArduPilot's reader skips: the meaning of the numbers, and what is not in them."""
     inputs = ", ".join(f"{surface} = {value:+.4f} rad" for surface, value in size.items())
     lines = [
         f"{aircraft.name}, written by casid for libraries/SITL/SIM_Plane of ArduPilot",

@@ -20,7 +20,7 @@ from casid.keeping import whole_file
 from casid.model.aircraft import Aircraft, given_aircraft
 
 Made = tuple[str, tuple[str, ...]]
-# target -> endings of its file, and what makes its text and says what it does not hold
+# target -> endings of its file, and what makes its text and lists what it does not hold
 TARGETS: Mapping[str, tuple[tuple[str, ...], Callable[[Aircraft], Made]]] = MappingProxyType(
     {
         "ardupilot-json": ((".json",), ardupilot_text),
@@ -51,7 +51,7 @@ def export(aircraft: Aircraft | str | Path, path: str | Path, *, to: str) -> tup
     Returns
     -------
     tuple of str
-        What the file does not hold, a line each; these lines also stand in it, where it can have comments.
+        What the file does not hold, a line each; these lines are also comments of it, where it can have them.
 
     Raises
     ------

@@ -39,7 +39,7 @@ _TERMS = ["0", *_FACTORS, *("*".join(pair) for pair in combinations(_FACTORS, 2)
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """A table as it stands in a file."""
+    """A table as written in a file."""
 
     name: str  # what it is called there
     over: tuple[str, ...]  # names of the file, one per axis of its grid
@@ -57,7 +57,8 @@ class FileTable:
     places: tuple[int, ...]  # axis of the file that each axis of `table` is
 
     def share(self, term: str) -> np.ndarray:
-        """By which part a stretch changes each value of the file, in its shape; along what is held, all of them."""
+        """Return the part by which a stretch changes each value of the file, in its shape; along what is held, all
+        of them."""
         stretches = {one.variable: one for one in parse_term(term).stretches}
         axes = dict(zip(self.places, zip(self.table.axes, self.table.grid.breakpoints, strict=True), strict=True))
         along = []
@@ -100,7 +101,7 @@ class Tried:
         return dict(zip(QUANTITIES, self.at, strict=True))
 
     def values(self, name: str) -> np.ndarray:
-        """(points,) what a name of the file stands for."""
+        """(points,) the value of a name of the file."""
         of = ca.Function("of", [ca.vertcat(*self._s.values())], [ca.SX(self._look(name))])
         return of.map(_POINTS)(self.at).full()[0]
 
@@ -188,7 +189,7 @@ _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 
 
 def blanked(text: str) -> str:
-    """XML of the same length without what stands in comments: positions in it are positions in the text."""
+    """XML of the same length with comments blanked: positions in it are positions in the text."""
     return _COMMENT.sub(lambda found: " " * len(found.group()), text)
 
 
@@ -215,11 +216,11 @@ def said(effect: EffectValue, why: str) -> str:
 
 
 def in_comment(text: str) -> str:
-    """Return a text as one line that may stand in a comment of XML: no -- in it, and no - at its end."""
+    """Return a text as one line that is valid in a comment of XML: no -- in it, and no - at its end."""
     return re.sub(r"-(?=-|$)", "- ", " ".join(text.split()))
 
 
 def comment(left: Sequence[str]) -> str:
-    """What a file cannot say, as a comment of it."""
+    """Write what a file cannot hold, as a comment of it."""
     lines = "".join(f"\n       {in_comment(line)}" for line in left)
     return f"    <!-- casid found what stands in no function of this file:{lines}\n    -->\n"

@@ -42,7 +42,7 @@ class _Variable:
 
 @dataclass(frozen=True, kw_only=True)
 class _Described:
-    """What a model has of a description, in its order."""
+    """Variables of a model that a description has, in its order."""
 
     name: str
     states: tuple[_Variable, ...]
@@ -141,7 +141,7 @@ def _opened(path: str | Path, where: str) -> tuple[Any, Any]:
 
 
 def _first_line(error: Exception) -> str:
-    """What it says, or its kind where it says nothing."""
+    """Return the first line of an error, or its kind where it has no text."""
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
@@ -169,7 +169,7 @@ def _described(description: Any, parameters: Sequence[str], where: str) -> _Desc
 
 
 def _variable(variable: Any, where: str) -> _Variable:
-    """Of a letter that no name of casid has, an underscore stands in its place: `motor.w[1]` is `motor_w_1`."""
+    """Read a variable; an underscore replaces each letter that no name of casid has: `motor.w[1]` is `motor_w_1`."""
     start = 0.0 if variable.start is None else number(float(variable.start), f"{where}: start of '{variable.name}'")
     nominal = float(variable.nominal) if variable.nominal is not None else abs(start)
     name = re.sub(r"\W+", "_", variable.name).strip("_")
@@ -205,7 +205,7 @@ class _Running:
         )
 
     def depends_on_time(self) -> bool:
-        """Whether rates or outputs at the start differ between two later times."""
+        """Return True if rates or outputs at the start differ between two later times."""
         start = {v.name: np.full(2, v.start) for v in (*self.own.states, *self.own.inputs, *self.own.parameters)}
         later = start | {"t": np.array(_LATER)}
         return any(np.ptp(x) > 0.0 for found in (self.rates(later), self.outputs(later)) for x in found.values())

@@ -47,7 +47,7 @@ def motor_constant(rotor: Rotor, to: str) -> float:
 
 
 def _left_of(rotors: Rotors, *, lag: bool, delay: bool = False, air: bool = False) -> list[str]:
-    """What a target does not hold of the rotors."""
+    """List what a target does not hold of the rotors."""
     left = []
     if not lag and any(one.lag for one in rotors.each):
         left.append("lag of the rotors")

@@ -94,8 +94,8 @@ class _Reading:
             raise InputError(f"{self.where}: no measurement")
         measured = {row["observableId"] for row in tables.measurements}
         self.observables = {name: row for name, row in every.items() if name in measured}
-        self.literal: dict[str, str] = {}  # placeholder -> the one thing that it stands for
-        self.sampled: dict[str, list[str]] = {}  # placeholder -> parameters for which it stands in some samples
+        self.literal: dict[str, str] = {}  # placeholder -> its one meaning
+        self.sampled: dict[str, list[str]] = {}  # placeholder -> parameters that it means in some samples
         for kind in _KINDS:
             for name in self.observables:
                 self._placeholders(kind, name)
@@ -117,7 +117,7 @@ class _Reading:
         _value(row, "measurement", where)
 
     def _check_references(self) -> None:
-        """Names for which columns and placeholders stand are parameters."""
+        """Names behind columns and placeholders are parameters."""
         named = {n for names in (*self.named.values(), *self.sampled.values()) for n in names}
         for name in sorted(named - set(self.values)):
             raise unknown("parameter", name, self.values, f"{self.where}: conditions and measurements")
@@ -245,7 +245,7 @@ class _Reading:
         return found
 
     def _discover(self) -> None:
-        """The conditions on time of the model, and whether time stands anywhere else."""
+        """The conditions on time of the model, and whether time occurs anywhere else."""
         sbml = self.tables.sbml
         now = [channel for channels in self.changing.values() for channel in channels]
         names = (*self.values, *sbml.states, *self._sample_channels(), *now, _TIME)

@@ -78,7 +78,7 @@ def _content(file: Path) -> dict[str, Any]:
 
 
 def _named(file: Path, content: Mapping[str, Any], key: str) -> list[Path]:
-    """Files that stand under a key, one or a list."""
+    """Files under a key, one or a list."""
     names = content.get(key)
     names = [names] if isinstance(names, str) else names
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):

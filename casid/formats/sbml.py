@@ -26,8 +26,8 @@ class Switch:
 
 @dataclass(eq=False)
 class Scope:
-    """What names mean while formulas are translated: `known` symbols, `rules` that define others, the switches found so
-    far, and where we are, for messages."""
+    """Meaning of names while formulas are translated: `known` symbols, `rules` that define others, the switches
+    found so far, and where we are, for messages."""
 
     where: str
     known: Mapping[str, ca.SX]

@@ -1,4 +1,5 @@
-"""How far a model's frequency response is from that of flight: in dB and deg, as one cost, and within an envelope."""
+"""Measure how far a model's frequency response is from that of flight: in dB and deg, as one cost, and in an
+envelope."""
 
 from __future__ import annotations
 
@@ -156,7 +157,8 @@ class Mismatch:
 
     @property
     def passed(self) -> bool | None:
-        """Whether it is within the envelope wherever it is judged; None without an envelope, or where it has none."""
+        """Return True if it is within the envelope wherever it is judged; None without an envelope, or where it has
+        none."""
         if self.within is None or not self.judged.any():
             return None
         return bool(self.within[self.judged].all())

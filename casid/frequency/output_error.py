@@ -39,7 +39,7 @@ class FourierOutputError:
 
     The model is linear about the mean of each record's measured motion, so the motion has to be small enough for that.
     Nothing is simulated: initial states and biases have no part, and every transcription gives the same fit. Inputs are
-    held between samples where `Record.hold` says so, else on straight lines, cubic ones too.
+    held between samples where `Record.hold` states it, else on straight lines, cubic ones too.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class _Transformed:
     """A piece of a record: its mean states x (n,) and inputs u (m,), and the transforms of what is measured.
 
     outputs (M, outputs), NaN where not measured; inputs (M, inputs).
-    `held` (inputs,) says which of them are held between samples.
+    `held` (inputs,) marks those that are held between samples.
     """
 
     piece: Piece
@@ -217,7 +217,7 @@ class _Outputs:
 
     @property
     def eliminated(self) -> int:
-        """How many unknowns the projections take."""
+        """Number of unknowns that the projections remove."""
         return sum(int(np.linalg.matrix_rank(t, tol=_SHOWN * np.linalg.norm(t, 2))) for t, _ in self._steps.values())
 
     @cached_property

@@ -1,4 +1,4 @@
-"""How precisely a fit knows each parameter, in per cent, and which parameters it could do without."""
+"""Compute how precisely a fit determines each parameter, in per cent, and which parameters it could do without."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INSENSITIVITY_LIMIT = 10.0
 
 
 class Estimated(Protocol):
-    """What has estimates and their covariance: a `Fit`, a `ResponseFit`."""
+    """Result with estimates and their covariance: a `Fit`, a `ResponseFit`."""
 
     @property
     def values(self) -> Mapping[str, float]:

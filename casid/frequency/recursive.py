@@ -6,7 +6,7 @@ Guidance, Control, and Dynamics 23, 2000; Klein and Morelli, Aircraft System Ide
 
 Frequencies need not suit the time that has passed. A constant in an equation therefore shows in the transforms. So do
 both ends of a state whose derivative is taken by j omega. All of these have known shapes over frequency and are
-eliminated. The errors at neighbouring frequencies are correlated by as much as the weights of the samples say, and the
+eliminated. The errors at neighbouring frequencies are correlated as the weights of the samples imply, and the
 standard deviations hold that.
 """
 
@@ -103,7 +103,7 @@ def track_derivatives(
         channel.
     EstimationError
         For an equation that is not linear in a free parameter, and a parameter that only adds a constant to its
-        equation (a bias) or stands in several.
+        equation (a bias) or enters several.
 
     Notes
     -----
@@ -145,7 +145,7 @@ def track_derivatives(
 @dataclass(frozen=True)
 class _Equations:
     """form; function (channels) -> (target less what is known, regressors (equations, free)); and per equation the
-    free parameters that stand in it."""
+    free parameters in it."""
 
     form: EquationForm
     function: ca.Function
@@ -166,7 +166,7 @@ def _regressors(model: Model, form: EquationForm, own: Sequence[str], known: Map
 
 
 def _places(model: Model, form: EquationForm, own: Sequence[str]) -> list[list[int]]:
-    """Per equation the free parameters that stand in it. Raises EstimationError where none can be told."""
+    """Per equation its free parameters. Raises EstimationError where none can be determined."""
     constant = constants(form, model, own)
     if constant:
         values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in constant)

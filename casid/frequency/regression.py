@@ -32,7 +32,7 @@ from casid.records.record import Record
 
 
 def check_band(band: tuple[float, float], where: str) -> tuple[float, float]:
-    """(low, high) [rad/s], or an InputError that says what to write."""
+    """(low, high) [rad/s], or an InputError with what to write."""
     try:
         low, high = (float(edge) for edge in band)
     except (TypeError, ValueError):
@@ -187,7 +187,7 @@ class FourierEquations:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Signals:
-    """What the equations take of a piece."""
+    """Signals of a piece that the equations use."""
 
     piece: Piece
     signals: np.ndarray  # (N, channels of the form), zero for the derivatives that are not recorded
@@ -250,7 +250,7 @@ def constants(form: EquationForm, model: Model, names: Iterable[str]) -> list[st
 
 
 def _check_constants(problem: Problem, form: EquationForm) -> None:
-    """Raise EstimationError for free parameters that a band of frequencies says nothing of."""
+    """Raise EstimationError for free parameters without effect in a band of frequencies."""
     idle = constants(form, problem.model, problem.shared + problem.local)
     if idle:
         values = ", ".join(f"'{name}': {problem.model.nominal[name]:g}" for name in idle)

@@ -163,7 +163,7 @@ class ResponseFit:
 
     @property
     def converged(self) -> bool:
-        """Whether the parameters are a minimum of the cost."""
+        """Return True if the parameters are a minimum of the cost."""
         return self.ended.converged
 
     @property
@@ -211,11 +211,11 @@ class ResponseFit:
 
 
 class ResponseModel(Protocol):
-    """What is fitted: complex responses as a function of parameters."""
+    """Model that is fitted: complex responses as a function of parameters."""
 
     @property
     def names(self) -> Sequence[str]:
-        """Of the free parameters."""
+        """Names of the free parameters."""
         ...
 
     def response(self, one: MeasuredResponse, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

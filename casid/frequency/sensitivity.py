@@ -83,7 +83,7 @@ def _exponentials(a: np.ndarray, slopes: np.ndarray, dt: float) -> tuple[list[np
 
 
 def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray, p: np.ndarray) -> LinearSensitivity:
-    """That of a model about states x (n,), inputs u (m,) at parameters p, of which `free` (f,) are free, by exact
+    """Linearise a model about states x (n,), inputs u (m,) at parameters p, of which `free` (f,) are free, by exact
     derivatives."""
     check_continuous(model, "linear model")
     n = len(model.states)

@@ -80,7 +80,7 @@ class TransferFunction:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of its parameters."""
+        """Names of its parameters."""
         pairs = [name for pair in (*self.zero_pairs, *self.pole_pairs) for name in pair]
         return (self.gain, *self.zeros, *self.poles, *pairs, *([self.delay] if self.delay else []))
 
@@ -89,7 +89,7 @@ class TransferFunction:
         return self.with_slopes(omega, values)[0]
 
     def with_slopes(self, omega: np.ndarray, values: Mapping[str, float]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """As `response`, and name -> (frequencies,) derivative of its logarithm."""
+        """Return the `response`, and name -> (frequencies,) derivative of its logarithm."""
         s = 1j * np.asarray(omega, dtype=float)
         found = values[self.gain] * s**-self.integrators
         slopes = {name: np.zeros(len(s), complex) for name in self.names}

@@ -56,7 +56,7 @@ class FileAerodynamics(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of the file is left out, and what is held."""
+        """List what of the file is left out, and what is held."""
         ...
 
     def section(self) -> dict[str, Any]:

@@ -71,7 +71,7 @@ class Aircraft:
         Look-ups that are added to coefficients, see `table`.
     std
         1-sigma of estimated derivatives, terms and values of free tables by name, `Cm_alpha`, `Cm_alpha^2`. `modes` and
-        exports tell it in place of `relative_uncertainty`; fits do not take it as a prior.
+        exports write it in place of `relative_uncertainty`; fits do not take it as a prior.
     aerodynamics
         A function of a namespace of regressors (`alpha`, `q`, `delta_e`, ... as in `terms`; `airspeed` [m/s], `qbar`
         [Pa], `rho`, `thrust` [N]) that returns CasADi expressions of coefficients by name. Derivatives, terms and
@@ -180,7 +180,7 @@ class Aircraft:
 
     @property
     def winged(self) -> bool:
-        """Whether it has aerodynamics."""
+        """Return True if the aircraft has aerodynamics."""
         return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
 
     def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
@@ -228,7 +228,7 @@ class Aircraft:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is to be said of the aircraft: an inertia that cannot be, what another simulation's file leaves out."""
+        """List remarks: an impossible inertia, and what the file of another simulator leaves out."""
         own = self.aerodynamics.notes if isinstance(self.aerodynamics, FileAerodynamics) else ()
         return (*self.inertia.notes, *own)
 
@@ -268,9 +268,9 @@ class Aircraft:
         Returns
         -------
         Aircraft
-            With derivatives of zero, increments on top of what the file has. Recorded surfaces stand for the control
+            With derivatives of zero, increments on top of what the file has. Recorded surfaces replace the control
             system (delta_a is the left aileron, the right one its negative), recorded thrust for the engines;
-            `notes` say what is held and left out.
+            `notes` lists what is held and left out.
 
         Raises
         ------
@@ -332,9 +332,9 @@ class Aircraft:
         are copied beside it, unless they lie there or below.
 
         Under a name that ends in .xml an aircraft of a JSBSim file is written as that file again: derivatives and
-        terms as further functions, effects as parts. Wrong stretches of its tables are mended where they stand.
-        What such a file cannot say stands in a comment of it. Under one in .dml the aerodynamics of a DAVE-ML file are
-        written likewise, with its tables mended.
+        terms as further functions, effects as parts. Wrong stretches of its tables are corrected in place.
+        What such a file cannot hold is a comment of it. Under one in .dml the aerodynamics of a DAVE-ML file are
+        written likewise, with its tables corrected.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ def check_keys(table: Mapping[str, Any], valid: Iterable[str], section: str, req
 
 
 def subtable(table: Mapping[str, Any], key: str, section: str) -> dict[str, Any]:
-    """The table under `key`, empty when absent; raises InputError when something else stands there."""
+    """The table under `key`, empty when absent; raises InputError for anything else."""
     value = table.get(key, {})
     if not isinstance(value, dict):
         raise InputError(f"{section}: '{key}' is {given(value)}; expected a table of names and values")

@@ -89,7 +89,7 @@ def _merge(table: MutableMapping[str, Any], wanted: Mapping[str, Any]) -> None:
 
 
 def _in_its_unit(present: Any, value: Any) -> Any:
-    """A new value; a number as text in the unit that stands in the file, "6000 lb"."""
+    """A new value; a number as text in the unit of the file, "6000 lb"."""
     if isinstance(present, str) and isinstance(value, float):
         return as_written(value, present) or value
     return value

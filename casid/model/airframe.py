@@ -1,4 +1,4 @@
-"""What the signal path and the causes read of an aircraft: its numbers, whatever file they came from."""
+"""Give the signal path and the causes the numbers of an aircraft, whatever file they came from."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Inertia:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the plane x-z is one of symmetry."""
+        """Return True if the plane x-z is one of symmetry."""
         return self.Ixy == 0.0 and self.Iyz == 0.0
 
     @property
@@ -90,7 +90,8 @@ class Inertia:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What no rigid body can have: a principal moment above the sum of the other two. Empty when all is well."""
+        """List a principal moment that exceeds the sum of the other two, which no rigid body has. Empty when all is
+        well."""
         mean = (self.Ixx + self.Izz) / 2
         spread = math.hypot((self.Ixx - self.Izz) / 2, self.Ixz)
         principal = sorted((mean - spread, mean + spread, self.Iyy))
@@ -103,7 +104,8 @@ class Inertia:
 
 
 def unsymmetric_moment(inertia: Mapping[str, Any], rates: Sequence[Any], accelerations: Sequence[Any]) -> list[Any]:
-    """What Ixy and Iyz add to the moments L, M, N that turn an aircraft with `rates` p, q, r and their derivatives."""
+    """Return what Ixy and Iyz add to the moments L, M, N that turn an aircraft with `rates` p, q, r and their
+    derivatives."""
     (p, q, r), (pdot, qdot, rdot) = rates, accelerations
     xy = inertia["Ixy"]
     yz = inertia["Iyz"]

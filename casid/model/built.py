@@ -1,4 +1,4 @@
-"""What is built of a model once, and lies in it."""
+"""Keep what is built of a model once, in the model."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import casadi as ca
 from casid.model.system import Model
 from casid.native.compiler import Compilable
 
-_BUILT = "_built"  # where it lies
+_BUILT = "_built"  # attribute of the model that holds it
 
 
 def cached(model: Model, key: tuple, build):
-    """What `build()` gives, kept as long as the model lives: a Monte Carlo over one model builds once.
+    """Return `build()`, computed once and kept as long as the model lives: a Monte Carlo over one model builds once.
 
-    It lies in the model, for much of it refers to the model: a table of weak references would keep both for ever.
+    The model holds it, since much of it refers to the model: a table of weak references would never free either.
     """
     store = vars(model).setdefault(_BUILT, {})
     if key not in store:

@@ -485,7 +485,7 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
 
 
 def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
-    """Whether the file says anything of the coefficients that act on an axis; what a function says is not looked at."""
+    """Return True if the file gives a coefficient that acts on an axis; a function of the user counts as giving all."""
     given = {derivative_term(name)[0] for name in aircraft.derivatives} | set(aircraft.terms)
     given |= {table.coefficient for table in aircraft.tables}
     return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
@@ -522,8 +522,8 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
     """The record with every input channel that an aircraft model wants.
 
     Density comes from the record, from altitude (standard atmosphere) or from [trim]; thrust from the record or from
-    [trim], constant; the states that a reduction does not move from the measured channels. `record.notes` says what was
-    filled in. Heading and bank go on where they pass 180 or 360 deg.
+    [trim], constant; the states that a reduction does not move from the measured channels. `record.notes` lists what
+    was filled in. Heading and bank go on where they pass 180 or 360 deg.
 
     Parameters
     ----------
@@ -609,7 +609,7 @@ def _without_turning(aircraft: Aircraft, record: Record, seen: Mapping[str, np.n
 
 
 def _check_complete(record: Record, inputs: Sequence[str]) -> None:
-    """Inputs have no gaps: nothing says how they run there."""
+    """Inputs have no gaps: their course there is unknown."""
     for name in inputs:
         if name in record and len(gaps := np.flatnonzero(np.isnan(record[name]))):
             raise InputError(

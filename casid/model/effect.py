@@ -1,4 +1,4 @@
-"""What an effect is, what a kind of cause is, and the register of causes.
+"""Define an effect and a kind of cause, and keep the register of causes.
 
 A cause is one `@cause` function that returns an `Effect`: an extra piece at one station of the signal path. It enters
 in one of three ways, and simulation, estimation, screening, extension of the aircraft file and the generator of hidden
@@ -11,7 +11,7 @@ output   an operator on what an instrument reads (delay, lag)
 
 An effect with a state of its own gives both `change` and `series`: a model that has it takes the first. A diagnosis,
 which weighs it against others before it is in the model, the second.
-Whatever else there is to know of a cause stands in its definition too; nothing outside compares names of kinds.
+All else that is known of a cause is in its definition too; nothing outside compares names of kinds.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ class Words:
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """How large an effect matters, and how large it may be."""
+    """Smallest size of an effect that matters, and the largest that is possible."""
 
     # the smallest size that matters to an engineer, in `unit`, or a function of the aircraft that gives it; None:
     # judged by its part of a coefficient, or of a channel
@@ -92,15 +92,15 @@ class Event:
 
     timed: bool = True  # it begins at an onset [s] of its own in every record concerned
     recurring: bool = False  # other records may repeat it
-    # the value that says how long it takes from its onset to its end: records determine its middle
+    # the duration from its onset to its end: records determine its middle
     extent: str | None = None
-    # the value that says how long it acts: its onset and its end are apart, and nothing is left behind it
+    # how long it acts: its onset and its end are apart, and nothing is left after it
     lasts: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Further:
-    """What is known of the parameters of an effect, its value among them, before they are fitted."""
+    """Values to try and limits of the parameters of an effect, before they are fitted."""
 
     # values of the further parameters (and of "value" when not linear) that a screening tries
     grid: tuple[Mapping[str, float], ...] = ({},)
@@ -116,9 +116,9 @@ class Further:
 
 @dataclass(frozen=True, kw_only=True)
 class Traits:
-    """What else a diagnosis knows of an effect: when it is accepted, and what imitates it."""
+    """Conditions under which a diagnosis accepts an effect, and what imitates it."""
 
-    grounded: bool = False  # believed only when kinematics see it: what a file lacks of the forces reads the same
+    grounded: bool = False  # accepted only when kinematics see it: what a file lacks of the forces reads the same
     # it may be in some records and not in others: instruments and loading change between flights
     by_record: bool = False
     # free derivatives imitate it when it is in all records: only differences between records show
@@ -132,9 +132,9 @@ class Traits:
     equal: Callable[[Airframe], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
-    # contrary to the symmetry of an aircraft: believed only when nothing is missing anywhere beside it
+    # contrary to the symmetry of an aircraft: accepted only when nothing is missing anywhere beside it
     improbable: bool = False
-    constant: bool = False  # an offset, which a drift imitates: believed only when its reading is steady beside it
+    constant: bool = False  # an offset, which a drift imitates: accepted only when its reading is steady beside it
     late: bool = False  # the value is by how much [s] the reading is late
     # it changes what steady flight takes of the rotors: the likely reason where this has left its limits
     balance: bool = False
@@ -173,7 +173,7 @@ class Effect:
     kind: str = ""  # that of its `cause` where it is not given
     target: str = ""
     term: str | None = None
-    variant: str = ""  # tells it from another effect of its kind and target, that differs in its further parameters
+    variant: str = ""  # separates it from an effect of its kind and target with other further parameters
     # the value is an amplitude that enters linearly at its null 0, so a score gives its size; otherwise (lag, dead
     # zone) sizes of `further.grid` are tried
     linear: bool = True
@@ -187,7 +187,7 @@ class Effect:
     regressor: str | None = None  # term that the value multiplies in the coefficient `target`
     # coefficients that change together, the first by the value, the others by parameters of their names
     members: tuple[str, ...] = ()
-    enters: str | None = None  # disturbance station at which an unknown time history would stand for it
+    enters: str | None = None  # disturbance station at which an unknown time history would replace it
     station: str | None = None
     units: Mapping[str, str] = field(default_factory=dict)  # SI units of the further parameters that `change` takes
     # further state -> channel that it starts from; `change` sets its rate in `path.derivative`
@@ -214,22 +214,22 @@ class Effect:
 
     @property
     def stochastic(self) -> bool:
-        """Whether it is process noise, and nothing deterministic."""
+        """Return True if it is process noise alone."""
         return self.change is None and self.series is None and self.output is None
 
     @property
     def symbolic(self) -> bool:
-        """Whether a diagnosis has it as a parameter of its model."""
+        """Return True if a diagnosis has it as a parameter of its model."""
         return self.change is not None and self.series is None
 
     @property
     def in_equations(self) -> bool:
-        """Whether the equation-error form of a model knows it: it enters there, and has no state."""
+        """Return True if the equation-error form of a model has it: it enters there, and has no state."""
         return self.change is not None and self.station in ("coefficients", "mass") and not self.states
 
     @property
     def timed(self) -> bool:
-        """Whether it begins at an onset."""
+        """Return True if it begins at an onset."""
         return self.event.timed
 
     @property
@@ -240,21 +240,22 @@ class Effect:
 
     @property
     def quasi_steady(self) -> bool:
-        """Whether it is a term of the present regressors, and of no rate of them."""
+        """Return True if it is a term of the present regressors, and of no rate of them."""
         return self.regressor is not None and "dot" not in self.regressor
 
     @property
     def of_an_instrument(self) -> bool:
-        """Whether an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
+        """Return True if an instrument is at fault throughout a record: no error of the aerodynamics looks like it."""
         return self.kinematic and not self.timed and not self.stochastic
 
     @property
     def of_a_surface(self) -> bool:
-        """Whether it lies between a record and its control surface throughout a record, as a lag or a play does."""
+        """Return True if it lies between a record and its control surface throughout a record: a lag or a play."""
         return self.series is not None and self.target in SURFACES and not self.timed
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
-        """By its name in the register of causes, as functions cannot be pickled, with what differs from there."""
+        """Pickle by the name in the register of causes, since functions cannot be pickled, and what differs from
+        there."""
         made = _registered(self.kind, self.target, self.term, self.name)
         if made is None:
             raise InputError(f"{self.name}: not in the register of causes, so that it cannot be pickled; use @cause")
@@ -306,11 +307,11 @@ class Kind:
 
     @property
     def of_coefficients(self) -> bool:
-        """Whether its targets are aerodynamic coefficients, of which an aircraft has six."""
+        """Return True if its targets are aerodynamic coefficients, of which an aircraft has six."""
         return bool(self.targets) and set(self.targets) <= set(COEFFICIENTS)
 
     def parts(self, target: str | None) -> list[str]:
-        """What a target names: `CL+CD` two coefficients; nothing when it is left out."""
+        """List what a target names: two coefficients for `CL+CD`; nothing when it is left out."""
         if not target:
             return []
         return target.split("+") if self.joined else [target]
@@ -365,7 +366,7 @@ def _other_fields(own: Any, made: Any) -> dict[str, Any]:
 
 
 def _with(made: Any, further: Mapping[str, Any]) -> Any:
-    """With fields of `_other_fields`."""
+    """Return a copy with the fields of `_other_fields`."""
     now = {name: getattr(made, name) for name in further}
     groups = {name: _with(now[name], value) for name, value in further.items() if isinstance(now[name], _GROUPS)}
     return replace(made, **{**further, **groups})

@@ -29,7 +29,7 @@ def catalogue(aircraft: Aircraft, outputs: Iterable[str]) -> list[Effect]:
 
 
 def _is_one_channel(effect: Effect, measured: Collection[str], known: Collection[tuple[str, str]]) -> bool:
-    """Whether a fault of a group is, in these outputs, that of one channel, which has a name of its own."""
+    """Return True if a fault of a group is, in these outputs, that of one channel, which has a name of its own."""
     reads = [channel for channel in effect.reads if channel in measured]
     return len(reads) == 1 and effect.target != reads[0] and (effect.kind, reads[0]) in known
 
@@ -40,7 +40,7 @@ def _shows_in(effect: Effect, measured: Collection[str]) -> bool:
 
 
 class Named(Protocol):
-    """What says which effect is meant: an `EffectValue` of an aircraft file, a cause of a diagnosis."""
+    """Name of an effect: an `EffectValue` of an aircraft file, or a cause of a diagnosis."""
 
     @property
     def kind(self) -> str: ...
@@ -53,7 +53,7 @@ class Named(Protocol):
 
 
 def effect_of(value: Named) -> Effect:
-    """The Effect that an `[[effects]]` entry of an aircraft file, or a cause, speaks of."""
+    """The Effect that an `[[effects]]` entry of an aircraft file, or a cause, refers to."""
     kind = KINDS[value.kind]
     make = next((make for name, make in kind.variants.items() if name in value.parameters), kind.make)
     return make(value.target or "", value.term) if value.term else make(value.target or "")

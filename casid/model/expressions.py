@@ -1,4 +1,4 @@
-"""What a user's functions give for a model: checked expressions, and where a number that is none was born."""
+"""Check the expressions that a user's functions give for a model, and find where a value is not a number."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def check_symbols(expression: ca.SX, vectors: Vectors, where: str) -> None:
 
 
 def origin(expression: ca.SX, vectors: Vectors, values: Mapping[str, np.ndarray]) -> str:
-    """Where a scalar expression gets a value that is no number, "sqrt(alpha) of alpha = -0.1", at `values` by vector;
-    "" if none."""
+    """Return where a scalar expression gets a value that is not a number, "sqrt(alpha) of alpha = -0.1", at `values` by
+    vector; "" if none."""
     named = [ca.vertcat(*[ca.SX.sym(n) for n in names]) if names else ca.SX(0, 1) for _, names in vectors.values()]
     symbols = [vector for vector, _ in vectors.values()]
     numbers = [np.asarray(values[letter], dtype=float) for letter in vectors]

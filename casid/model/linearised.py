@@ -15,7 +15,7 @@ from casid.records.record import Record
 from casid.signals import SURFACES
 
 _ANGLE = 0.35  # rad: a median beyond is no flight that derivatives describe
-_USUAL = {"V": 100.0, "rho": 1.0, "thrust": 0.0}  # where neither file nor records say more
+_USUAL = {"V": 100.0, "rho": 1.0, "thrust": 0.0}  # where neither file nor records give a value
 
 
 def given_slopes(aircraft: Aircraft, records: Iterable[Record] = ()) -> dict[str, float]:

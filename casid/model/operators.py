@@ -235,7 +235,7 @@ def turned(t: np.ndarray, phi: np.ndarray, theta: np.ndarray, q: np.ndarray, r: 
 def mode(t: np.ndarray, y: np.ndarray, frequency_hz: Size, damping: Size) -> tuple[np.ndarray, np.ndarray]:
     """Rate of a lightly damped mode driven by y, from rest, w0^2 s / (s^2 + 2 d w0 s + w0^2), and its derivative, for
     uniform t. A cubic spline between samples, because straight lines weaken what is near the mode's frequency. Raises
-    InputError for more than one cycle between samples, of which y tells nothing, and for a mode that grows."""
+    InputError for more than one cycle between samples, which y does not resolve, and for a mode that grows."""
     w0 = 2.0 * np.pi * frequency_hz
     dt = float(np.median(np.diff(t)))
     if not (0.0 < np.real(frequency_hz) * dt <= CYCLES and np.real(damping) >= 0.0):

@@ -74,7 +74,7 @@ class RotorSignal:
 
 @dataclass
 class SignalPath:
-    """What is known at a station: symbols of state, inputs, parameters and disturbances, and the quantities that the
+    """Quantities known at a station: symbols of state, inputs, parameters and disturbances, and the quantities that the
     stations up to here have computed. Effects change these quantities; nothing else does. `turning` has the sign of the
     air's rotation by the gradient of its velocity, for axes about which it turns."""
 
@@ -291,15 +291,16 @@ def given_coefficients(
 
 
 def quantities(path: SignalPath) -> dict[str, Any]:
-    """What tables and own aerodynamics may look at: regressors, rates of the flow angles as symbols, and `FURTHER`."""
+    """Return what tables and own aerodynamics may read: regressors, rates of the flow angles, and `FURTHER`."""
     further = {"airspeed": path.air["V"], "qbar": path.air["qbar"], "rho": path.inputs["rho"]}
     further |= {"thrust": path.surface["thrust"]}
     return path.regressor | dict(zip(RATES, ca.vertsplit(path.rates), strict=True)) | further
 
 
 def given_series(path: SignalPath) -> dict[str, Any]:
-    """What the aircraft's tables and own aerodynamics make of steady flow angles, "given Cm" and its slopes in the
-    surfaces, "given Cm_delta_e"; empty for an aircraft that has neither. `path` has come to its air data."""
+    """Return the coefficients that the aircraft's tables and own aerodynamics give in steady flow, "given Cm", and
+    their slopes in the surfaces, "given Cm_delta_e"; empty for an aircraft that has neither. `path` has come to its air
+    data."""
     aircraft = path.aircraft
     if aircraft.aerodynamics is None and not aircraft.tables:
         return {}
@@ -319,7 +320,7 @@ def given_series(path: SignalPath) -> dict[str, Any]:
 
 
 def settle_rates(path: SignalPath) -> None:
-    """Put the rates of the flow angles, as all forces make them, where the coefficients are said in them."""
+    """Put the rates of the flow angles, as all forces make them, where the coefficients depend on them."""
     whole = ca.vertcat(*path.coefficient.values())
     if not ca.depends_on(whole, path.rates):
         return
@@ -473,7 +474,7 @@ def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tup
 
 
 def sensor_station(path: SignalPath) -> None:
-    """What instruments at their positions read; positions are relative to the c.g. of the aircraft file."""
+    """Compute the readings of instruments at their positions, relative to the c.g. of the aircraft file."""
     s = path.state
     d = path.derivative
     air = path.air

@@ -56,12 +56,12 @@ _LIFT_RATIO = (0.33, 3.0)
 
 
 def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
-    """What of a file cannot be, by itself: nothing of these when all is well."""
+    """List the values of a file that are impossible or implausible in themselves."""
     return (*_constants(aircraft), *_geometry(aircraft), *_slopes(aircraft), *_trim(aircraft))
 
 
 def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
-    """What no aircraft has, whatever it weighs: effects of a size that cannot be, an inertia of no rigid body."""
+    """List what no aircraft has, whatever it weighs: effects of an impossible size, an inertia of no rigid body."""
     effects = [(value.value, effect_of(value)) for value in aircraft.effects]
     sizes = [
         Doubt(
@@ -81,7 +81,7 @@ def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
 
 
 def possible(effect: Effect, value: float) -> bool:
-    """Whether the size of an effect is within what is plausible, and no lag or width below zero."""
+    """Return True if the size of an effect is within what is plausible, and no lag or width below zero."""
     return abs(value) <= effect.size.limit and not ("value" in effect.further.unsigned and value < 0.0)
 
 
@@ -186,7 +186,7 @@ def _trim(a: Aircraft) -> Iterator[Doubt]:
 
 
 def lift_in_trim(a: Aircraft) -> float | None:
-    """Lift over weight in the trim of the file, None where it does not say."""
+    """Lift over weight in the trim of the file, None where it does not give them."""
     zero, slope, sign = ("CL_0", "CL_alpha", 1.0) if a.force_axes == "wind" else ("CZ_0", "CZ_alpha", -1.0)
     linear = not (a.tables or a.aerodynamics or a.terms.get(zero[:2])) and {zero, slope} <= a.derivatives.keys()
     if not linear or not {"V", "rho", "alpha"} <= a.trim.keys():
@@ -197,7 +197,7 @@ def lift_in_trim(a: Aircraft) -> float | None:
 
 
 def moment_in_trim(a: Aircraft) -> float | None:
-    """Pitching moment coefficient that the file leaves in its own trim, None where it does not say."""
+    """Pitching moment coefficient that the file leaves in its own trim, None where it gives none."""
     linear = not (a.tables or a.aerodynamics or a.terms.get("Cm")) and {"Cm_0", "Cm_alpha"} <= a.derivatives.keys()
     if not linear or not {"V", "rho", "alpha", "delta_e", "thrust"} <= a.trim.keys():
         return None
@@ -217,7 +217,7 @@ _USUAL: dict[str, tuple[float, float]] = {
 
 
 def from_usual(a: Aircraft) -> dict[str, float]:
-    """How far numbers of a file are from the usual, as logarithms; 0 within."""
+    """Return how far numbers of a file are from the usual, as logarithms; 0 within."""
     lateral = a.moment_length_lateral
     pitch = a.moment_length_pitch
     values = {

@@ -90,7 +90,7 @@ def ports_of(model: Model, exact: Sequence[str] = ()) -> tuple[ModelPort, ...]:
 
 
 def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
-    """Raises InputError for a port that the model does not have, or that stands twice."""
+    """Raises InputError for a port that the model does not have, or that is named twice."""
     valid = {"state derivative": model.states, "input": model.inputs, "output": model.outputs}
     for port in ports:
         require(port, ModelPort, f"ports of '{model.name}': one", "cs.ModelPort(kind=..., name=...)")

@@ -216,7 +216,7 @@ class Rotors:
     Raises
     ------
     InputError
-        For two rotors of one name, and what cannot be.
+        For two rotors of one name, and for impossible values.
 
     Examples
     --------
@@ -422,7 +422,7 @@ def _voltage(table: Mapping[str, Any]) -> Voltage | None:
 
 
 def written_rotors(rotors: Rotors) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(header, table) of the sections of an aircraft file; what all rotors share stands once."""
+    """(header, table) of the sections of an aircraft file; what all rotors share is written once."""
     each = [_written(one) for one in rotors.each]
     shared = {name: each[0].get(name) for name in _SHARED if all(one.get(name) == each[0].get(name) for one in each)}
     general: dict[str, Any] = {name: value for name, value in shared.items() if value is not None}

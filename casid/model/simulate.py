@@ -88,7 +88,7 @@ def simulate(
     substeps: int = 1,
     integrator: str = "runge-kutta",
 ) -> Simulation:
-    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record says.
+    """Integrate by Runge-Kutta of fourth order, `substeps` per sample; inputs run between samples as the record states.
 
     A model in discrete time goes from sample to sample by its own equations.
 
@@ -317,7 +317,8 @@ def steps_of(advance: ca.Function) -> Run:
 
 
 def cvodes_step(model: Model, relative: float, absolute: float) -> ca.Function:
-    """From sample to sample by CVODES to these tolerances: x0, p = (u, w before, u, w after, dt, parameters) -> xf."""
+    """Integrate from sample to sample by CVODES to these tolerances: x0, p = (u, w before, u, w after, dt, parameters)
+    -> xf."""
     both = len(model.inputs) + len(model.disturbances)
     before, after = (ca.SX.sym(name, both) for name in ("before", "after"))
     dt = ca.SX.sym("dt")

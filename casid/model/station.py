@@ -38,7 +38,7 @@ class Station:
 
     @property
     def words(self) -> str:
-        """In a sentence: "Cm", "the reading of theta", "moving air along z"."""
+        """Name in a sentence: "Cm", "the reading of theta", "moving air along z"."""
         before = {"wind": "moving air along ", "rotation": "rotation of the air about ", "reading": "the reading of "}
         return before.get(self.kind, "") + self.name
 

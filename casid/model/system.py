@@ -607,7 +607,7 @@ def _checked_guess(
 
 
 def _guessed(guess: Callable[[Record], np.ndarray], states: Sequence[str], where: str, record: Record) -> np.ndarray:
-    """What a user's guess gives, checked."""
+    """Return the checked result of a user's guess."""
     try:
         found = np.asarray(guess(record), dtype=float)
     except (TypeError, ValueError) as error:

@@ -93,7 +93,7 @@ class Grid:
         return table
 
     def _shares(self, x: Any, axis: Sequence[float]) -> list[Any]:
-        """By how much the value at each breakpoint enters at x."""
+        """Return the weight of the value at each breakpoint in the value at x."""
         if self.method == "linear":
             passed = [1.0, *self._passed(x, axis), 0.0]
             return [before - after for before, after in zip(passed, passed[1:], strict=False)]
@@ -101,7 +101,7 @@ class Grid:
         return [sum(b * w for b, w in zip(basis, column, strict=True)) for column in _to_basis(axis).T]
 
     def _passed(self, x: Any, axis: Sequence[float]) -> list[Any]:
-        """How much of each interval lies below x."""
+        """Return the part of each interval that lies below x."""
         parts = []
         for i, (low, high) in enumerate(zip(axis, axis[1:], strict=False)):
             if high == low:
@@ -134,7 +134,7 @@ def _over_bases(table: np.ndarray, bases: Sequence[Sequence[Any]]) -> Any:
 
 
 def _knots(axis: Sequence[float]) -> np.ndarray:
-    """Of the cubic spline with continuous third derivative beside its ends ("not a knot")."""
+    """Return the knots of the cubic spline with continuous third derivative beside its ends ("not a knot")."""
     return np.r_[[axis[0]] * (_DEGREE + 1), axis[2:-2], [axis[-1]] * (_DEGREE + 1)]
 
 
@@ -229,7 +229,7 @@ class Table:
 
     @property
     def dynamic(self) -> bool:
-        """Whether it depends on `alphadot` or `betadot`."""
+        """Return True if it depends on `alphadot` or `betadot`."""
         return any("dot" in name for name in (*self.axes, self.times))
 
     def at(self, regressors: Mapping[str, Any], parameters: Mapping[str, Any]) -> Any:

@@ -166,7 +166,7 @@ def parse_term(text: str, where: str = "") -> Term:
 
 
 def _stretch(text: str, where: str) -> Stretch:
-    """A stretch as it is spelled; corners are what six digits say of them."""
+    """Return the stretch that a text spells; corners are rounded to six digits."""
     match = _STRETCH.fullmatch(text)
     if not match:
         raise InputError(f"{where}: '{text.strip()}' is no stretch of a variable; expected alpha[0.1,0.14,0.24,0.28]")

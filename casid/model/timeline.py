@@ -27,7 +27,8 @@ class Timeline:
 
 
 def timeline(model: Model, record: Record) -> Timeline:
-    """Of the events that the model has; of several at one time those that it declares first come first."""
+    """Return the times of a record and of the events that the model has; simultaneous events keep the order of their
+    declaration."""
     found = [(float(t), name) for name in model.events for t in record.events.get(name, ())]
     if not found:
         return Timeline(t=record.t, sample=np.arange(len(record)))

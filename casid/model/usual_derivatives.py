@@ -1,4 +1,4 @@
-"""How large the derivatives of aircraft are, where a file does not say.
+"""Estimate how large the derivatives of an aircraft are, where its file does not give them.
 
 Per rad; rates are p b/2V, q c/2V and r b/2V.
 """

@@ -76,8 +76,8 @@ _EITHER = re.compile(r"\[([^|\]]*)\|([^\]]*)\]")  # words for a positive value, 
 
 
 def effect_sentence(kind: str, target: str | None, term: str | None, value: float) -> str:
-    """What the effect means, for a person: size to two digits, angles in degrees; where the words say which way,
-    without a sign. Raises InputError when not valid."""
+    """Return what the effect means, for a person: size to two digits, angles in degrees; without a sign where the words
+    give the direction. Raises InputError when not valid."""
     unit = effect_unit(kind, target, term)
     entry = KINDS[kind]
     label = " and ".join(_label(part) for part in entry.parts(target))
@@ -101,7 +101,7 @@ def effect_title(kind: str, target: str | None, term: str | None) -> str:
 
 
 def _either(sentence: str, value: float) -> tuple[str, float]:
-    """A template for the sign of a value, and the value, without its sign where the words say it."""
+    """A template for the sign of a value, and the value, without its sign where the words state it."""
     chosen = _EITHER.sub(lambda words: words[1 if value >= 0.0 else 2], sentence)
     return chosen, value if chosen == sentence else abs(value)
 
@@ -129,7 +129,7 @@ def title_of(effect: Effect) -> str:
 
 
 def _of_a_table(target: str, term: str | None) -> tuple[str, str | None]:
-    """Target and term for a person; a stretch of a table of a derivative is said of the derivative: Cl_p at alpha 8 to
+    """Target and term for a person; a stretch of a table of a derivative names the derivative: Cl_p at alpha 8 to
     14 deg."""
     if not term or "[" not in term:
         return target, term

@@ -30,12 +30,12 @@ _names: dict[Path, tuple[int, tuple[str, ...]]] = {}  # folder -> its modificati
 
 
 def cache_folder() -> Path:
-    """Where compiled libraries are kept between runs: ``casid`` in the user's cache folder."""
+    """Return the folder that keeps compiled libraries between runs: ``casid`` in the user's cache folder."""
     return platformdirs.user_cache_path("casid")
 
 
 def find(key: str) -> Path | None:
-    """Find the library of a key whose content is what its name says, and that loads on this machine."""
+    """Find the library of a key whose content has the checksum of its name, and that loads on this machine."""
     with suppress(OSError):  # a folder that cannot be read holds nothing for us
         if not cache_folder().exists():
             return None  # nothing is made before something is compiled
@@ -100,7 +100,7 @@ def workshop() -> Iterator[Path]:
 
 @cache
 def _folder(wanted: Path) -> Path:
-    """The cache folder, or one of this process alone where that cannot be trusted (said once)."""
+    """The cache folder, or one of this process alone where that cannot be trusted (reported once)."""
     try:
         wanted.mkdir(parents=True, exist_ok=True, mode=0o700)
         if _is_ours(wanted):
@@ -115,7 +115,7 @@ def _folder(wanted: Path) -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether the folder is a real one of this user, into which nobody else may write."""
+    """Return True if the folder is a real one of this user, into which nobody else may write."""
     if not hasattr(os, "getuid"):
         return True
     state = folder.lstat()

@@ -55,7 +55,7 @@ _given_up: list[str] = []  # why this process compiles nothing more
 
 @cache
 def c_compiler() -> str | None:
-    """Find the C compiler; None (said once) when there is none, it was given up, or CASID_NO_COMPILER is set."""
+    """Find the C compiler; None (reported once) when there is none, it was given up, or CASID_NO_COMPILER is set."""
     if _given_up or os.environ.get("CASID_NO_COMPILER"):
         return None
     for name in (os.environ.get("CC", "cc"), "gcc", "clang"):
@@ -68,7 +68,7 @@ def c_compiler() -> str | None:
 
 @cache
 def _version(compiler: str) -> str | None:
-    """What the compiler says of itself; None when it cannot even do that."""
+    """Return the version that the compiler prints; None when it cannot even do that."""
     try:
         return _run([compiler, "--version"], 10.0, dict(os.environ))
     except (OSError, subprocess.SubprocessError):
@@ -94,7 +94,7 @@ def _run(command: list[str], seconds: float, environment: dict[str, str]) -> str
 
 
 def _give_up(why: str) -> None:
-    """Compile nothing more in this process, and say why."""
+    """Compile nothing more in this process, and report why."""
     if not _given_up:
         _LOG.warning("%s: %s", _FAILED, why)
         _given_up.append(why)
@@ -102,15 +102,15 @@ def _give_up(why: str) -> None:
 
 
 def compile_first() -> bool:
-    """Whether kernels are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that decides,
-    a machine that is busy or has not compiled yet switches later, and their sums differ in the last digits. A
-    `Compilable` does the same operations in the same order either way."""
+    """Return True if kernels are compiled before their first use (CASID_COMPILE_FIRST is set). When it is time that
+    decides, a machine that is busy or has not compiled yet switches later, and their sums differ in the last digits.
+    A `Compilable` does the same operations in the same order either way."""
     return bool(os.environ.get("CASID_COMPILE_FIRST"))
 
 
 @cache
 def _machine() -> str:
-    """What a compiled library depends on besides its source: versions of compiler and C library, processor."""
+    """Return what a compiled library depends on besides its source: versions of compiler and C library, processor."""
     compiler = c_compiler()
     version = _version(str(compiler))
     info = Path("/proc/cpuinfo")
@@ -136,7 +136,7 @@ def cached_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
 
 
 def compile_function(function: ca.Function) -> ca.Function | None:
-    """The function as compiled C, from the cache or made now; None (and said) when compiling fails."""
+    """The function as compiled C, from the cache or made now; None (and reported) when compiling fails."""
     library = compile_library(_source(function))
     return None if library is None else _load(function, library)
 
@@ -156,13 +156,13 @@ def compiling_until(deadline: float) -> Iterator[None]:
 
 
 def is_time_to_compile(seconds: float = 0.0) -> bool:
-    """Whether what takes so long to compile would end in the time that there is."""
+    """Return True if a compilation that takes so long would end in the time that is left."""
     return time.perf_counter() + seconds < _until.get()
 
 
 def compile_library(source: str, flags: tuple[str, ...] = FLAGS) -> Path | None:
-    """Find the library of a C source in the cache or make it; None (and said once) where that fails, and where the time
-    to compile is up."""
+    """Find the library of a C source in the cache or make it; None (and reported once) where that fails, and where the
+    time to compile is up."""
     library = cached_library(source, flags)
     compiler = c_compiler()
     if library is not None or compiler is None or not is_time_to_compile():
@@ -193,12 +193,12 @@ _NO_C = ("CallbackInternal", "Newton")  # a Python function, and Newton's method
 
 
 def _has_no_source(function: ca.Function) -> bool:
-    """Whether there is a function in it of which no C can be made."""
+    """Return True if it contains a function from which no C can be made."""
     return any(one.class_name() in _NO_C for one in function.find_functions())
 
 
 def _tape_of(function: ca.Function) -> Tape | None:
-    """Of a function that calls Python, where that can be done for many points at once."""
+    """Return the tape of a function that calls Python, where that can be done for many points at once."""
     try:
         return Tape(function) if function.is_a("SXFunction") else None
     except UnknownOperationError:
@@ -223,7 +223,7 @@ class Compilable:
         self._batches: OrderedDict[tuple, PointBatch] = OrderedDict()
 
     def _batch(self, key: tuple, derive: Callable[[ca.Function], ca.Function]) -> PointBatch:
-        """The batch of `derive`, which `key` stands for; the most recent ones are kept, so that the next estimation of
+        """The batch of `derive`, which `key` identifies; the most recent ones are kept, so that the next estimation of
         the same size finds its arrays ready. Not for two threads at once."""
         if key not in self._batches:
             self._batches[key] = PointBatch(self, derive)

@@ -1,7 +1,7 @@
 """C source of a model's kernel: simulate segments, or linearise them and gather their Gram blocks on the way.
 
 Lanes are segments. `data` holds per W segments and sample the vectors u0 (m), u1 (m), dt, z (o) and which row of the
-tables below says what is present. All else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
+tables below shows what is present. All else is in numpy's order, segment by segment. S (columns n+f, rows n) is the
 sensitivity of the state.
 """
 
@@ -40,7 +40,7 @@ def _stages(linear: ca.Function) -> range:
 
 
 def sizes_of(linear: ca.Function, noises: int) -> Sizes:
-    """From the function that `stage_functions` gives second."""
+    """Read the sizes from the function that `stage_functions` gives second."""
     return Sizes(
         n=linear.size1_in(0),
         m=linear.size1_in(1),
@@ -119,7 +119,7 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
 
 
 def collocation_sizes(functions: Mapping[str, ca.Function]) -> Sizes:
-    """Of the functions that `collocation_source` takes."""
+    """Read the sizes from the functions that `collocation_source` takes."""
     slopes = functions["slopes"]
     outputs = functions["outputs_of"]
     n, m, q = (slopes.size1_in(i) for i in range(3))
@@ -141,7 +141,7 @@ def _along_outputs_and_offset(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
 
 
 def _pull(c: ca.Sparsity, s: Sizes) -> str:
-    """C' L' of the whitened residual, which stands in q: what the cost changes with the state."""
+    """C' L' of the whitened residual, which is in q: what the cost changes with the state."""
     lines = ["static inline void pull(V *to, V (*q)[NF + 2], const V *L, long dense, const V *C)", "{", "V w[O];"]
     lines.append("for (int i = 0; i < O; i++) w[i] = L[i * (i + 1) / 2 + i] * q[i][NF];")
     lines.append("for (int i = 0; dense && i < O; i++)")

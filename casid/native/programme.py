@@ -23,7 +23,7 @@ _COMPILE_PER_BYTE = {"exact": 1.1e-6, "given": 4.2e-6}  # s by the Hessian, meas
 
 
 class _Deadline(ca.Callback):
-    """What IPOPT asks after every iteration: whether to stop. One programme then serves for any time."""
+    """Callback of IPOPT after every iteration that stops it at a time. One programme then serves for any time."""
 
     def __init__(self, nlp: dict[str, ca.MX]) -> None:
         ca.Callback.__init__(self)

@@ -1,4 +1,4 @@
-"""What linear algebra raises does not reach a user: it is said what it means."""
+"""Turn an error of linear algebra into one that states what it means for the user."""
 
 from __future__ import annotations
 

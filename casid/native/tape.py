@@ -133,7 +133,7 @@ class Tape:
 
 
 def _operation(function: ca.Function, nodes: Any, k: int) -> Callable[..., Any]:
-    """What instruction k does to arrays; nothing where it reads an argument or writes a result."""
+    """Return the action of instruction k on arrays; nothing where it reads an argument or writes a result."""
     kind = function.instruction_id(k)
     if kind in (ca.OP_INPUT, ca.OP_OUTPUT):
         return _OPERATIONS[ca.OP_ASSIGN]

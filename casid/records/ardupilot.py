@@ -35,8 +35,8 @@ _SEA_LEVEL = 101325.0  # Pa
 
 def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a DataFlash log on the clock of its inertial unit; needs the extra `ardupilot`. Surfaces are normalised
-    commands, motors ``m1``, ``m2`` ..., as in `read_ulog`. `notes` say what is an estimate of the autopilot and what is
-    lost."""
+    commands, motors ``m1``, ``m2`` ..., as in `read_ulog`. `notes` list what is an estimate of the autopilot and what
+    is lost."""
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
     def load() -> dict[str, Any]:
@@ -45,7 +45,7 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
         rows: dict[str, list[dict[str, Any]]] = {}
         log = reader.DFReader_binary.__new__(reader.DFReader_binary)
         try:
-            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # where it tells of damaged messages
+            with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # where it prints damaged messages
                 log.__init__(str(path), zero_time_base=True)
                 while (message := log.recv_match(type=list(_WANTED))) is not None:
                     fields = message.to_dict()
@@ -138,7 +138,7 @@ def _battery(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series],
 
 
 def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    """What went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
+    """Read what went out to motors and servos; of surfaces rather the commands from -1 to 1 before the mixer."""
     out = _servos(rows, notes)
     found |= out
     rotors = any(name[0] == "m" for name in out)
@@ -154,7 +154,7 @@ def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
 
 def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:
     """Commands by pulse widths and the parameters of the servos at the beginning; of several for one surface the first.
-    Motors are from 0 to 1. A function that is changed in flight is said."""
+    Motors are from 0 to 1. A function that is changed in flight is reported."""
     parameters = dict[str, float]()
     changed = dict[str, str]()
     for row in rows.get("PARM", ()):
@@ -184,7 +184,8 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
 
 
 def _flying(rows: Mapping[str, list[dict[str, Any]]]) -> Series | None:
-    """In the air or not: of a plane by its own guess, of a copter by the events of its land detector."""
+    """Read when the aircraft is in the air: of a plane by its own guess, of a copter by the events of its land
+    detector."""
     if (read := _columns(rows, "STAT", "isFlying")) is not None:
         return read[0], read[1] > 0.0
     events = [(row["TimeUS"] * 1e-6, row["Id"] == _NOT_LANDED) for row in rows.get("EV", ()) if row.get("Id") in _BOTH]

@@ -20,7 +20,7 @@ from casid.signals import DEGREE, GRAVITY
 
 MAGIC = b"H Product:Blackbox"
 _MOTORS = 8
-_ONE_G = 2048.0  # of the accelerometer where the head does not say
+_ONE_G = 2048.0  # of the accelerometer where the head gives none
 
 
 def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:

@@ -1,4 +1,5 @@
-"""What one channel shows alone: frozen stretches, held values, rails, isolated outliers, codes for "no value".
+"""Find faults that one channel shows alone: frozen stretches, held values, rails, isolated outliers, codes for "no
+value".
 
 Every judgement is one of exact repeats or of single samples; what moves slowly is nobody's fault here.
 """
@@ -24,7 +25,7 @@ _STAIRCASE = 0.4
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
 _ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
-_BESIDE = 5  # samples on either side of a plateau that tell how fast the channel moves there
+_BESIDE = 5  # samples on either side of a plateau that show how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _MOVES_WITH = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
 _INTEGRATED = frozenset(("phi", "theta", "psi", "altitude", "north", "east"))  # by a filter, from rates
@@ -46,7 +47,7 @@ _COMPANIONS: tuple[frozenset[str], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What decides, each with its reason in `evidence`."""
+    """Limits of the decisions, each with its reason in `evidence`."""
 
     chance: float = field(
         default=1e-4,
@@ -208,7 +209,7 @@ def _unbroken(record: Record) -> list[slice]:
 
 
 def without_faults(record: Record, faults: Iterable[ChannelFault]) -> Record:
-    """The record with samples of outputs that are not to be believed missing, and those of inputs interpolated. What is
+    """The record with samples of outputs that are not plausible set missing, and those of inputs interpolated. What is
     corrected in steps is wrong between them, too, and stays."""
     changed: dict[str, np.ndarray] = {}
     for fault in faults:
@@ -311,7 +312,7 @@ def _improbable(many: np.ndarray, samples: int, repeats: float, chance: float) -
 
 
 def _all_rest(record: Record, name: str, end: int) -> bool:
-    """Whether most other outputs rest, too, up to a sample: a simulation that begins in trim."""
+    """Return True if most other outputs rest, too, up to a sample: a simulation that begins in trim."""
     others = [v[:end] for n, v in record.channels.items() if n not in INPUTS and n != name]
     resting = [_rests(v) for v in others]
     return bool(resting) and float(np.mean(resting)) > 0.5
@@ -336,7 +337,8 @@ def _rails(values: np.ndarray, limits: Limits) -> np.ndarray:
 
 
 def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: float) -> bool:
-    """Whether a channel leaves its longest plateau faster than a parabola with such a crest in its resolution."""
+    """Return True if a channel leaves its longest plateau faster than a parabola with such a crest in its
+    resolution."""
     first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
     if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
         return False
@@ -393,7 +395,7 @@ def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> n
     return at & good
 
 
-# samples on either side that tell what is usual
+# samples on either side that show what is usual
 _WINDOW = 25
 _NEAR = 12
 

@@ -1,4 +1,4 @@
-"""What every channel of some records is like, in units that a person reads: the table that a check prints."""
+"""Describe every channel of some records, in units that a person reads: the table that a check prints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class ChannelRow:
     least: float  # least, median, most: over all records; NaN of a channel without a sample
     median: float
     most: float
-    noise: float  # 1-sigma of the white noise that its high band shows; NaN when that does not tell
+    noise: float  # 1-sigma of the white noise that its high band shows; NaN when that band does not show it
     rate_hz: float  # at which new samples come
     missing: float  # part of the samples that are missing
     records: int  # how many have it

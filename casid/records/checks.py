@@ -32,7 +32,7 @@ MIN_DURATION = 3.0  # s: from here on a record of any motion is taken
 MIN_PERIODS = 3.0  # of the motion: a shorter record is taken that has as many
 LONG_GAP = 1.0  # s: a longer pause parts a record
 
-_MOVING = ("p", "q", "r", "alpha", "beta", "phi", "theta", "ay", "az")  # what tells of the motion's time scale
+_MOVING = ("p", "q", "r", "alpha", "beta", "phi", "theta", "ay", "az")  # channels that show the motion's time scale
 _NINES = (99.0, 999.0, 9999.0, 99999.0)  # usual marks of a missing sample, of either sign
 
 _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn
@@ -87,7 +87,7 @@ def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str)
 
 def check_channel(name: str, values: np.ndarray, place: Place, column: str, limited: bool = True) -> None:
     """Refuse values that cannot be, with the row: an input with gaps, degrees in a radian column, no airspeed.
-    `limited`: sizes are judged by what aircraft do; not where the unit is stated, which is believed."""
+    `limited`: sizes are judged by what aircraft do; not where the unit is stated, which is accepted."""
     missing = np.flatnonzero(np.isnan(values))
     if name in INPUTS and len(missing):
         raise InputError(
@@ -133,7 +133,7 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str, limi
 
 
 def airborne(name: str, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Readings of a pitot tube without those that are not positive, as on the ground, and what is to be said of it."""
+    """Readings of a pitot tube without those that are not positive, as on the ground, and a remark."""
     still = values <= 0.0
     if name not in _PITOT or not still.any():
         return values, []
@@ -148,8 +148,8 @@ def _is_nines(value: float) -> bool:
 
 
 def _is_code(value: float, limit: float) -> bool:
-    """Whether a value [rad] beyond a limit is -999 or the like, as it stands or in degrees, and so no angle in either.
-    In degrees that a header names it has been converted already."""
+    """Return True if a value [rad] beyond a limit is -999 or the like, as recorded or in degrees, and so no angle in
+    either. In degrees that a header names it has been converted already."""
     return (_is_nines(value) and abs(value) * DEGREE > limit) or _is_nines(value / DEGREE)
 
 

@@ -97,7 +97,7 @@ def clock_of(cells: Sequence[str]) -> np.ndarray | None:
 
 
 def from_first(t: np.ndarray, stated: bool) -> tuple[np.ndarray, str]:
-    """Time from the first sample where the stamps are dates, and the remark that says so; else as it is, and "". Dates
+    """Time from the first sample where the stamps are dates, and the remark on that; else as it is, and "". Dates
     are in s, ms, us or ns since 1970, by their size; in s where the unit is `stated`."""
     if not np.isfinite(t).all() or len(t) < 2:
         return t, ""

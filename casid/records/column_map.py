@@ -24,7 +24,7 @@ _TERM = re.compile(rf"\s*(?:({_WEIGHT})\s*\*)?\s*([^*]+?)\s*(?::\s*([^:*]+?))?\s
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnTerm:
-    """One column of a channel: name, or number from 1; unit, "" for SI or what the header says; weight."""
+    """One column of a channel: name, or number from 1; unit, "" for SI or that of the header; weight."""
 
     column: str | int
     unit: str = ""

@@ -1,4 +1,4 @@
-"""From the columns of a table to channels in SI: names, units, column map. Names are checked, never guessed."""
+"""Turn the columns of a table into channels in SI: names, units, column map. Names are checked, never guessed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def split_header(header: str) -> tuple[str, str]:
 
 
 def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
-    """Channels of a table: what the map says, and every other named column under its own name; `own` are those of a
+    """Channels of a table: those of the map, and every other named column under its own name; `own` are those of a
     system that is no aircraft. Raises InputError for names nearly those of absent channels, two columns of one name, a
     unit that is unknown or does not fit, text where a number belongs, and a mapped column that is not there."""
     if table.names is None and not column_map.columns:
@@ -181,8 +181,8 @@ def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
 
 
 def headers_of(table: RawTable) -> list[tuple[str, str]]:
-    """Name and unit of every column, none where columns have no names. No name stands twice: a second column that casid
-    does not know gets a number. InputError for a channel that stands twice."""
+    """Name and unit of every column, none where columns have no names. No name is used twice: a second column that
+    casid does not know gets a number. InputError for a channel that is given twice."""
     first: dict[str, int] = {}
     found = []
     for index, (name, unit) in enumerate(map(split_header, table.names or ())):
@@ -199,7 +199,7 @@ def headers_of(table: RawTable) -> list[tuple[str, str]]:
 
 
 def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int | None:
-    """Index of the column that a term of the map speaks of; None for the number of the row."""
+    """Index of the column that a term of the map names; None for the number of the row."""
     count = table.values.shape[1]
     where = f"{table.source}: column map of '{channel}'"
     if isinstance(term.column, int):
@@ -233,7 +233,7 @@ def _check_target(channel: str, columns: set[str], where: str) -> None:
 
 
 def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, channel: str, unit: str = "") -> np.ndarray:
-    """(N,) a column in SI. A unit may stand in the map or in the header; both must agree."""
+    """(N,) a column in SI. A unit may be given in the map or in the header; both must agree."""
     where = f"{table.source}: {table.column(index)}"
     if index in table.text:
         row, cell = table.text[index]

@@ -17,7 +17,7 @@ from casid.records.table import RawTable
 
 
 def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What `load` returns; whatever it raises becomes an InputError."""
+    """Return what `load` returns; whatever it raises becomes an InputError."""
     if not path.is_file():
         raise InputError(f"{path}: cannot be read: no such file")
     try:

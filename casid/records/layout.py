@@ -1,4 +1,4 @@
-"""Where the numbers of a text file begin, what parts its columns, and which line has their names and which their units.
+"""Find where the numbers of a text file begin, what separates its columns, and which lines have their names and units.
 
 Loggers write a preamble of any length, titles, names, units and descriptions above the numbers; the numbers are what
 repeats. The first two neighbouring rows with the same number of cells, most of them numbers or times, are the first two
@@ -34,14 +34,14 @@ _MOSTLY = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """How a text file is laid out."""
+    """Layout of a text file."""
 
     delimiter: str  # between columns; "" for blanks
     first: int  # index of the line of the first row of numbers
     width: int  # cells of a row
     names: tuple[str, ...] | None  # of the columns, with units where a row has them; None when no line has them
     comma: bool  # decimals are written with a comma
-    hold: str | dict[str, str]  # what a comment `# hold: held` says
+    hold: str | dict[str, str]  # hold of a comment `# hold: held`
     above: int  # lines above the numbers that are neither names nor units nor comments
 
 
@@ -96,8 +96,9 @@ def _is_comment(line: str) -> bool:
 
 
 def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str, int, bool] | None:
-    """By one delimiter: share of numbers in the first two rows of numbers, their width, rank, and where they begin. A
-    row begins with a number or a time; where none does, any row of which most cells are numbers counts."""
+    """Find the first rows of numbers by one delimiter: share of numbers in the first two, their width, rank, and
+    where they begin. A row begins with a number or a time; where none does, any row of which most cells are numbers
+    counts."""
     for strict in (True, False):
         for (i, here), (_, after) in _pairs(lines):
             one = cells_of(here, delimiter)

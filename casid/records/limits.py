@@ -140,7 +140,7 @@ def _answer(sink: int, seconds: int, read: Callable[..., Any], path: Path, *argu
 
     try:
         faulthandler.disable()
-        quiet = os.open(os.devnull, os.O_WRONLY)  # what a library says of a damaged file
+        quiet = os.open(os.devnull, os.O_WRONLY)  # what a library prints about a damaged file
         os.dup2(quiet, 1)
         os.dup2(quiet, 2)
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -30,7 +30,7 @@ ESTIMATED = "phi, theta and psi are estimates of the autopilot's filter, not mea
 
 
 def lost(found: Iterable[str]) -> tuple[str, ...]:
-    """What a log of an autopilot does not measure."""
+    """List what a log of an autopilot does not measure."""
     found = set(found)
     notes = []
     if "phi" in found:
@@ -62,7 +62,7 @@ def of_log(
     path: Path, series: Mapping[str, Series], flying: Series | None = None, notes: tuple[str, ...] = ()
 ) -> RawTable:
     """The table of a log on the clock of its rates, or of its fastest channel, while all that drives a model was
-    recorded and, where `flying` says so, the aircraft was in the air. Pauses stay gaps."""
+    recorded and, by `flying`, the aircraft was in the air. Pauses stay gaps."""
     series, notes = _whole(series, notes)
     if not series:
         raise InputError(f"{path}: no channel has two samples; expected time series")
@@ -132,7 +132,7 @@ def _clock(series: Mapping[str, Series]) -> np.ndarray:
 def _inputs(
     series: dict[str, Series], clock: np.ndarray, notes: tuple[str, ...]
 ) -> tuple[dict[str, Series], tuple[str, ...]]:
-    """What drives a model; an input of less than half of the log is taken out of `series`, and that is said."""
+    """Return what drives a model; an input of less than half of the log is taken out of `series`, with a note."""
     found = {name: one for name, one in series.items() if drives(name)}
     for name, (stamps, _) in list(found.items()):
         if min(stamps[-1], clock[-1]) - max(stamps[0], clock[0]) < _PART * (clock[-1] - clock[0]):
@@ -142,7 +142,7 @@ def _inputs(
 
 
 def _airborne(clock: np.ndarray, flying: Series | None) -> tuple[np.ndarray, str]:
-    """(N,) True while flying, and what is to be said of it."""
+    """(N,) True while flying, and a remark."""
     everywhere = np.ones(len(clock), dtype=bool)
     if flying is None or not len(flying[0]):
         return everywhere, ""
@@ -187,7 +187,7 @@ def _nearest(clock: np.ndarray, stamps: np.ndarray) -> np.ndarray:
 
 
 def first_of(sources: Iterable[Callable[[], dict[str, Series] | None]]) -> dict[str, Series]:
-    """Of several sources of the same channels, the first of those with the most samples."""
+    """Return, of several sources of the same channels, the first of those with the most samples."""
     found = [one for source in sources if (one := source())]
     return max(found, key=lambda one: max(len(stamps) for stamps, _ in one.values()), default={})
 

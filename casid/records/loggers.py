@@ -1,7 +1,7 @@
-"""What programs call their columns in text, where a program's names are its own and always mean the same.
+"""Translate the columns of programs whose names are their own and always mean the same.
 
 Names without units, as `split_header` leaves them. A channel has one column, or several of which a file has one; signs
-turn a program's sense into that of casid. What a user's map says comes before.
+turn a program's sense into that of casid. A user's map has priority.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ _ALSO: Mapping[str, tuple[str, ...]] = {
     "altitude": ("alt", "hbaro", "baroalt", "pressurealtitude", "hp", "altmsl", "altb"),
     "rho": ("density", "airdensity"),
 }
-_THROW = 25.0  # deg at full command, of which the file says that it is a guess
+_THROW = 25.0  # deg at full command, which the file marks as a guess
 
 
 def suggested_map(table: RawTable, given: ColumnMap) -> str:
@@ -80,7 +80,7 @@ def _written(lines: Mapping[str, tuple[list[str], str]]) -> list[str]:
 
 
 def _rest(table: RawTable, headers: list[tuple[str, str]], used: set[str | int]) -> list[str]:
-    """What the columns hold that no line uses."""
+    """List the columns that no line uses, with their ranges."""
     lines = ["", "# Columns that no line above uses, from least to most:"]
     for index in range(table.values.shape[1]):
         name, unit = headers[index] if headers else (str(index + 1), "")
@@ -103,7 +103,7 @@ def _likely(name: str, taken: Mapping[str, object], is_time: bool) -> str | None
 
 
 def _column(table: RawTable, index: int, channel: str, name: str, unit: str) -> tuple[list[str], str]:
-    """How a map names a column, and a remark; an `az` that is positive in level flight is turned over."""
+    """Return how a map names a column, and a remark; an `az` that is positive in level flight is turned over."""
     bare = name
     remark = ""
     if unit and not is_unit(unit):

@@ -1,7 +1,7 @@
 """Noise of a series of readings, judged without any model: its level, outliers, quiet windows, the update rate.
 
-The level is that of the highest frequencies, above the motion. `casid.records.noise_spectrum` tells whether it holds at
-all frequencies.
+The level is that of the highest frequencies, above the motion. `casid.records.noise_spectrum` decides whether it holds
+at all frequencies.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _IN_STEP = 0.9  # part of the updates that keep to it
 _ONE_STEP = 1.5  # smallest changes below which a change is one step of the converter
 _FEWEST = 64  # samples from which a spectrum is judged
 _CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
-_BESIDE = 12  # readings on either side that tell what scatter is usual
+_BESIDE = 12  # readings on either side that show what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
 _WHITE = 4.0  # deviations of the correlation of neighbours, up to which noise is white

@@ -30,7 +30,7 @@ _OF_QUANTILE = 1.36  # scatter of that quantile over that of the mean, Gaussian
 
 
 def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> bool:
-    """Whether the high-band noise of a channel may stand for its noise at all frequencies.
+    """Return True if the high-band noise of a channel represents its noise at all frequencies.
 
     Not when the upper half of its spectrum falls where the motion is quiet (a gentle filter), when it falls more
     steeply beyond twice `edge_hz`, the end of the motion, than motion does (a sharp filter), or when the high band
@@ -139,7 +139,8 @@ def _spectrum(records: Sequence[Record], channel: str, step: float | None = None
 
 
 def _falls_off(share: np.ndarray, power: np.ndarray, edge: float) -> bool:
-    """Whether above `edge`, a share of half the sampling rate, an octave is that much denser than the next one."""
+    """Return True if above `edge`, a share of half the sampling rate, an octave is that much denser than the next
+    one."""
     while 2.0 * edge < 1.0:
         octave, next_one = (power[(share >= low) & (share < 2.0 * low)] for low in (edge, 2.0 * edge))
         if len(next_one) >= _FEWEST // 8 and _median_level(octave) > _CLIFF**2 * _median_level(next_one):

@@ -1,7 +1,7 @@
 """PX4 logs (ULog) of any age: fixed wings, multirotors and VTOL.
 
 Topics and fields as in the uORB messages of PX4 1.8 to 1.16; a channel has several sources, since topics were renamed:
-`actuator_controls_0` became `vehicle_torque_setpoint` (1.14), `sensor_combined` feeds what `vehicle_acceleration` says.
+`actuator_controls_0` became `vehicle_torque_setpoint` (1.14), `sensor_combined` feeds `vehicle_acceleration`.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
 
 
 def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:
-    """Channels of the topics of PX4, and what is to be said of them."""
+    """Channels of the topics of PX4, and remarks on them."""
     kind = _kind(topics)
     series: dict[str, Series] = {}
     for channels, sources in _SOURCES.items():
@@ -94,7 +94,7 @@ def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:
 
 
 def _kind(topics: Topics) -> str:
-    """What flew: "fixed wing", "multirotor" or "VTOL"."""
+    """Return the kind of aircraft: "fixed wing", "multirotor" or "VTOL"."""
     status = topics.get(("vehicle_status", 0), {})
     if np.any(status.get("is_vtol", 0)):
         return "VTOL"
@@ -106,7 +106,7 @@ def _kind(topics: Topics) -> str:
 
 
 def _stamps(data: Mapping[str, Any]) -> np.ndarray:
-    """Times [s] at which a topic was sampled, or published where it does not say."""
+    """Times [s] at which a topic was sampled, or published where it has no such time."""
     published = np.asarray(data["timestamp"], float) * 1e-6
     sampled = np.asarray(data.get("timestamp_sample", data["timestamp"]), float) * 1e-6
     return np.where(np.abs(sampled - published) < 1.0, sampled, published)
@@ -171,7 +171,7 @@ def _motors(topics: Topics, kind: str) -> dict[str, Series]:
 
 
 def flying(topics: Topics) -> Series | None:
-    """In the air or not, as the autopilot's land detector says."""
+    """Read when the aircraft is in the air, by the autopilot's land detector."""
     data = topics.get(("vehicle_land_detected", 0), {})
     if "landed" not in data:
         return None

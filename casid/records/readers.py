@@ -85,7 +85,7 @@ def read_record(
     Parameters
     ----------
     path
-        A table as text (.csv, .tsv, .asc, .txt, .dat), or a file of another format that its ending tells: .mat, .npz,
+        A table as text (.csv, .tsv, .asc, .txt, .dat), or a file of another format known by its ending: .mat, .npz,
         .parquet, .h5, .hdf5, .xlsx, .mf4, .ulg, .bin, .bbl, .mcap. Logs are known by their first bytes.
     column_map
         Which column of a foreign file is which channel: a `ColumnMap`, its TOML file, or a table like
@@ -193,7 +193,7 @@ def read_each(
 
 
 def files_of(paths: str | Path | Iterable[str | Path]) -> list[Path]:
-    """The files that names and patterns stand for, each pattern in alphabetical order; InputError where one is none."""
+    """The files of names and patterns, each pattern in alphabetical order; InputError where one is none."""
     items = [paths] if is_path(paths) else paths
     if not isinstance(items, Iterable) or hasattr(items, "columns"):
         raise InputError(f"read_records: got {given(items)}; expected file names or patterns{_IN_MEMORY}")
@@ -213,7 +213,7 @@ def write_record(record: Record, path: str | Path) -> None:
     Raises
     ------
     InputError
-        When `path` is not .csv or cannot be written, a channel's name cannot stand in a header, or the record has
+        When `path` is not .csv or cannot be written, a channel's name cannot be written in a header, or the record has
         events.
 
     Examples
@@ -253,7 +253,7 @@ def write_record(record: Record, path: str | Path) -> None:
 
 
 def _header(record: Record, name: str) -> str:
-    """The name of a channel; with its unit where only the unit says that values so large are right."""
+    """The name of a channel; with its unit where values are right in that unit only."""
     large = np.abs(record[name]) > RADIAN_LIMITS.get(name, np.inf)
     return f"{name} [{unit_of(name)}]" if name in record.stated and large.any() else name
 
@@ -275,7 +275,7 @@ def _stem(path: Path) -> str:
 
 
 def read_table(path: Path, column_map: ColumnMap) -> RawTable:
-    """The columns of a file as they stand there; see `read_record`."""
+    """The columns of a file as they are; see `read_record`."""
     if path.is_dir() and not path.suffix:
         raise InputError(f"{path}: is a folder; name the files in it, like '{path / '*.csv'}'")
     ending = Path(path.stem).suffix.lower() if path.suffix.lower() == ".gz" else path.suffix.lower()

@@ -50,9 +50,9 @@ class Record:
     empty
         Channels that the file names and of which it has no sample; they are left out.
     grounded
-        Whether the aircraft stays on the ground: its log says so, or no airspeed of a wing is positive.
+        Whether the aircraft stays on the ground: by its log, or because no airspeed of a wing is positive.
     stated
-        Channel -> unit that the source states: it is believed, however large the values are.
+        Channel -> unit that the source states: it is accepted, however large the values are.
     events
         Name -> times [s] of what a model declares as an event, such as a dose, {"dose": [0.0, 3.7]}: at samples or
         between them. A reading at the time of an event is one after it.
@@ -113,7 +113,7 @@ class Record:
     ) -> Record:
         """A record of arrays (N,), with every check that a file gets.
 
-        `units` says by channel which unit it is in, "deg" or "kt"; SI where it says nothing. A name may carry its unit
+        `units` says by channel which unit it is in, "deg" or "kt"; SI where it has none. A name may carry its unit
         as a header does, "alpha [deg]". `notes` has what a person should know. A record without a control surface is
         taken as that of a system other than an aircraft: its names are the user's own, and it may be of any length.
 
@@ -197,7 +197,7 @@ class Record:
         self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
 
     def hold_of(self, channel: str) -> str:
-        """How a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
+        """Return how a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
         if channel == "t":
             return "linear"
         return self.hold if isinstance(self.hold, str) else self.hold.get(channel, "linear")

@@ -81,7 +81,7 @@ class Segment:
 def segments(record: Record | str | Path) -> tuple[Segment, ...]:
     """Find the manoeuvres in a long record by the excitation of each axis.
 
-    Surfaces tell of it, or in a log their commands; of an aircraft with neither, as of rotors, its rates.
+    It is measured by the surfaces, or in a log by their commands; of an aircraft with neither, as of rotors, its rates.
 
     The activity of a surface is its r.m.s. deflection over 1 s, without changes of trim. A manoeuvre is where it is
     above the geometric mean of its quiet and its largest level, where these are a factor of 5 apart. A surface that

@@ -1,4 +1,4 @@
-"""A table of numbers as it stands in a file: columns with or without names, before anything is known of channels."""
+"""A table of numbers as it is in a file: columns with or without names, before anything is known of channels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PLAIN = b"0123456789+-.eE\n"
 
 def plain_numbers(raw: bytes, start: int, width: int, delimiter: str) -> np.ndarray | None:
     """(rows, width) numbers of the text from byte `start` on; None unless every line has `width` plain numbers: whoever
-    gets None reads the slow way, which says what is wrong and where."""
+    gets None reads the slow way, which finds what is wrong and where."""
     mark = delimiter.encode()
     end = len(raw)
     while end > start and raw[end - 1] in b"\r\n":
@@ -138,7 +138,7 @@ def _plain_table(path: Path, raw: bytes) -> RawTable | None:
 
 
 def _decoded(path: Path, raw: bytes) -> tuple[str, tuple[str, ...]]:
-    """Text of a file with lines that end in \\n, and what is to be said of its encoding."""
+    """Text of a file with lines that end in \\n, and a remark on its encoding."""
     mark = next((name for name, bom in _MARKS.items() if raw.startswith(bom)), None)
     encodings = (mark,) if mark else ("utf-8", *_without_mark(raw))
     for encoding in encodings:
@@ -164,7 +164,7 @@ def _without_mark(raw: bytes) -> tuple[str, ...]:
 
 
 def _without_rows(lines: list[str]) -> str:
-    """What is wrong with a text in which no row of numbers was found."""
+    """Describe what is wrong with a text in which no row of numbers was found."""
     full = [line for line in lines if line.strip() and not line.startswith(("#", "%"))]
     if not full:
         return "the file is empty; expected a row of channel names and rows of numbers"

@@ -35,7 +35,7 @@ _ROW = 0.21  # inches
 
 @dataclass(frozen=True, kw_only=True)
 class Compared:
-    """A number of the file beside flight, in words, and whether flight stands `against` it."""
+    """A number of the file beside flight, in words, and whether flight is `against` it."""
 
     name: str
     file: str
@@ -46,7 +46,8 @@ class Compared:
 
 
 def compared(document: Document) -> list[Compared]:
-    """Every number of the file, those that flight contradicts first, and last what these records do not tell."""
+    """Every number of the file, those that flight contradicts first, and last those that these records do not
+    determine."""
     against = [one.parameter for one in document.contradicted]
     found = sorted(document.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
     return [_in_words(one, one.name in against) for one in found]
@@ -140,7 +141,7 @@ def derivatives(document: Document) -> Picture | None:
 
 
 def _deviation(one: Parameter) -> float:
-    """Of flight from the file [%]."""
+    """Return the deviation of flight from the file [%]."""
     return 100.0 * (one.flight.value / one.a_priori - 1.0)
 
 
@@ -166,12 +167,12 @@ _OUTSIDE = 0.02  # part of the held-out samples beyond the fitted range that is 
 
 
 def _records(document: Document) -> tuple[Sequence[Record], Sequence[Record]]:
-    """As they were judged: fitted, and held out."""
+    """Return the records as they were judged: fitted, and held out."""
     return document.refitted.records, document.held_out_refitted.records
 
 
 def _all(records: Sequence[Record], name: str) -> np.ndarray:
-    """What was measured of a channel, in the unit that a person reads."""
+    """Return all measurements of a channel, in the unit that a person reads."""
     some = [channel_scale(name)[0] * record[name] for record in records if name in record]
     values = np.concatenate(some) if some else np.zeros(0)
     return values[np.isfinite(values)]

@@ -101,5 +101,5 @@ def _waterfall(ax: Axes, y: int, steps: BudgetSteps) -> None:
 
 
 def _size(value: float) -> float:
-    """As it is drawn."""
+    """Return a size as it is drawn."""
     return float(min(value, _MOST)) if np.isfinite(value) else _MOST

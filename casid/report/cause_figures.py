@@ -193,7 +193,7 @@ def _abscissa(variable: str) -> tuple[str, float]:
 
 
 def _power(regressor: str, x: np.ndarray) -> np.ndarray:
-    """What the term makes of its variable; of a term of several, which is the abscissa itself, that."""
+    """Return the value of a term over its variable; a term of several variables is the abscissa itself."""
     term = parse_term(regressor)
     if term.stretches:
         return term.stretches[0].evaluate(x)

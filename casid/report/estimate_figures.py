@@ -130,8 +130,8 @@ def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
 
 
 def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, float]]], reference: str) -> Picture:
-    """By label (value, 1-sigma) of every parameter over its value by the method `reference`: 1 is the same, below 0 the
-    opposite sign. Where that value is 0 there is no ratio: value over 1-sigma, on an axis of its own."""
+    """Draw, by label, (value, 1-sigma) of every parameter over its value by the method `reference`: 1 is the same,
+    below 0 the opposite sign. Where that value is 0 there is no ratio: value over 1-sigma, on an axis of its own."""
     base = dict(zip(names, (value for value, _ in methods[reference]), strict=True))
     panels = [[n for n in names if base[n] != 0.0], [n for n in names if base[n] == 0.0]]
     labels = [

@@ -30,13 +30,13 @@ _PACKAGES = ("casid", "casadi", "numpy", "scipy", "matplotlib")
 _ROOT = Path(__file__).resolve().parent.parent.parent
 
 
-_UNFINISHED = ".casid-unfinished"  # stands in a folder until it is whole
+_UNFINISHED = ".casid-unfinished"  # is in a folder until it is whole
 _PLAN = ".casid-plan"  # names of what is moved, one after the other
 _EXCHANGE = 2  # of renameat2
 
 
 def out_folder(text: str) -> Path:
-    """The folder that is called so; "" would silently be the one where the user stands."""
+    """The folder that is called so; "" would silently be the current one."""
     if not text.strip():
         raise InputError("--out is empty; name a folder for the results, like out")
     return Path(text)
@@ -244,7 +244,8 @@ def _sweep(target: Path) -> None:
 
 
 def provenance(seed: int | None = None) -> dict[str, Any]:
-    """What a result was made with: command, seed where numbers were drawn, commit of a checkout, and versions."""
+    """Return what a result was made with: command, seed where numbers were drawn, commit of a checkout, and
+    versions."""
     return {
         "command": [Path(sys.argv[0]).name, *sys.argv[1:]],
         **({} if seed is None else {"seed": seed}),

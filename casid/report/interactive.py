@@ -56,7 +56,7 @@ def licence() -> str:
 
 
 def data_of(figure: Figure) -> str:
-    """Write the curves of a figure as JSON that may stand in a page."""
+    """Write the curves of a figure as JSON that is safe in a page."""
     told = json.dumps(panels_of(figure), separators=(",", ":"), allow_nan=False)
     return told.replace("<", "\\u003c").replace("&", "\\u0026")
 

@@ -60,7 +60,7 @@ def matrix(found: Isolability) -> Picture:
 
 
 def text(found: Isolability) -> str:
-    """State what is told apart, what is taken for what, what does not show, and what would add most."""
+    """State what is separated, what is confused with what, what does not show, and what would add most."""
     apart, between, unseen = _groups(found)
     lines = [
         f"{found.aircraft}: {', '.join(found.manoeuvres)}; channels {', '.join(found.channels)}",
@@ -95,7 +95,7 @@ def sentence(found: Isolability) -> str:
 
 
 def _groups(found: Isolability) -> tuple[list[IsolableCause], list[IsolableCause], list[IsolableCause]]:
-    """Split the causes into those that are told apart, those in between, and those that do not show; best first."""
+    """Split the causes into those that are separated, those in between, and those that do not show; best first."""
     ordered = sorted(found.causes.values(), key=lambda one: -one.told)
     apart = [one for one in ordered if one.told > _SURE]
     unseen = [one for one in ordered if one.detection < _HARDLY]
@@ -130,7 +130,7 @@ def rivals(one: IsolableCause) -> str:
 
 
 def additions_in_words(found: Isolability) -> list[str]:
-    """The five additions that gain most, a sentence each; or one that says that none does."""
+    """The five additions that gain most, a sentence each; or one that none does."""
     said = [addition(one, found.told) for one in found.additions[:5] if one.told - found.told >= _GAIN]
     if found.additions and not said:
         return [f"none of the {len(found.additions)} channels and manoeuvres that were tried adds anything"]

@@ -53,7 +53,7 @@ class Margins(LayoutEngine):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Room:
-    """What stands out of a panel, left, below, right and above [pixels]: numbers, up to where labels begin, the size of
+    """Overhang of a panel, left, below, right and above [pixels]: numbers, up to where labels begin, the size of
     labels, and texts with titles."""
 
     reach: np.ndarray
@@ -78,11 +78,11 @@ class _Panel:
         return self.spec.colspan.start, self.spec.rowspan.stop - 1
 
     def numbers(self) -> list[list[float]]:
-        """Where the axes have ticks."""
+        """Return the positions of the ticks."""
         return [list(axis.get_majorticklocs()) for axis in (self.ax.xaxis, self.ax.yaxis)]
 
     def measured(self, renderer: RendererBase) -> _Room:
-        """What stands out of it now."""
+        """Measure what reaches beyond it now."""
         panel = self.ax.get_window_extent()
         point = float(np.asarray(renderer.points_to_pixels(1.0)))
         reach = np.zeros(4)
@@ -119,7 +119,7 @@ class _Panel:
 
 
 def _beyond(panel: Bbox, box: Bbox | None) -> np.ndarray:
-    """How far a box stands out of the panel on each side [pixels]."""
+    """Return how far a box reaches beyond the panel on each side [pixels]."""
     if box is None or not np.isfinite(box.extents).all():
         return np.zeros(4)
     return np.maximum([panel.x0 - box.x0, panel.y0 - box.y0, box.x1 - panel.x1, box.y1 - panel.y1], 0.0)

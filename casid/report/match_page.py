@@ -96,7 +96,7 @@ def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
 
 
 def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> None:
-    """In the unit of the tolerance of the time history; without one, in that which people read."""
+    """Draw a channel in the unit of the tolerance of the time history; without one, in that which people read."""
     factor, unit = channel_scale(name) if row is None else (1.0 / row.factor, row.unit)
     t = one.flight.t
     curve = one.flight.curves[name]
@@ -132,7 +132,7 @@ def _label(name: str, unit: str) -> str:
 
 
 def _dots(axis: Axes, t: np.ndarray, y: np.ndarray) -> None:
-    """Draw the samples, thinned to what can be told apart."""
+    """Draw the samples, thinned to what the eye can separate."""
     every = -(-len(t) // _DOTS)
     axis.plot(t[::every], y[::every], ".", color=FAINT, ms=1.6, label="flight, samples")
 
@@ -329,7 +329,7 @@ def _page(one: MatchedTest, figure: Any) -> dict[str, Any]:
 
 
 def _added(side: Side) -> str:
-    """What a controller added at most."""
+    """Return the largest corrections of a controller."""
     most = {name: math.degrees(float(np.abs(values).max())) for name, values in side.flown.corrections.items()}
     return ", ".join(f"{label_of(name)} up to {degrees:.2f} deg" for name, degrees in most.items())
 
@@ -361,7 +361,7 @@ def _quantities(one: MatchedTest) -> ReportTable:
 def _rows(
     one: MatchedTest, cells: Callable[[str, Check, bool], tuple[str, ...]], of_quantities: bool
 ) -> tuple[Row, ...]:
-    """A line for each row of the test and side, with its own cells; what is common to the sides stands in the first."""
+    """A line for each row of the test and side, with its own cells; what is common to the sides is in the first."""
     rows = []
     for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
         for label, side in one.sides.items():
@@ -395,7 +395,7 @@ def _quantity(value: Quantity | None, row: Tolerance) -> str:
 
 
 def _used(value: float) -> str:
-    """In per cent, and closer near the limit: at 100 % a row passes."""
+    """Format in per cent, and more closely near the limit: at 100 % a row passes."""
     if not math.isfinite(value):
         return "–"
     return f"{100.0 * value:.2f} %" if 0.99 < value < 1.01 else f"{100.0 * value:.0f} %"
@@ -406,7 +406,7 @@ def _outcome(check: Check) -> str:
 
 
 def _costs(one: MatchedTest) -> ReportTable:
-    """How much of each tolerance is used with all parts, and without each that costs one."""
+    """Tabulate the part of each tolerance that is used with all parts, and without each that costs one."""
     names = [row.name for row in one.test.tolerances]
     words = {row.name: row.words for row in one.test.tolerances}
     rows = []

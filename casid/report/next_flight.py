@@ -1,4 +1,4 @@
-"""What to fly next, in words and pictures."""
+"""Describe what to fly next, in words and pictures."""
 
 from __future__ import annotations
 
@@ -36,7 +36,8 @@ class Proposal:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NextFlights:
-    """What to fly next, `proposals`, and in words the questions for which no flight was sought or found, `beyond`."""
+    """Manoeuvres to fly next, `proposals`, and in words the questions for which no flight was sought or found,
+    `beyond`."""
 
     proposals: tuple[Proposal, ...]
     beyond: tuple[str, ...]
@@ -110,7 +111,7 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
 
 
 def limited(document: Document) -> ReportTable:
-    """Numbers that the motion would tell, were noise the only thing that is unknown: flying more of it is no help."""
+    """Numbers that the motion would determine if noise were the only unknown: flying more of it is no help."""
     rows = tuple(
         Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected)))
         for one in document.limited

@@ -47,7 +47,7 @@ class Gained:
 
 
 def gained(document: Document) -> Gained:
-    """Of the open-loop simulation, from the file as given to the best model."""
+    """Compare the open-loop simulation of the file as given with that of the best model."""
     ratio = document.rms_ratio
     labels = document.budget.labels
     errors = ", ".join(
@@ -260,13 +260,13 @@ def write_report(
 
 
 def unfinished(sentence: str) -> str:
-    """The page while its figures are drawn, so that no page of an earlier diagnosis stands beside new results."""
+    """The page while its figures are drawn, so that no page of an earlier diagnosis is beside new results."""
     verdict = f"<p>{escape(sentence)}</p>"
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
 def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
-    """As they stand on the page: the leading one, then section by section."""
+    """Return the figures in the order of the page: the leading one, then section by section."""
     lead = next(iter(shown), "")
     places = [name for _, _, names in _SECTIONS.values() for name in names]
     return {

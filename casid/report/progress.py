@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-_TELLS = 0.1  # part of the work that must be done before it tells how long the rest takes
-_GROWS = 1.5  # factor by which a time that was told may grow; beyond it none is told
+_TELLS = 0.1  # part of the work that must be done before the time of the rest is estimated
+_GROWS = 1.5  # factor by which a time that was announced may grow; beyond it none is
 
 
 @dataclass(eq=False, kw_only=True)
 class Course:
-    """The stages of a work with their parts of its time, and where it stands."""
+    """The stages of a work with their parts of its time, and the present one."""
 
     # (name, part of the time) in the order in which they begin. Some may be skipped; others take none of the time
     stages: Sequence[tuple[str, float]]
@@ -39,9 +39,10 @@ class Course:
             self._rest = self._rest[at + 1 :]
 
     def in_all(self, elapsed: float) -> float:
-        """Seconds that the whole is expected to take, as they are told at the beginning of a stage after `elapsed` [s].
+        """Seconds that the whole is expected to take, as they are announced at the beginning of a stage after `elapsed`
+        [s].
 
-        NaN as long as too little is done to tell, once it takes much longer than was told, and beyond the limit.
+        NaN as long as too little is done, once it takes much longer than announced, and beyond the limit.
         """
         whole = self._done + self._now + sum(part for _, part in self._rest)
         if self._done < _TELLS * whole or elapsed >= self.limit:
@@ -69,7 +70,7 @@ def _told(seconds: float) -> float:
 def progress(quiet: bool = False, course: Course | None = None) -> Iterator[Callable[[str], None]]:
     """Give a function that takes the name of every stage as it begins, or a sentence with a colon, which stays.
 
-    If `quiet` it says nothing.
+    If `quiet` it prints nothing.
     """
     console = Console()
     start = time.perf_counter()

@@ -54,7 +54,7 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
 
 
 def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figure] = blank) -> Picture:
-    """As `bode`, with models over it and their mismatch below."""
+    """Draw `bode`, with models over it and their mismatch below."""
     flight = comparison.flight
     with settings():
         figure = empty(8.2)
@@ -165,7 +165,7 @@ def _nearest_turn(angle: np.ndarray, flight: FrequencyResponse) -> np.ndarray:
 
 
 def _limit(ax: Axes, flight: FrequencyResponse, curves: list[np.ndarray]) -> None:
-    """Show what is usable; low coherence has no say."""
+    """Show what is usable, without parts of low coherence."""
     used = flight.usable if flight.usable.any() else np.ones(len(flight.omega), dtype=bool)
     values = np.concatenate([curve[used] for curve in curves])
     values = values[np.isfinite(values)]

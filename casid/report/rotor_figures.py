@@ -15,7 +15,7 @@ from casid.report.words import digits
 
 
 def rotors_from_above(document: Document) -> Picture | None:
-    """The rotors in a top view, with the thrust that the file makes of their commands and what flight says of it."""
+    """The rotors in a top view, with the thrust that the file makes of their commands and that of flight."""
     rotors = document.aircraft.rotors if document.aircraft else None
     if rotors is None:
         return None

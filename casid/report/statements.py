@@ -1,4 +1,4 @@
-"""What the report states, and the figures that show it: data, values, causes, and what stays unexplained."""
+"""Write what the report states, with the figures that show it: data, values, causes, and what stays unexplained."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Statement:
 
     @property
     def sure(self) -> str:
-        """How probable it is, in words; "" where there is no probability."""
+        """Probability in words; "" where there is none."""
         return "" if self.probability is None else f", {probability_in_words(self.probability)} probable"
 
 
@@ -48,7 +48,7 @@ def about_unexplained(number: int) -> str:
 
 
 def about_value(parameter: str) -> str:
-    """Anchor of the statement that flight stands against a number of the file."""
+    """Anchor of the statement that flight contradicts a number of the file."""
     return "value-" + re.sub(r"[^\w.-]+", "-", parameter).strip("-")
 
 

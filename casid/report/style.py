@@ -1,4 +1,4 @@
-"""How every figure looks: size, type, colours that colour-blind readers tell apart, and units that people read."""
+"""Set the look of every figure: size, type, colours for colour-blind readers, and units that people read."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def blank(height: float, width: float = WIDTH) -> Figure:
 
 
 def window(height: float, width: float = WIDTH) -> Figure:
-    """As `blank`, in pyplot's care: a notebook shows it, and `plt.show()` opens it."""
+    """Make a figure as `blank` does, in pyplot's care: a notebook shows it, and `plt.show()` opens it."""
     from matplotlib import pyplot  # here, as it looks for a display
 
     return pyplot.figure(figsize=(width, height), layout="constrained")

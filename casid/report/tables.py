@@ -17,19 +17,19 @@ from casid.report.style import channel_scale
 from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
 
-_TOLD = 4  # explanations told one by one
+_TOLD = 4  # explanations listed one by one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Share:
-    """What an explanation says, and its probability."""
+    """Explanation and its probability."""
 
     what: str
     probability: float
 
     @property
     def percent(self) -> str:
-        """In words."""
+        """Probability in words."""
         return probability_in_words(self.probability)
 
 
@@ -158,7 +158,7 @@ def _when(one: Finding) -> str:
 
 
 def not_judged(document: Document) -> ReportTable:
-    """What these records leave open, and why."""
+    """Tabulate what these records leave open, and why."""
     rows = tuple(Row(cells=(one.what, one.because)) for one in document.not_judged)
     return ReportTable(head=("not judged", "because"), rows=rows, caption="What these records leave open")
 
@@ -233,7 +233,7 @@ def made_with(facts: Mapping[str, Any]) -> ReportTable:
 
 
 def remarks(document: Document) -> list[str]:
-    """What the reader of the records remarked, record by record."""
+    """List the remarks of the reader of the records, record by record."""
     records = (*document.refitted.records, *document.held_out_as_given.records)
     return [f"{r.name}: {note}" for r in records for note in r.notes]
 

@@ -69,7 +69,7 @@ class Figure:
 
     @property
     def anchor(self) -> str:
-        """What a link to it names."""
+        """Target of a link to it."""
         return f"figure-{self.picture.name}"
 
 

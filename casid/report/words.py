@@ -83,7 +83,8 @@ def to_noise(value: float, std: float) -> str:
 
 
 def percent(value: float, of: float, std: float) -> str:
-    """By how much of a number another one, whose 1-sigma is given, stands off it: "−54.7 %"; a dash of nothing."""
+    """Format the deviation of one number, whose 1-sigma is given, from another: "−54.7 %"; a dash where that is
+    zero."""
     if not of:
         return "–"
     told = numbers.to_deviation(100.0 * (value / of - 1.0), abs(100.0 * std / of))
@@ -92,14 +93,14 @@ def percent(value: float, of: float, std: float) -> str:
 
 
 def probability_in_words(probability: float) -> str:
-    """In per cent: never 0 or 100 of what is neither."""
+    """Format a probability in per cent: never 0 or 100 of what is neither."""
     if probability > 0.995:
         return "> 99 %"
     return "< 1 %" if probability < 0.005 else f"{100.0 * probability:.0f} %"
 
 
 def odds_in_words(found: Separation) -> str:
-    """What a flight tells of two causes, by the expected logarithm of their likelihood ratio."""
+    """Describe how well a flight separates two causes, by the expected logarithm of their likelihood ratio."""
     log_odds = found.log_odds
     if not found.tells_apart:
         return "does not tell the two apart"
@@ -111,11 +112,11 @@ def odds_in_words(found: Separation) -> str:
 
 
 def expectation_in_words(found: Separation) -> str:
-    """What is to be expected of the log likelihood ratio, and its scatter: "71 ± 12"."""
+    """Format the expected log likelihood ratio, and its scatter: "71 ± 12"."""
     return f"{digits(found.log_odds, 2)} ± {digits(found.scatter, 2)}"
 
 
 def manoeuvre_in_words(found: NextFlight) -> str:
-    """What is to be flown: "elevator: 3-2-1-1 with a shortest pulse of 0.40 s, ±1.6 deg from trim"."""
+    """Describe a manoeuvre: "elevator: 3-2-1-1 with a shortest pulse of 0.40 s, ±1.6 deg from trim"."""
     size = quantity(found.amplitude, "rad")
     return f"{label_of(found.manoeuvre.surface)}: {found.manoeuvre.words}, ±{size} from trim"

@@ -19,6 +19,8 @@ import numpy as np
 
 import casid as cs
 
+# sphinx_gallery_thumbnail_number = 2
+
 # %%
 # Records in kt, deg, g and ft
 # ----------------------------

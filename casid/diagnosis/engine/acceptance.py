@@ -51,15 +51,15 @@ def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criter
 
 
 def can_be_named(trial: Trial) -> bool:
-    """Whether a trial has a sufficient likelihood-ratio statistic, and either matters or is a small hardware fault."""
+    """Return True if a trial has a sufficient likelihood-ratio statistic, and either matters or is a small hardware
+    fault."""
     enough = trial.enough is not None and trial.enough.passed
     return enough and (trial.meaningful or is_small(trial)) and not trial.refuted
 
 
 def is_small(trial: Trial) -> bool:
-    """Whether a trial is a hardware fault that is too small to matter: of an instrument, or between a record and its
-    surface.
-    """
+    """Return True if a trial is a hardware fault that is too small to matter: of an instrument, or between a record and
+    its surface."""
     of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
     return of_hardware and trial.share < 1.0 and gates.is_possible(trial.candidate.attached)
 
@@ -68,7 +68,7 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
     """The gates on the fitted size of a cause: it matters, is clear, possible and slow enough for the samples, and an
     event begins inside a record.
 
-    `share` is its size in units of the smallest that matters; `confirmed` says that the kinematic check finds it.
+    `share` is its size in units of the smallest that matters; `confirmed` is True if the kinematic check finds it.
     """
     criteria = fitted.criteria
     alone = confirmed or one.effect.of_an_instrument
@@ -334,7 +334,7 @@ def equivalents_of(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> 
 def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> dict[str, Gate]:
     """Name of an alternative -> its gate for being in one ambiguity set with the best trial.
 
-    A trial that cannot replace the best one, although it may pass its own gates, has the gate that says why.
+    A trial that cannot replace the best one, although it may pass its own gates, has the gate that explains it.
     """
     found = {t.candidate.name: gates.confirmed_by_kinematics(t.confirmed) for t in trials if t.effect.traits.grounded}
     found |= {t.candidate.name: gates.best_of_its_forms() for t in trials if t.effect.key == best.effect.key}
@@ -361,7 +361,8 @@ def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:
 
 
 def distance(best: Trial, trial: Trial, criteria: Criteria) -> float:
-    """How far a trial is behind the best one, in units of the largest distance of equivalents (see `equivalents_of`).
+    """Return how far a trial is behind the best one, in units of the largest distance of equivalents (see
+    `equivalents_of`).
 
     The distance is infinite if the fingerprints of the two are unrelated.
     """
@@ -398,7 +399,7 @@ def near_rivals(round_: Round, criteria: Criteria) -> list[Trial]:
 
 
 def may_come_near(evidence: Evidence, best: Trial, rival: Trial) -> bool:
-    """Whether a rival may come as near a named cause, beside all others, as equivalent causes are.
+    """Return True if a rival may come as near a named cause, beside all others, as equivalent causes are.
 
     The linearised model with the named cause predicts both: what the rival adds to it, and what the cause is then still
     worth. It predicts nothing of an effect that is not linear in its size, or has other values, nor of a rival term,
@@ -435,7 +436,7 @@ def sine(one: Trial, other: Trial) -> float:
 
 
 def look_alike(one: Effect, other: Effect) -> bool:
-    """Whether one of two causes shows as the other, because derivatives reproduce the rest."""
+    """Return True if one of two causes shows as the other, because derivatives reproduce the rest."""
     return other.key in one.traits.shows_as or one.key in other.traits.shows_as
 
 

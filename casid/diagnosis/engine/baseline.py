@@ -152,12 +152,12 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
 
 
 def is_usual(effect: Effect) -> bool:
-    """Whether an effect is structure that every aircraft has."""
+    """Return True if an effect is structure that every aircraft has."""
     return effect.regressor is not None and effect.regressor in _EXPECTED.get(effect.target, ())
 
 
 def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
-    """Whether a drag term of alpha^2 is no larger than induced drag.
+    """Return True if a drag term of alpha^2 is no larger than induced drag.
 
     The limit is CL_alpha^2 / (pi A e) with the aspect ratio A and the lowest Oswald factor e of real wings.
     """

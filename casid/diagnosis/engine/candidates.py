@@ -71,7 +71,7 @@ def worth_trying(
 
 
 def is_same(one: Attached, other: Attached, apart: float) -> bool:
-    """Whether two candidates are the same cause.
+    """Return True if two candidates are the same cause.
 
     An event with onsets more than `apart` [s] from the other's, or with the opposite sign, is another cause.
     """
@@ -133,9 +133,8 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
-    """Whether two causes that are not terms act at the same place, like a lag and a delay, with nearly equal
-    statistics.
-    """
+    """Return True if two causes that are not terms act at the same place, like a lag and a delay, with nearly equal
+    statistics."""
     effect = one.attached.effect
     second = other.attached.effect
     of_one_place = effect.target == second.target and not (effect.quasi_steady or second.quasi_steady)

@@ -151,7 +151,7 @@ class Kept:
         return self.evidence.fit
 
     def has_all(self, state: State) -> bool:
-        """Whether the model contains every cause of the final model of the search."""
+        """Return True if the model contains every cause of the final model of the search."""
         return {one.leader.effect.key for one in state.standing} <= {one.effect.key for one in self.fit.attached}
 
     def with_effects(self, nuisance: Sequence[Attached]) -> FlightFit:
@@ -325,7 +325,7 @@ class Predicted:
 
     @property
     def flown(self) -> bool:
-        """Whether the model can be flown there at all."""
+        """Return True if the model can be flown there at all."""
         return bool(np.isfinite(self.deviance))
 
 

@@ -253,7 +253,7 @@ def with_gates_of_set(accepted: State, state: State) -> State:
 
 
 def _passes(accepted: State, state: State) -> bool:
-    """Whether every cause that was added to the accepted set passes its gates."""
+    """Return True if every cause that was added to the accepted set passes its gates."""
     return all(all_passed(one.accepted_by) for one in state.rounds[len(accepted.rounds) :])
 
 
@@ -471,7 +471,7 @@ def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None
 
 
 def _is_needed(evidence: Evidence, name: str) -> bool:
-    """Whether a cause is so many standard deviations from zero that no fit without it can be comparable."""
+    """Return True if a cause is so many standard deviations from zero that no fit without it can be comparable."""
     if name not in {slot.name for slot in evidence.fit.slots}:
         return False
     index = [slot.name for slot in evidence.fit.slots].index(name)

@@ -69,7 +69,7 @@ class Trial:
 
     @property
     def meaningful(self) -> bool:
-        """Whether its size matters, and is clear and possible."""
+        """Return True if its size matters, and is clear and possible."""
         return self.given_up is None and all_passed(self.size)
 
     @property
@@ -86,9 +86,8 @@ class Trial:
 
     @property
     def refuted(self) -> bool:
-        """Whether the kinematic check rejects it, or cannot see a cause that only the kinematics can separate from
-        forces.
-        """
+        """Return True if the kinematic check rejects it, or cannot see a cause that only the kinematics can separate
+        from forces."""
         return not all_passed(self.not_refuted)
 
     @property
@@ -97,14 +96,14 @@ class Trial:
         return (*self.not_refuted, *self.size, *(() if self.enough is None else (self.enough,)))
 
     def is_of(self, other: Trial) -> bool:
-        """Whether it is of the same cause in the same records; it may have been fitted beside others."""
+        """Return True if it is of the same cause in the same records; it may have been fitted beside others."""
         one = self.candidate
         same = other.candidate
         return one.name == same.name and one.attached.records == same.attached.records
 
     @property
     def confirmed(self) -> bool:
-        """Whether the kinematic check finds it with this size."""
+        """Return True if the kinematic check finds it with this size."""
         return self.check.confirmed
 
 

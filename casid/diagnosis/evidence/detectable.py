@@ -1,4 +1,4 @@
-"""What can be detected: by how many standard deviations a cause shows beside everything that may imitate it.
+"""Compute what can be detected: by how many standard deviations a cause shows beside everything that may imitate it.
 
 This is the measure of the search for causes, of what a diagnosis could not see, and of isolability before a flight.
 """

@@ -217,7 +217,7 @@ class Evidence:
 
     @property
     def nonlinear(self) -> bool:
-        """Whether a coefficient is more nonlinear than usual."""
+        """Return True if a coefficient is more nonlinear than usual."""
         return max(self.scales.values(), default=1.0) > 1.0
 
     @cached_property
@@ -515,7 +515,7 @@ def _every_second(t: np.ndarray, series: np.ndarray) -> np.ndarray:
 
 
 def is_sure(evidence: Evidence, name: str) -> bool:
-    """Whether zero is more than three corrected deviations away from a value; True if it is not estimated."""
+    """Return True if zero is more than three corrected deviations away from a value, or the value is not estimated."""
     return all(gate.passed for gate in sure(evidence, name))
 
 

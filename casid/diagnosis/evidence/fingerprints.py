@@ -169,7 +169,8 @@ def onset_grid(evidence: Evidence, step: float | None = None, length: float = np
 
 
 def _acts_on(effect: Effect) -> Literal["disturbances", "readings", "equations"]:
-    """Whether an effect adds time histories at disturbances of the model, or at readings, or changes its equations."""
+    """Return where an effect acts: it adds time histories at disturbances of the model, or at readings, or changes its
+    equations."""
     if effect.quasi_steady or (effect.series is not None and not effect.symbolic):
         return "disturbances"
     return "equations" if effect.symbolic else "readings"

@@ -52,7 +52,7 @@ class MissingInput:
         return self.called or self.place.words
 
     def concerns(self, records: Iterable[str]) -> bool:
-        """Whether it is missing in one of these records."""
+        """Return True if it is missing in one of these records."""
         return not self.history.keys().isdisjoint(records)
 
     @property

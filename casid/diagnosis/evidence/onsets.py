@@ -64,7 +64,7 @@ def moved_onsets(evidence: Evidence, one: Attached, far: bool = True) -> tuple[A
 def _profile(judge: Screen, one: Attached, others: Iterable[Attached]) -> dict[str, np.ndarray]:
     """Record -> (others,) predicted decrease of the deviance in that record if an event were another.
 
-    It is zero where the two differ by no more than the noise of the recorded input: the record cannot tell them apart.
+    It is zero where the two differ by no more than the noise of the recorded input: the record cannot separate them.
     """
     base = judge.base
     now = history(judge.base, one)
@@ -96,8 +96,8 @@ def begun(one: Attached, onsets: Mapping[str, float]) -> Attached:
 def end_intervals(evidence: Evidence, one: Attached) -> Intervals:
     """Record -> 95 % interval of the end [s] of an event that `lasts`, from its profile with the onset held.
 
-    While the surface concerned does not move, nothing tells the end. An interval that reaches the end of the record
-    says that it may not have ended."""
+    While the surface concerned does not move, the end is unknown. An interval that reaches the end of the record
+    may not have ended."""
     lasts = one.effect.event.lasts
     found = dict[str, tuple[float, float]]()
     if lasts is None:

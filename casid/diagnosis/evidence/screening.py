@@ -96,7 +96,7 @@ class Screen:
 
     def score(self, parts: Sequence[Fingerprint], keep: np.ndarray) -> tuple[float, float, float, float]:
         """(statistic, size, its 1-sigma, surviving share); the statistic is zero for a cause that derivatives can
-        reproduce. In closed loop the numbers of the file are known well: only their priors tell a cause from them.
+        reproduce. In closed loop the numbers of the file are known well: only their priors separate a cause from them.
         """
         left, match, share = self.projected(parts, keep)
         least = 0.0 if self.base.flight.closed_loop else self.criteria.naming.approximate
@@ -159,7 +159,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
     A set of records and its complement explain an effect equally well if it shows only as a difference between records.
     The smaller set is then returned.
 
-    Of an effect that is not linear every tried size has a response of its own. A multiple of it stands for a surface
+    Of an effect that is not linear every tried size has a response of its own. A multiple of it represents a surface
     that does more than the model without the effect makes of it: a play, a lag or a delay that is missing there makes
     its derivatives too small.
     """
@@ -173,7 +173,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
         some = sorted({tuple(sorted(chosen)) for _, chosen in sets if len(chosen) < R}, key=len)
         whole = (
             [] if effect.traits.relative else [np.ones(R)]
-        )  # only the prior of the file would tell it from derivatives
+        )  # only the prior of the file would separate it from derivatives
         for keep in (*whole, *(_subset(chosen, R) for chosen in some)):
             statistic, size, std, share = judge.score([one], keep[None])
             if size == 0.0 or (not effect.linear and size < least):

@@ -184,7 +184,7 @@ class FlightFit:
 
     @property
     def filter_held(self) -> bool:
-        """Whether the filter must be that of another fit.
+        """Return True if the filter must be that of another fit.
 
         This is so in turbulence if a parameter is estimated that decides how the air moves the aircraft: a derivative,
         or the offset of an instrument, since one is that of the airspeed.
@@ -193,7 +193,7 @@ class FlightFit:
 
     @property
     def noise_held(self) -> bool:
-        """Whether the noise of an input differs clearly from that which the effectiveness in this fit implies.
+        """Return True if the noise of an input differs clearly from that which the effectiveness in this fit implies.
 
         It is also true if the noise does not yet pass through an effect that it should pass through.
         """
@@ -222,7 +222,7 @@ def _with_arrays(fit: FlightFit, arrays: dict[str, Any]) -> FlightFit:
 
 
 class Work:
-    """What stays the same over the iterations of one fit."""
+    """Data that stay the same over the iterations of one fit."""
 
     def __init__(self, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> None:
         self.flight = flight

@@ -137,7 +137,7 @@ def _first_point(work: Work, attached: tuple[Attached, ...], start: FlightFit | 
 
 
 def _is_of(found: FlightFit, flight: Subject, attached: Sequence[Attached], noise: NoiseModel, free: Free) -> bool:
-    """Whether a fit is one of this hypothesis, with these values of its effects."""
+    """Return True if a fit is one of this hypothesis, with these values of its effects."""
     same = len(found.attached) == len(attached) and all(map(operator.is_, found.attached, attached))
     return same and found.flight is flight and found.noise == noise and found.free == free
 
@@ -214,7 +214,7 @@ def relaxed(fitted: FlightFit) -> FlightFit:
 def _turned_negative(
     attached: Sequence[Attached], slots: Sequence[Slot], before: np.ndarray, after: np.ndarray
 ) -> bool:
-    """Whether a value that cannot be negative has become so, such as a lag: the step to it was too long."""
+    """Return True if a value that cannot be negative has become so, such as a lag: the step to it was too long."""
     own = {one.name: one.effect for one in attached}
     for slot, old, new in zip(slots, before, after, strict=True):
         effect = own.get(slot.name) if slot.attached is None else attached[slot.attached].effect
@@ -269,7 +269,7 @@ class _Point:
         return np.array([now.squares - self.squares, now.fit.deviance - self.fit.deviance])
 
     def left(self, gained: float) -> float:
-        """What may still change after a step that `gained`, over the mean square residual."""
+        """Return what may still change after a step that `gained`, over the mean square residual."""
         return max(gained, self.promise) / self.misfit
 
     def converged(self, gained: float) -> FlightFit:
@@ -277,7 +277,7 @@ class _Point:
         return self.fit.ended(self.left(gained))
 
     def leads_to(self, now: _Point, tolerance: float, *, full: bool) -> bool:
-        """Whether the point `now` is nearer to the maximum than this one, or equally near within `tolerance`.
+        """Return True if the point `now` is nearer to the maximum than this one, or equally near within `tolerance`.
 
         The sum of squares is that of the model linearised about the motion. It is too low while the motion is not the
         most likely one, and a correct full step near the maximum may increase it. After such a step the predicted

@@ -215,7 +215,8 @@ class Flight:
 
     @property
     def noise_by_fit(self) -> bool:
-        """Whether most outputs do not show their noise, so that its level and colour are estimated with the model."""
+        """Return True if most outputs do not show their noise, so that its level and colour are estimated with the
+        model."""
         return len(self.doubted) >= self.criteria.noise.common_filter * len(self.outputs)
 
     def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
@@ -270,7 +271,7 @@ class Flight:
         """The flight with the noise of doubted outputs raised according to `left`, the residuals of every record.
 
         Residuals in the octave above the motion (`motion_edge`) are counted, at most as much as was measured there,
-        which stands alone where a simulation that departed left no residuals of a channel.
+        which is used alone where a simulation that departed left no residuals of a channel.
         This assumes that the noise has the same density below that octave, and that the residuals in it are no fault.
         """
         edge = motion_edge(self.records)
@@ -415,8 +416,8 @@ def prepare(
 
 
 def _every(records: Sequence[Record], outputs: Sequence[str], edge: float, criteria: Criteria) -> int:
-    """How many samples are averaged into one, so that the rate stays above what motion up to the frequency `edge` [Hz]
-    needs.
+    """Return the number of samples that are averaged into one, so that the rate stays above what motion up to the
+    frequency `edge` [Hz] needs.
 
     One if the motion is not known, or if a channel has another rate: the mean of its time would be another one.
     """
@@ -454,7 +455,7 @@ def as_updated(record: Record, outputs: Sequence[str]) -> Record:
 
 
 def has(record: Record, name: str, criteria: NoiseCriteria) -> bool:
-    """Whether the record contains enough samples of a channel."""
+    """Return True if the record contains enough samples of a channel."""
     return name in record and np.isfinite(record[name]).sum() > int(criteria.present * len(record))
 
 
@@ -464,7 +465,7 @@ def that_have(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> 
 
 
 def moves(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
-    """Whether a channel is measured in some record and is not constant."""
+    """Return True if a channel is measured in some record and is not constant."""
     values = [record[name][np.isfinite(record[name])] for record in that_have(records, name, criteria)]
     return bool(values) and float(np.ptp(np.concatenate(values))) > 0.0
 
@@ -490,7 +491,7 @@ def with_all(
 
 
 def hides_noise(records: Sequence[Record], name: str, criteria: NoiseCriteria) -> bool:
-    """Whether the high band of a channel shows less than the smallest plausible noise."""
+    """Return True if the high band of a channel shows less than the smallest plausible noise."""
     series = [record[name] for record in records]
     return pooled_sigma(series) < criteria.smallest * float(np.nanstd(np.concatenate(series)))
 
@@ -508,8 +509,8 @@ RATE_OF: Mapping[str, str] = MappingProxyType({"pdot": "p", "qdot": "q", "rdot":
 def is_derived(
     records: Sequence[Record], acceleration: str, sigma: Mapping[str, float], criteria: NoiseCriteria
 ) -> bool:
-    """Whether an angular acceleration was computed from the rate of the same axis with a filter; `sigma` is their
-    noise.
+    """Return True if an angular acceleration was computed from the rate of the same axis with a filter; `sigma` is
+    their noise.
 
     A filter is fitted by least squares. If the acceleration was measured, the residual contains the noise of the rate,
     at least sigma |h|. If it was computed from the rate with such a filter, the residual is nearly zero. A longer
@@ -532,7 +533,8 @@ def is_derived(
 
 
 def _is_smoothed(records: Sequence[Record], acceleration: str, criteria: NoiseCriteria) -> bool:
-    """Whether the high band of an acceleration has almost none of the noise that its variation and its rate imply."""
+    """Return True if the high band of an acceleration has almost none of the noise that its variation and its rate
+    imply."""
     both = [r for r in records if acceleration in r and RATE_OF[acceleration] in r]
     if not both:
         return False

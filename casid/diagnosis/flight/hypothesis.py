@@ -238,7 +238,7 @@ class Attached:
         return self.effect.name
 
     def concerns(self, record: str) -> bool:
-        """Whether it acts in a record."""
+        """Return True if it acts in a record."""
         if self.effect.timed:
             return record in self.onsets
         return not self.records or record in self.records
@@ -249,9 +249,8 @@ class Attached:
 
     @property
     def passes_noise(self) -> bool:
-        """Whether noise of the recorded input is changed by the effect; not for an effect that acts in some records
-        only.
-        """
+        """Return True if noise of the recorded input is changed by the effect; False for an effect that acts in some
+        records only."""
         return self.passes and self.effect.forms.noise is not None and not self.records
 
     @property
@@ -267,7 +266,8 @@ class Attached:
         return self.with_values({key: size})
 
     def with_values(self, values: Mapping[str, float]) -> Attached:
-        """With other values. An event that becomes longer begins earlier, because the data determine its middle."""
+        """Return a copy with other values. An event that becomes longer begins earlier, because the data determine its
+        middle."""
         extent = self.effect.event.extent
         onsets = self.onsets
         if extent is not None and extent in values:

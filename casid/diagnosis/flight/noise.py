@@ -72,15 +72,15 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
 
 
 def _predicted(fit: FlightFit) -> SimulatedRecords:
-    """What the filter predicts of each reading from those before it: innovations in units of the noise of a reading
-    take the place of its residual."""
+    """Return each reading as the filter predicts it from those before it: innovations in units of the noise of a
+    reading take the place of its residual."""
     noise = np.array([fit.noise.measurement[name] for name in fit.model.outputs])
     residual = np.where(fit.seen, fit.white * noise, np.nan)
     return SimulatedRecords(output=fit.batch.Z - residual, residual=residual)
 
 
 def _read_along(fit: FlightFit, X: np.ndarray) -> SimulatedRecords:
-    """What the instruments read along simulated states."""
+    """Return the readings of the instruments along simulated states."""
     model = fit.model
     batch = fit.batch
     output = fit.output_along(X)
@@ -150,7 +150,7 @@ def whiteness(white: np.ndarray, seen: np.ndarray, lags: int) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Following:
-    """How far the innovations of an output follow earlier changes of the recorded inputs."""
+    """Correlation of the innovations of an output with earlier changes of the recorded inputs."""
 
     output: str
     input: str  # the input that they follow most
@@ -273,7 +273,7 @@ def in_colour(fitted: FlightFit, free: Free = "all") -> FlightFit:
 
 
 def is_far(fitted: FlightFit, most: float) -> bool:
-    """Whether the mean square residual exceeds `most`, in units of the measured noise.
+    """Return True if the mean square residual exceeds `most`, in units of the measured noise.
 
     The residuals then contain more than instrument noise, or than a single cause could explain. It is false if the
     noise was estimated with the model.

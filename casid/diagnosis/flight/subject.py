@@ -1,4 +1,4 @@
-"""What a diagnosis asks of the thing that it diagnoses, an aircraft or any other system, with its records."""
+"""Define the interface between a diagnosis and what it diagnoses, an aircraft or any other system, with its records."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ V = TypeVar("V")
 
 
 def once(made: dict[K, V], key: K, build: Callable[[], V]) -> V:
-    """What is made for a key, now or before; one thread at a time builds expressions."""
+    """Return what is made for a key, now or before; one thread at a time builds expressions."""
     with BUILDING:
         if key not in made:
             made[key] = build()

@@ -31,12 +31,12 @@ class AsGiven:
 
     @property
     def fitted(self) -> View:
-        """In the fitted records as they were recorded."""
+        """View of the fitted records as they were recorded."""
         return (self.recorded or self.mended)[0]
 
     @property
     def held(self) -> View:
-        """In the held-out records as they were recorded."""
+        """View of the held-out records as they were recorded."""
         return (self.recorded or self.mended)[1]
 
 

@@ -25,7 +25,7 @@ class BudgetSteps:
 
     `expected` is the error that the right model would have: a free simulation cannot follow noise of the inputs and
     moving air. What `structure` has above it is unexplained. A simulation as given begins where the first readings
-    say, and is led astray by their noise as well: `by_chance` is the error that the right values exceed in one case of
+    are, and is led astray by their noise as well: `by_chance` is the error that the right values exceed in one case of
     twenty. Infinite if a simulation diverges.
     """
 

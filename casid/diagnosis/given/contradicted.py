@@ -45,7 +45,7 @@ class FlightValue:
 
     A term that was added to the model changes the slope of a derivative along the flight. `value` is the slope where
     the term vanishes; `at_trim` is that at the trim of the file, with its 1-sigma. A linear model of a curved aircraft
-    has the latter, but its file does not say so: it must differ from both to be contradicted.
+    has the latter, but its file does not state so: it must differ from both to be contradicted.
     """
 
     value: float
@@ -56,15 +56,15 @@ class FlightValue:
 
     @property
     def stated(self) -> FlightValue:
-        """By the slope that a linear model has."""
+        """Value by the slope that a linear model has."""
         return self if self.at_trim is None else replace(self, value=self.at_trim[0], std=self.at_trim[1])
 
     def nearest(self, given: float) -> FlightValue:
-        """By the slope that is nearer to what the file states, in its own deviations."""
+        """Return the value by the slope that is nearer to what the file states, in its own deviations."""
         return min((self, self.stated), key=lambda one: abs(one.value - given) / max(one.std, 1e-300))
 
     def against(self, given: float, margin: float, criteria: Criteria) -> bool:
-        """Whether both slopes differ from `given` by more than a margin and by more than three deviations."""
+        """Return True if both slopes differ from `given` by more than a margin and by more than three deviations."""
         sigmas = criteria.significance.sigmas
         both = (self, self.stated)
         return self.determined and all(abs(one.value - given) > max(margin, sigmas * one.std) for one in both)
@@ -226,12 +226,12 @@ class Contradiction:
 
     parameter: str  # name of a derivative or term, `actuator_lag(delta_e)` of an effect, "inertia"
     unit: str
-    # what the file says, in `unit`; `flight` what the records say with its corrected 1-sigma `std`, NaN where nothing
+    # value of the file, in `unit`; `flight` that of the records with its corrected 1-sigma `std`, NaN where nothing
     # was fitted
     given: float
     flight: float
     std: float
-    reversed: bool  # flight has the other sign; `impossible` no aircraft has what the file says
+    reversed: bool  # flight has the other sign; `impossible` no aircraft has this value
     impossible: bool
     sentence: str
 
@@ -247,7 +247,7 @@ class Contradiction:
 
 
 def impossible(doubt: Doubt) -> Contradiction:
-    """A number of the file that no aircraft has, whatever flight says."""
+    """A number of the file that no aircraft has, whatever flight shows."""
     return Contradiction(
         parameter=doubt.parameter,
         unit=doubt.unit,

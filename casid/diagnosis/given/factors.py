@@ -56,7 +56,7 @@ class Factor:
 
     @property
     def sentence(self) -> str:
-        """What flight says of the group, and what it may mean."""
+        """Sentence about the group in flight, and what it may mean."""
         if self.cause:
             number = f"{with_deviation(self.factor, self.std)} {self.unit}"
             differ = f"differ from the file {self.as_if.format(number=number)}"
@@ -225,8 +225,8 @@ _REFERENCE = _OneNumber(
 def _gains(
     aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, loop: tuple[str, str]
 ) -> Iterator[_Ratio]:
-    """By each derivative in a quantity that flight determines: the gain from the quantity to a surface that makes its
-    difference, as the surface acts in flight."""
+    """Yield, by each derivative in a quantity that flight determines, the gain from the quantity to a surface that
+    makes its difference, as the surface acts in flight."""
     surface, quantity = loop
     lengths = {"q": aircraft.rate_length_pitch, **dict.fromkeys(("p", "r"), aircraft.rate_length_lateral)}
     per = aircraft.trim.get("V", 0.0) / lengths[quantity] if quantity in lengths else 1.0
@@ -248,9 +248,8 @@ def _gains(
 
 
 def _distances(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria) -> Iterator[_Ratio]:
-    """By each moment derivative that flight determines: the distance of the reference point of the file ahead of the
-    centre of gravity that makes its difference, as the force that has the same variable acts there.
-    """
+    """Yield, by each moment derivative that flight determines, the distance of the reference point of the file ahead of
+    the centre of gravity that makes its difference, as the force that has the same variable acts there."""
     force, sign = ("CL", 1.0) if aircraft.force_axes == "wind" else ("CZ", -1.0)
     arms = {"Cm": (force, sign, aircraft.moment_length_pitch), "Cn": ("CY", 1.0, aircraft.moment_length_lateral)}
     for name, given in aircraft.derivatives.items():
@@ -276,7 +275,8 @@ def _distances(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: 
 def _ratios(
     aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria, slopes: Mapping[str, float]
 ) -> list[_Ratio]:
-    """Of the derivatives that flight determines; a constant has no slope to be scaled."""
+    """List the ratio of flight to file for the derivatives that flight determines; a constant has no slope to be
+    scaled."""
     found = []
     for name, value in aircraft.derivatives.items():
         coefficient, term = derivative_term(name)
@@ -329,7 +329,7 @@ def borne_out(
 ) -> tuple[Doubt, ...]:
     """The doubts without those about a unit that flight refutes.
 
-    A unit scales every derivative that it touches by a known factor. It is said only when the re-estimated value of
+    A unit scales every derivative that it touches by a known factor. It is reported only when the re-estimated value of
     each of them is nearer to that factor than to the file, on the scale of logarithms. `slopes` are those of
     derivatives by tables and own aerodynamics, to which the derivatives of the file are increments.
     """
@@ -345,7 +345,8 @@ def borne_out(
 
 
 def _refuted(scale_of: Callable[[str, str], float], ratios: Sequence[_Ratio]) -> bool:
-    """Whether a derivative that depends on the unit is nearer to the file than to the value that the unit implies."""
+    """Return True if a derivative that depends on the unit is nearer to the file than to the value that the unit
+    implies."""
     for one in ratios:
         scale = scale_of(one.coefficient, one.variable)
         if scale == 1.0:

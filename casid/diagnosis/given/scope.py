@@ -51,10 +51,10 @@ def _varies(series: np.ndarray) -> bool:
 
 
 def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
-    """What stays open in the axes of a flight: instruments, moving air, and numbers of the file.
+    """List what stays open in the axes of a flight: instruments, moving air, and numbers of the file.
 
     given    the records as they were read
-    values   what flight says of every number of the file
+    values   value in flight of every number of the file
     """
     absent = [name for name in _EXPECTED[flight.axes] if not any(name in record for record in given)]
     unused = [name for name in _EXPECTED[flight.axes] if name not in (*flight.outputs, *absent)]
@@ -81,9 +81,8 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
 
 
 def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
-    """What the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds the
-    largest plausible one, and channels whose noise could not be measured.
-    """
+    """List what the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds
+    the largest plausible one, and channels whose noise could not be measured."""
     beyond = [
         effect_title(*effect.key)
         for effect in flight.effects
@@ -234,7 +233,7 @@ def with_thrust(aircraft: Aircraft, records: Sequence[Record], axes: str, nodes:
 
 
 def _throttled(record: Record) -> bool:
-    """Whether a throttle moves in a record."""
+    """Return True if a throttle moves in a record."""
     throttle = record["throttle"] if "throttle" in record else np.zeros(1)
     return bool(np.isfinite(throttle).any()) and float(np.nanmax(throttle)) > float(np.nanmin(throttle))
 
@@ -399,7 +398,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records
     flight = prepare(aircraft, powered.records, criteria, judged.name, average=True)
-    flight.with_records(flight.aircraft, unseen)  # what they lack is said before the work begins
+    flight.with_records(flight.aircraft, unseen)  # what they lack is reported before the work begins
     flight = replace(flight, unknown=powered.unknown)
     return Scope(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))
 

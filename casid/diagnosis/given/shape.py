@@ -54,7 +54,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Shape:
-    """What is missing at a coefficient as a curve."""
+    """Curve of what is missing at a coefficient."""
 
     in_json: ClassVar[str] = "coefficient over times=second x y std held_out sentence"
 
@@ -133,7 +133,7 @@ def shape_of(coefficient: str, fitted: Sequence[Points], held: Sequence[Points],
         return None
     x = np.linspace(basis.low, basis.high, _BY.shown)
     design = basis.design(x)
-    if basis.times == _ALONE:  # a constant is not told: every record has an offset of its own
+    if basis.times == _ALONE:  # a constant is not determined: every record has an offset of its own
         design -= np.mean(np.concatenate([basis.design(one.variables[basis.over]) for one in fitted]), axis=0)
     return Shape(
         coefficient=coefficient,

@@ -41,7 +41,7 @@ class KinematicCheck:
 
     @property
     def judges(self) -> bool:
-        """Whether the cause is clearly visible in the kinematics."""
+        """Return True if the cause is clearly visible in the kinematics."""
         return self.predicted > self.criteria.significance.search
 
     @property
@@ -51,12 +51,14 @@ class KinematicCheck:
 
     @property
     def refuted(self) -> bool:
-        """Whether the kinematics reject the cause: they do not find it, or oppose one that is only faintly visible."""
+        """Return True if the kinematics reject the cause: they do not find it, or oppose one that is only faintly
+        visible."""
         return not all_passed(self.gates)
 
     @property
     def confirmed(self) -> bool:
-        """Whether the kinematics find the cause with about the same size: most of it, or what their noise leaves."""
+        """Return True if the kinematics find the cause with about the same size: most of it, or what their noise
+        leaves."""
         if not self.judges:
             return False
         least = 1.0 - self.criteria.kinematics.refuted
@@ -67,12 +69,12 @@ class KinematicCheck:
 
     @property
     def smaller(self) -> bool:
-        """Whether the kinematics find a smaller size."""
+        """Return True if the kinematics find a smaller size."""
         return self.achieved < self.predicted
 
     @property
     def doubtful(self) -> bool:
-        """Whether the cause is visible but not found with its size."""
+        """Return True if the cause is visible but not found with its size."""
         return self.judges and not self.confirmed
 
     @property
@@ -84,7 +86,7 @@ class KinematicCheck:
 
     @property
     def _elsewhere(self) -> bool:
-        """Whether the size according to the kinematics is clearly different."""
+        """Return True if the size according to the kinematics is clearly different."""
         return self.judges and gates.contradiction(self.predicted, self.achieved) > self.criteria.significance.search
 
 
@@ -207,7 +209,7 @@ def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
 
 
 def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
-    """Whether the kinematics come near the data with at most one cause.
+    """Return True if the kinematics come near the data with at most one cause.
 
     If so, the measured noise is correct, and what a model leaves is that cause or an error of its aerodynamics.
     """
@@ -289,7 +291,7 @@ def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects
 
 
 def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
-    """Whether turbulence also explains the motion of the full model, `refitted` in calm air.
+    """Return True if turbulence also explains the motion of the full model, `refitted` in calm air.
 
     Turbulence has the strength and scale found in the kinematics, and rolls the aircraft too. It must explain more than
     slow noise of all readings does, by the same statistic that the kinematics require.

@@ -88,7 +88,7 @@ class InstrumentError:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the records determine the error to within what is allowed.
+        """Return True if the records determine the error to within what is allowed.
 
         Biases are always estimated, and they are correlated if the manoeuvres do not separate them. Other errors are
         estimated only if the data require them.
@@ -97,7 +97,7 @@ class InstrumentError:
 
     @property
     def passed(self) -> bool:
-        """Whether the error is within what is allowed, or not significant and of a plausible size."""
+        """Return True if the error is within what is allowed, or not significant and of a plausible size."""
         return abs(self.value) <= min(max(self.allowed, self.sigmas * self.std), self.largest)
 
     @property
@@ -189,7 +189,7 @@ class Compatibility:
 
     @property
     def against(self) -> tuple[str, ...]:
-        """All that speaks against the measurements, in words: faults of the data, errors, what is left above noise."""
+        """All that contradicts the measurements, in words: faults of the data, errors, what is left above noise."""
         high = [f"{label_of(n)} {x:.2g}" for n, x in self.left.items() if x > self.most_left]
         left = [f"More than noise is left between measured and reconstructed, times the noise: {', '.join(high)}."]
         left = left if high else []
@@ -200,7 +200,7 @@ class Compatibility:
 
     @property
     def passed(self) -> bool:
-        """Whether the measurements are compatible."""
+        """Return True if the measurements are compatible."""
         return not self.against
 
     def to_dict(self) -> dict[str, Any]:
@@ -442,7 +442,7 @@ def _stands_out(air: Turbulence, hidden: list[str], evidence: Evidence, one: Att
 
 
 def _fails(evidence: Evidence, rivals: dict[str, tuple[str, ...]]) -> bool:
-    """Whether any error fails."""
+    """Return True if any error fails."""
     return any(not one.passed for one in _errors(evidence, rivals))
 
 
@@ -474,7 +474,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
 
 
 def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[InstrumentError]) -> tuple[str, ...]:
-    """What these records leave open, in words."""
+    """List what these records leave open, in words."""
     wanted = {"alpha": "vane of incidence", "beta": "vane of sideslip", "phi": "bank angle", "theta": "pitch angle"}
     plane = {"longitudinal": ("beta", "phi"), "lateral": ("alpha", "theta")}.get(flight.axes, ())
     missing = [
@@ -490,13 +490,13 @@ def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[Inst
 
 
 def _by_steps(stepped: Collection[str]) -> tuple[str, ...]:
-    """What channels that are corrected in steps leave open, in words."""
+    """Describe what channels that are corrected in steps leave open."""
     names = ", ".join(label_of(name) for name in sorted(stepped))
     return (f"scales, delays and places of instruments: {names} are corrected in steps",) if stepped else ()
 
 
 def _by_air(hidden: Collection[str]) -> tuple[str, ...]:
-    """What the motion of the air leaves open, in words."""
+    """Describe what the motion of the air leaves open."""
     names = ", ".join(dict.fromkeys(hidden))
     return (f"{names}: less of its reading than the moving air, to which the aircraft answers",) if names else ()
 

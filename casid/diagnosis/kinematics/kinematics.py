@@ -112,7 +112,7 @@ NEEDED: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 
 def available(flight: Flight) -> bool:
-    """Whether the records contain the accelerations and rates that are needed to leave the forces free."""
+    """Return True if the records contain the accelerations and rates that are needed to leave the forces free."""
     return all(name in flight.outputs for name in NEEDED[flight.axes])
 
 

@@ -54,19 +54,19 @@ class Turbulence:
 
     @property
     def named(self) -> bool:
-        """Whether the air is turbulent."""
+        """Return True if the air is turbulent."""
         return self.sigma > self.criteria.size.turbulent and self.along_all_axes and self.slow
 
     @property
     def along_all_axes(self) -> bool:
-        """Whether the statistic is large enough, and no single axis explains it."""
+        """Return True if the statistic is large enough, and no single axis explains it."""
         least = self.criteria.verdict.missing
         one_is_not_enough = self.beyond_one_axis > max(least, self.criteria.turbulence.other_axes * self.gain)
         return self.gain > least and one_is_not_enough
 
     @property
     def slow(self) -> bool:
-        """Whether slow latent inputs of the air explain most of the statistic."""
+        """Return True if slow latent inputs of the air explain most of the statistic."""
         return self.as_histories > self.criteria.turbulence.slow * self.gain
 
 
@@ -242,7 +242,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
 def in_other_air(fitted: FlightFit) -> FlightFit:
     """The same turbulence in the other form: uniform over the aircraft, or with its gradients.
 
-    Records tell the forms apart by the derivatives that each of them would need; a file does not know either.
+    Records separate the forms by the derivatives that each of them would need; a file does not know either.
     """
     flight = of_aircraft(fitted.flight)
     wind = {n: one for n, one in fitted.noise.coloured.items() if n in WIND}

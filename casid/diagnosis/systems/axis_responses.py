@@ -1,4 +1,4 @@
-"""How an aircraft with rotors answers a command about each axis: by its file, and by the records."""
+"""Compute how an aircraft with rotors answers a command about each axis: by its file, and by the records."""
 
 from __future__ import annotations
 

@@ -441,7 +441,7 @@ class PlantSizes:
         return effect.in_words(one.values)["value"], std
 
     def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
-        """Of latent inputs, strongest first, the one that is reported, with its port in words.
+        """Return, of latent inputs with the strongest first, the one that is reported, with its port in words.
 
         Among ports with nearly equal statistics it is an input, because its effect enters an equation too.
         """

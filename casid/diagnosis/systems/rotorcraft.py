@@ -75,7 +75,7 @@ _WHERE = (*INTEGRALS, *GROUND)  # readings whose offset is a choice of the origi
 
 
 def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> tuple[str, ...]:
-    """The channels of the motion that the records measure. Raises InputError where none tells of rotation."""
+    """The channels of the motion that the records measure. Raises InputError where none measures rotation."""
     modelled = (*outputs_of(aircraft), *INTEGRALS, *GROUND)
     found = tuple(n for n in modelled if n not in _ACCELERATIONS and moves(records, n, criteria.noise))
     if not set(found) & {"p", "q", "phi", "theta", *GROUND[:2], "north", "east"}:
@@ -220,7 +220,8 @@ def _built(aircraft: Aircraft, outputs: Sequence[str], own: Sequence[Effect], ef
 
 
 def _in_every_flight(value: EffectValue) -> bool:
-    """Whether an effect of the file is a number of the model, as uncertain as the file says; others are attached."""
+    """Return True if an effect of the file is a number of the model, as uncertain as the file states; others are
+    attached."""
     effect = effect_of(value)
     return effect.symbolic and not (value.records or value.onset_s or effect.states)
 
@@ -236,7 +237,7 @@ def _in_all_records(effect: Effect) -> Effect:
 
 
 def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
-    """Whether an effect can show in this model: moving air where something depends on it."""
+    """Return True if an effect can show in this model: moving air only where something depends on it."""
     rotors = aircraft.rotors
     assert rotors is not None
     moved_by_air = aircraft.winged or any(rotors.drag) or rotors.inflow
@@ -288,7 +289,7 @@ def most_likely_noise(
 
 
 def first_fit(plant: Plant) -> FlightFit:
-    """The file with its numbers estimated, and the timing of its inputs, which no record tells to a sample.
+    """The file with its numbers estimated, and the timing of its inputs, which no record determines to a sample.
 
     What is later than a log may be late is a cause: the timing is then that of the record, so that causes compete.
     """
@@ -307,8 +308,8 @@ def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
     """The plant and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
     than a sample.
 
-    Its correlation time tau is at most what records of length T can tell from one without end, as its relative 1-sigma
-    is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
+    Its correlation time tau is at most the longest that records of length T can separate from an infinite one, as its
+    relative 1-sigma is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
     """
     length = sum(record.duration for record in plant.records)
     longest = length / (2.0 * fitted.criteria.significance.sigmas**2)
@@ -377,7 +378,7 @@ def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
 def too_small_in_closed_loop(
     aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria
 ) -> list[NotJudged]:
-    """What the records cannot tell of rotors and mass: sizes below the smallest that would have shown. A rotor is
+    """List what the records cannot show of rotors and mass: sizes below the smallest that would have shown. A rotor is
     judged against its stated uncertainty, as one number and not as the best of many."""
     assert aircraft.rotors is not None
     alone = criteria.significance.sigmas / criteria.significance.detectable

@@ -30,7 +30,7 @@ class DampedSearch:
         self.damping, self.raise_by, self.price, self.largest = _FIRST, 2.0, 0.0, np.zeros(1)
 
     def advance(self, at: Iteration, linear: Linearised) -> Status | None:
-        """As of `Search`."""
+        """Advance as `Search` asks."""
         self.largest = np.maximum(self.largest, np.diagonal(linear.hessian))
         undamped = self._look(at, linear, 0.0)
         if undamped is not None and at.is_solution(undamped):
@@ -43,7 +43,7 @@ class DampedSearch:
         return CONVERGED if last is not None and at.is_rounding(last) else NO_DESCENT
 
     def _look(self, at: Iteration, linear: Linearised, damping: float) -> SolverStep | None:
-        """The step with this damping, which says how near the solution is."""
+        """The step with this damping, which shows how near the solution is."""
         step = self._step(at, linear, damping)
         if step is not None:
             at.stationarity = at.objective.length(step, at.value)
@@ -58,7 +58,7 @@ class DampedSearch:
             return None
 
     def _tried(self, at: Iteration, linear: Linearised) -> bool:
-        """Whether the point after the damped step is better, to which the iteration then moves."""
+        """Return True if the point after the damped step is better; the iteration then moves to it."""
         step = self._step(at, linear, self.damping)
         if step is None:
             return False

@@ -22,5 +22,5 @@ class Effort:
 
     @property
     def is_spent(self) -> bool:
-        """Whether no more are allowed."""
+        """Return True if no more are allowed."""
         return self.spent >= self.allowed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 _DEPTH = 5  # earlier values that are combined
-_INDEPENDENT = 1e-8  # of the largest difference of residuals: what is less says nothing
+_INDEPENDENT = 1e-8  # of the largest difference of residuals: what is less is no information
 
 
 class FixedPoint:

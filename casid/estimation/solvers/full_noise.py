@@ -67,8 +67,8 @@ class FullNoise:
         return np.sqrt(np.diagonal(moments.sum(axis=0)) / np.maximum(self.present, 1))
 
     def relaxed(self, moments: np.ndarray) -> tuple[FullNoise, float]:
-        """With the covariance as the moments of the residuals say, and the largest relative change of a 1-sigma in any
-        direction."""
+        """Return a copy with the covariance that the moments of the residuals give, and the largest relative change
+        of a 1-sigma in any direction."""
         if self.fixed:
             return self, 0.0
         matrix = self._likeliest(moments)
@@ -79,13 +79,13 @@ class FullNoise:
     @property
     def coordinates(self) -> np.ndarray:
         """(o (o + 1)/2,) the logarithms of the diagonal of the Cholesky factor, what stands left of it over it, in
-        units of the standard deviations with which residuals tell them of channels that are independent."""
+        units of the standard deviations with which residuals of independent channels determine them."""
         factor = np.linalg.cholesky(self.matrix)
         diagonal = np.diagonal(factor)
         return (np.tril(factor / diagonal[:, None], -1) + np.diag(np.log(diagonal)))[self._triangle] * self._precision
 
     def at(self, coordinates: np.ndarray) -> FullNoise:
-        """With the covariance at these `coordinates`."""
+        """Return a copy with the covariance at these `coordinates`."""
         factor = np.zeros_like(self.matrix)
         factor[self._triangle] = coordinates / self._precision
         diagonal = np.exp(np.diagonal(factor))
@@ -113,7 +113,7 @@ class FullNoise:
         return 0.5 * (self._log_determinants(matrix) + self._squares(moments + self.floor, matrix))
 
     def log_likelihood(self, moments: np.ndarray) -> float:
-        """Of residuals with these moments under the present covariance."""
+        """Return the log-likelihood of residuals with these moments under the present covariance."""
         constant = self.count * np.log(2.0 * np.pi)
         return -0.5 * float(self._log_determinants(self.matrix) + constant) - self.cost(moments)
 

@@ -60,7 +60,8 @@ class GaussNewton:
         require(self.patient, bool, "GaussNewton: patient", "patient=True or patient=False")
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; it never raises for a bad course of the iteration, the status says what happened."""
+        """Minimise the objective; it never raises for a bad course of the iteration, the status states what
+        happened."""
         iteration = Iteration(objective, Clock(self.seconds, objective), self.tolerance)
         return iteration.run(FilterSearch(iteration), self.iterations, patient=self.patient)
 
@@ -105,7 +106,7 @@ class Iteration:
         self.course: list[float] = []  # stationarity of all iterations
 
     def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
-        """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status."""
+        """Iterate until a solution, the end of descent, or too many steps; a bad course is stated in the status."""
         count = 0
         status = None if np.isfinite(self.value.cost) else DIVERGES
         while status is None:
@@ -147,16 +148,17 @@ class Iteration:
         self.linear = None
 
     def is_solution(self, step: SolverStep) -> bool:
-        """Whether the step is negligible against the noise, that has settled, and constraints are met."""
+        """Return True if the step is negligible against the noise, the noise has settled, and constraints are met."""
         still = self.objective.negligible(step, self.value, self.tolerance)
         return still and self.noise_change < 10 * self.tolerance and self.value.worst() < _DEFECT
 
     def is_rounding(self, step: SolverStep) -> bool:
-        """Whether what is left of a step that finds no descent is rounding."""
+        """Return True if what is left of a step that finds no descent is rounding."""
         return self.objective.negligible(step, self.value, _ROUNDED) and self.value.worst() < _DEFECT
 
     def _creeps(self) -> bool:
-        """Whether the last steps were all near the solution and would take too many more at the rate they shrink."""
+        """Return True if the last steps were all near the solution and would take too many more at the rate they
+        shrink."""
         self.course.append(self.stationarity)
         last = self.course[-_COURSE - 1 :]
         if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.value.noise.levels.count):
@@ -183,7 +185,7 @@ class FilterSearch:
         self.last: tuple[np.ndarray, float] | None = None  # step of the parameters before, and its share that was taken
 
     def advance(self, at: Iteration, linear: Linearised) -> Status | None:
-        """As of `Search`."""
+        """Advance as `Search` asks."""
         undamped: SolverStep | None = None
         relaxing = self.relaxing
         while True:
@@ -224,7 +226,7 @@ class FilterSearch:
         return self.damping < 1e6
 
     def _look(self, at: Iteration, step: SolverStep) -> None:
-        """How near the solution is."""
+        """Record how near the solution is."""
         length = np.sqrt(max(step.curvature, 0.0))
         at.stationarity = at.objective.length(step, at.value)
         at.attracted |= bool(at.stationarity < 0.5 * self.before)

@@ -1,4 +1,4 @@
-"""Of which parameters the data say nothing at a point."""
+"""Find the parameters that the data do not determine at a point."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ _IDLE = 1e-6  # standard deviations of the noise that all predictions together m
 
 
 def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
-    """Parameters that the data hardly tell: a change by their whole size moves all predictions together by less than a
-    tenth of the noise. If there is none, those of the direction that the data say least of, however much that is."""
+    """Parameters that the data hardly determine: a change by their whole size moves all predictions together by less
+    than a tenth of the noise. If there is none, those of the direction that the data determine least."""
     size = np.maximum(np.abs(linear.point.theta), np.abs(objective.problem.start_vector))
     with np.errstate(over="ignore", invalid="ignore"):
         moves = size * np.sqrt(np.maximum(np.diagonal(linear.hessian), 0.0))
@@ -35,7 +35,7 @@ def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndar
 
 
 def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
-    """Parameters that the data cannot tell apart, or of which they say nothing. A change by the whole size of the
+    """Parameters that the data do not separate, or that have no effect on them. A change by the whole size of the
     parameter, or by its start value if that is larger, moves no prediction by a noticeable part of the noise.
 
     limit_multipliers: a parameter that an active limit holds is not lost.
@@ -45,14 +45,14 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
 
 def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
-    """As `lost`, by an information matrix at theta, of parameters that can move in the directions `free`."""
+    """Return `lost` by an information matrix at theta, for parameters that can move in the directions `free`."""
     return determined_along(problem, information, free, theta)[0]
 
 
 def determined_along(
     problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """As `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
+    """Return `lost_along`, and the directions (parameters, k) of `free` that the data do determine."""
     names = problem.parameters
     start = np.abs(problem.start_vector)
     # a parameter that begins at zero and stays there has no size of its own

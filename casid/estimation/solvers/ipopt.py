@@ -35,14 +35,9 @@ class Ipopt:
     Attributes
     ----------
     hessian
-        "exact", and where that ends on a plateau, of which the data say nothing, once more from the start with that of
-        Gauss-Newton; or "gauss-newton" alone.
-    tolerance
-        Of IPOPT's optimality conditions on the scaled problem.
-    iterations
-        After how many steps of one solution to give up.
-    seconds
-        After how much time to give up.
+        "exact", and where that ends on a plateau, which the data do not determine, once more from the start with that
+        of Gauss-Newton; or "gauss-newton" alone. tolerance Of IPOPT's optimality conditions on the scaled problem.
+        iterations After how many steps of one solution to give up. seconds After how much time to give up.
 
     Examples
     --------
@@ -63,7 +58,7 @@ class Ipopt:
         check_limits(self)
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; a bad course of the iteration is said in the status.
+        """Minimise the objective; a bad course of the iteration is stated in the status.
 
         Raises
         ------
@@ -90,7 +85,7 @@ _ROUNDS = 60  # of noise and covariance
 _SETTLED = 1e-8  # expected change of the noise in its standard deviations, relative change of the covariance
 _SOLVED = 1e-5  # standard deviations
 _TIME_LIMIT = Status(result=Results.STOPPED, reason="at the time limit, not converged")
-_ENDS = {  # what IPOPT says
+_ENDS = {  # status of IPOPT
     "Solve_Succeeded": CONVERGED,
     "Maximum_Iterations_Exceeded": Status(result=Results.STOPPED, reason="at the iteration limit, not converged"),
     "User_Requested_Stop": _TIME_LIMIT,
@@ -227,7 +222,7 @@ def _gauss_newton_hessian(programme: Programme) -> ca.Function:
 
 
 def _signature(objective: Objective, x: Packing, d: Packing) -> tuple:
-    """What two problems on one model must share to share a programme."""
+    """Return what two problems on one model must share to share a programme."""
     problem = objective.problem
     shapes = tuple((name, s.shape) for pack in (x, d) for name, s in pack.symbols.items())
     layout = (
@@ -260,7 +255,7 @@ def _parameter_scale(objective: Objective, point: Point, value: ObjectiveValue) 
 def _relaxed(
     objective: Objective, point: Point, value: ObjectiveValue, settling: FixedPoint
 ) -> tuple[NoiseState, float]:
-    """Noise where it is expected to settle, soft-defect covariance as the present point says; the largest change, of
+    """Noise where it is expected to settle, soft-defect covariance by the present point; the largest change, of
     the noise in units of its standard deviations, of the covariance relative to it."""
     noise = value.noise
     change = 0.0
@@ -280,7 +275,7 @@ def _relaxed(
 
 
 def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
-    """Whether IPOPT is content where the data say nothing of some parameter."""
+    """Return True if IPOPT stops where the data do not determine some parameter."""
     if not outcome.converged:
         return False
     linear = linear_at(objective, outcome)
@@ -288,7 +283,7 @@ def _on_plateau(objective: Objective, outcome: Outcome) -> bool:
 
 
 def _is_solution(objective: Objective, point: Point, value: ObjectiveValue) -> bool:
-    """Whether a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
+    """Return True if a point at which IPOPT could not go on is a solution all the same: rounding, not failure."""
     if objective.problem.path_constraints or value.worst() > 1e-8:
         return False
     step = _gauss_newton_step(objective, point, value)

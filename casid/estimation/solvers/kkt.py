@@ -43,7 +43,7 @@ class BandedKKT:
 
     @cached_property
     def _places(self) -> tuple[np.ndarray, ...]:
-        """Where the n x n blocks stand in LAPACK's band storage."""
+        """Indices of the n x n blocks in LAPACK's band storage."""
         n = self.n
         rows = 3 * self.band + 1
         i, j = np.meshgrid(np.arange(n), np.arange(n), indexing="ij")

@@ -56,7 +56,8 @@ class NoiseLevels:
         return np.where(self.present > 0, np.maximum(found, self.floor), 1.0)
 
     def relaxed(self, squares: np.ndarray) -> tuple[NoiseLevels, float]:
-        """With sigma as the sums of squared residuals say, and the largest relative change of it."""
+        """Return a copy with the sigma that the sums of squared residuals give, and the largest relative change of
+        it."""
         if self.fixed:
             return self, 0.0
         rms = self.rms(squares)
@@ -65,11 +66,11 @@ class NoiseLevels:
 
     @property
     def coordinates(self) -> np.ndarray:
-        """(channels,) ln sigma in units of the standard deviation with which the residuals tell it."""
+        """(channels,) ln sigma in units of the standard deviation with which the residuals determine it."""
         return np.log(self.sigma) * self._precision
 
     def at(self, coordinates: np.ndarray) -> NoiseLevels:
-        """With sigma at these `coordinates`."""
+        """Return a copy with sigma at these `coordinates`."""
         return replace(self, sigma=np.exp(coordinates / self._precision))
 
     @property
@@ -86,7 +87,8 @@ class NoiseLevels:
         return np.diag(self.sigma**2)
 
     def log_likelihood(self, squares: np.ndarray) -> float:
-        """Of residuals with these sums of squares; with range weights, under the noise that the residuals show."""
+        """Return the log-likelihood of residuals with these sums of squares; with range weights, under the noise
+        that the residuals show."""
         sigma = self.rms(squares) if self.proportional else self.sigma
         return -float((0.5 * squares / sigma**2 + self.present * np.log(sigma * np.sqrt(2 * np.pi))).sum())
 
@@ -121,7 +123,7 @@ def noise_levels(
     else:
         sigma = _given(noise, names)
     sigma = np.where(present > 0, sigma, 1.0)
-    with np.errstate(over="ignore"):  # absurd measurements: no fit follows them, and its status says so
+    with np.errstate(over="ignore"):  # absurd measurements: no fit follows them, and its status states it
         magnitude = np.nansum(filled**2, axis=0)
     return NoiseLevels(
         sigma=sigma,

@@ -90,7 +90,7 @@ class Automatic:
         return GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds, patient=False)
 
     def minimise(self, objective: Objective) -> Outcome:
-        """Minimise the objective; a bad course of the iteration is said in the status."""
+        """Minimise the objective; a bad course of the iteration is stated in the status."""
         begin = time.perf_counter()
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = replace(self.usual, patient=objective.soft).minimise(objective)
@@ -124,7 +124,7 @@ class Automatic:
 
 
 def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600.0) -> Outcome:
-    """The outcome of any solver, with a status that says so where its stationary point is no minimum.
+    """The outcome of any solver; its status is another one where its stationary point is no minimum.
 
     Not judged, and left as they are: points under path constraints and soft defects, where the cost is no function of
     the parameters alone.
@@ -139,14 +139,14 @@ def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600
 
 
 def is_found(objective: Objective, outcome: Outcome) -> bool:
-    """Whether it converged where the data say something of every parameter."""
+    """Return True if it converged where the data determine every parameter."""
     if not outcome.converged or outcome.linear is None:
         return outcome.converged
     return not lost(objective, outcome.linear, outcome.limit_multipliers)
 
 
 def _better(objective: Objective, first: Outcome, second: Outcome) -> Outcome:
-    """Of two ends the one that was found, or else the lower one."""
+    """Return, of two ends, the one that was found, or else the lower one."""
     if is_found(objective, second) or not np.isfinite(first.value.cost):
         return second
     ends = (objective.likelihood_cost(o.value) + o.value.violation() for o in (first, second))
@@ -239,8 +239,8 @@ class _Newton:
         return objective.step_along(at.point, at.linear, root @ z, multipliers)
 
     def _only_flat_left(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> bool:
-        """Whether a step is negligible but for directions without curvature, in which as many steps as are allowed
-        would together gain nothing that counts. There steps shrink by a few percent each."""
+        """Return True if a step is negligible but for directions without curvature, in which as many steps as are
+        allowed would together gain nothing that counts. There steps shrink by a few percent each."""
         values, vectors = np.linalg.eigh(exact)
         flat = vectors[:, np.abs(values) <= _FLAT]
         along = root @ flat @ (flat.T @ np.linalg.solve(root, step.theta))
@@ -256,7 +256,7 @@ class _Newton:
         return gain * self.solver.iterations / (_GAIN * max(noise, 1e-300))
 
     def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> Status:
-        """Of a stationary point: whether it is a minimum, in the directions that the limits leave free."""
+        """Judge whether a stationary point is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
         free = self.objective.free_directions(at.point.theta, step.limit_multipliers)
         basis = np.linalg.qr(np.linalg.inv(root) @ free)[0]

@@ -65,7 +65,7 @@ class Packing:
 
 
 def is_programmable(objective: Objective) -> bool:
-    """Whether the residuals have a form as expressions, which those of a cost with own equations do not have."""
+    """Return True if the residuals have a form as expressions, which those of a cost with own equations do not have."""
     return objective.equations is None or isinstance(objective.equations, EquationPart)
 
 
@@ -218,7 +218,8 @@ def _posed(objective: Objective, v: dict, s: dict, motion: Simulated | None) -> 
 
 
 def _separable(objective: Objective, v: dict, s: dict, motion: Simulated, at: ProblemSymbols) -> Separable:
-    """What the segments' own derivatives take; without path constraints nothing but end and outputs is simulated."""
+    """Build what the segments' own derivatives need; without path constraints nothing but end and outputs is
+    simulated."""
     assert motion.derivatives is not None
     end = ca.MX.sym("end", *motion.end.shape)
     y = ca.MX.sym("y", *motion.y.shape)
@@ -278,7 +279,7 @@ def _paths(objective: Objective, v: dict, states: ca.MX, y: ca.MX) -> list[_Boun
 
 
 def _paid(objective: Objective, v: dict) -> ca.MX | float:
-    """What the excess over soft path limits costs."""
+    """Return the cost of the excess over soft path limits."""
     if "excess" not in v or objective.paths is None:
         return 0.0
     paths = objective.paths

@@ -81,7 +81,7 @@ class Objective:
 
     @property
     def soft(self) -> bool:
-        """Whether defects are random with a covariance."""
+        """Return True if defects are random with a covariance."""
         return self.dynamics is not None and self.dynamics.soft
 
     # ---- weights
@@ -187,7 +187,7 @@ class Objective:
         return self._weighed(point, value.parameters, value.trajectory, value.equations, noise)
 
     def relaxed(self, point: Point, value: ObjectiveValue) -> tuple[ObjectiveValue, float]:
-        """The value with the levels at what its residuals say, maximum likelihood for the present parameters, and the
+        """The value with the levels by its residuals, maximum likelihood for the present parameters, and the
         largest relative change of a level."""
         levels, change = value.noise.levels.relaxed(value.squares)
         if levels is value.noise.levels:
@@ -368,10 +368,10 @@ class Objective:
         diagonal entry counts as 1e-14 of the largest at least.
 
         concentrated: towards the minimum of `likelihood_cost`, in which the noise moves with the parameters.
-        Raises numpy.linalg.LinAlgError when the parameters cannot be told apart.
+        Raises numpy.linalg.LinAlgError when the parameters cannot be separated.
         """
         curved = linear.hessian - self._noise_curvature(linear) if concentrated else linear.hessian
-        # a parameter of which the data say nothing here stays where it is
+        # a parameter that the data do not determine here keeps its value
         return self.step_by(point, linear, curved + damping * np.diag(jacobi_scale(linear.hessian) ** -2.0))
 
     def step_by(self, point: Point, linear: Linearised, curvature: np.ndarray) -> SolverStep:
@@ -395,7 +395,7 @@ class Objective:
         return self.step_along(point, linear, theta, limits, along)
 
     def held_paths(self, linear: Linearised) -> HeldPaths | None:
-        """What hard path limits hold at a solution."""
+        """Return what hard path limits hold at a solution."""
         if self.paths is None or linear.paths is None:
             return None
         at, rows = self.limits.at(linear.point.theta)
@@ -475,16 +475,17 @@ class Objective:
         return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
 
     def negligible(self, step: SolverStep, value: ObjectiveValue, tolerance: float) -> bool:
-        """Whether a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
+        """Return True if a step moves the solution by less than `tolerance` of its standard deviations, or by
+        rounding."""
         levels = value.noise.levels
         noise = np.sqrt(2 * value.cost / levels.count)
         length = np.sqrt(max(step.curvature, 0.0))
         return bool(length < tolerance * max(noise, _ROUNDING * levels.size))
 
     def _noise_curvature(self, linear: Linearised) -> np.ndarray:
-        """What the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares) has the
-        term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each other.
-        With a full covariance it is the part of the whitened channels' own variances."""
+        """Return what the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares)
+        has the term - 2/N g g' for each channel's gradient g. Without it the noise and the parameters chase each
+        other. With a full covariance it is the part of the whitened channels' own variances."""
         levels = linear.noise.levels
         if levels.proportional:
             return np.zeros_like(linear.hessian)

@@ -4,7 +4,7 @@ The step of a record is a banded system with the parameters as its border. A sam
 to that border: its multiplier, which enters the system as one more parameter does. What the elimination of the states
 then leaves is, in parameters p and multipliers m,
     H p + D'm = -g,    D p - Q m + r = value at the sample
-where Q says how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
+where Q is how far a multiplier moves its sample through initial states and random defects. With Q = L L' this is the
 quadratic problem min 1/2 p'Hp + g'p + 1/2 v'v subject to lower <= D p + L v + r <= upper: small and dense, as only the
 samples that come to a limit take part. They are found in turns: solve, look at all samples, add the peaks beyond.
 Samples that stay beyond a soft limit push with its price: a known force, which adds to the gradient.
@@ -37,10 +37,10 @@ _ELASTIC = 1e4  # what an excess costs, in the scaled step, where linearised lim
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PathStep:
-    """What path limits add to a step: per record the reduced system whose border has the multipliers too, and these;
-    `multipliers` (constraints, N) are those of all samples, positive at an upper limit. `change` of what excess over
-    soft limits costs, `price` the largest scaled multiplier of the others, `feasible` whether the linearised limits can
-    all be satisfied."""
+    """Contribution of path limits to a step: per record the reduced system whose border has the multipliers too, and
+    these; `multipliers` (constraints, N) are those of all samples, positive at an upper limit. `change` is that of
+    the cost of excess over soft limits, `price` the largest scaled multiplier of the others, `feasible` whether the
+    linearised limits can all be satisfied."""
 
     reduced: list[Reduced]
     forces: list[np.ndarray]
@@ -52,9 +52,8 @@ class PathStep:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class HeldPaths:
-    """What hard path limits hold at a point, in the parameters and in unknowns v of unit information, independent of
-    them, by which initial states and random defects move the samples that are held.
-    """
+    """Hard path limits that hold at a point, in the parameters and in unknowns v of unit information, independent of
+    them, by which initial states and random defects move the samples that are held."""
 
     # (limits, parameters + v) derivatives: one limit for all samples that follow each other at it, whose maximum lies
     # between them
@@ -66,7 +65,7 @@ class HeldPaths:
     pressed: tuple[np.ndarray, ...]  # record -> (constraints, N) multipliers of the samples that are held, else zero
 
     def columns(self, record: int) -> np.ndarray:
-        """Of the v of a record among all unknowns."""
+        """Return the columns of the v of a record among all unknowns."""
         sizes = [moves.shape[2] for moves in self.motion]
         first = self.rows.shape[1] - sum(sizes[record:])
         return np.arange(first, first + sizes[record])
@@ -114,7 +113,7 @@ class PathLimits:
         return (self.excess(values) / self.scale[:, None])[~self.soft]
 
     def paid(self, values: np.ndarray) -> float:
-        """What the excess over soft limits costs."""
+        """Return the cost of the excess over soft limits."""
         return float((self.price[self.soft, None] * np.abs(self.excess(values)[self.soft])).sum())
 
     def soft_excess(self, value: ObjectiveValue) -> np.ndarray:
@@ -146,9 +145,9 @@ class PathLimits:
         curvature: np.ndarray,
         limits: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray, PathStep]:
-        """With the way to `reduce` a record: the step of the parameters, the multipliers of their own `limits` (rows,
-        lower, upper), and what the path limits add. Raises numpy.linalg.LinAlgError where the parameters' own limits
-        contradict each other."""
+        """Return the step of the parameters, the multipliers of their own `limits` (rows, lower, upper), and what
+        the path limits add; `reduce` reduces a record. Raises numpy.linalg.LinAlgError where the parameters' own
+        limits contradict each other."""
         paths = linear.paths
         assert paths is not None
         excess = self.excess(paths.values)
@@ -171,7 +170,7 @@ class PathLimits:
     def held(
         self, reduce: Reduce, point: Point, linear: Linearised, limits: tuple[np.ndarray, np.ndarray, np.ndarray]
     ) -> HeldPaths | None:
-        """What holds at a solution; arguments as of `step`. None where no sample is held."""
+        """Return what holds at a solution; arguments as in `step`. None where no sample is held."""
         paths = linear.paths
         problem = self._problem
         count = len(linear.gradient)

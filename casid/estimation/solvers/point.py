@@ -1,4 +1,4 @@
-"""What an objective gives: a point, the value there, the linearisation about it, and the step that this promises."""
+"""Hold what an objective gives: a point, the value there, the linearisation about it, and the step that it predicts."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ Levels = NoiseLevels | FullNoise
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class NoiseState:
-    """What the residuals are weighed with: the levels of the measured channels and, where defects are random, factor
-    (T, n, n), a square root of their covariance. It goes with a value: whoever changes it gets a new one."""
+    """Weights of the residuals: the levels of the measured channels and, where defects are random, factor (T, n, n),
+    a square root of their covariance. It belongs to a value: a change makes a new one."""
 
     levels: Levels
     factor: np.ndarray | None = None
@@ -68,7 +68,7 @@ class ObjectiveValue:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SolverStep:
     """A step, what it promises (slope of the cost, curvature along it) and the price of the constraints; `feasible`
-    says whether the linearised constraints can all be satisfied."""
+    states whether the linearised constraints can all be satisfied."""
 
     theta: np.ndarray
     nodes: np.ndarray

@@ -41,7 +41,8 @@ def inverse_along(free: np.ndarray, information: np.ndarray) -> np.ndarray:
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray | None:
-    """Of a positive definite matrix with a unit diagonal; None where its smallest eigenvalue is below about 1e-13."""
+    """Invert a positive definite matrix with a unit diagonal; None where its smallest eigenvalue is below about
+    1e-13."""
     if not matrix.size:
         return matrix
     factor, info = _potrf(matrix, lower=1)

@@ -11,7 +11,8 @@ T = TypeVar("T")
 
 
 def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, first: float = 1.0) -> T | None:
-    """What `tried` finds at the longest part of a step that it takes: first, then each shrunk, above the shortest."""
+    """Return what `tried` finds at the longest part of a step that it takes: first, then each shrunk, above the
+    shortest."""
     length = first
     while length > shortest:
         found = tried(length)
@@ -22,8 +23,8 @@ def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, 
 
 
 def rises_from_the_start(refused: Sequence[tuple[float, np.ndarray]]) -> bool:
-    """Whether quantities that must fall along a step rise from its beginning, by their rises at two parts of it, the
-    longer first: at the longer one at least in proportion, and along the parabola through both as it begins.
+    """Return True if quantities that must fall along a step rise from its beginning, by their rises at two parts of it,
+    the longer first: at the longer one at least in proportion, and along the parabola through both as it begins.
 
     No shorter part decreases them then: the sensitivities are those of another function, as of a late reading, whose
     series is made of the motion before the step.

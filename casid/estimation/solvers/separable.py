@@ -44,7 +44,7 @@ def separable_functions(
 
 
 def _places(objective: Objective) -> np.ndarray:
-    """(K, n+f) where start state and free parameters of each segment stand among the variables."""
+    """(K, n+f) where start state and free parameters of each segment are among the variables."""
     problem = objective.problem
     layout = objective.layout
     n = len(objective.scale)

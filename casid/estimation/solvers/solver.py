@@ -1,4 +1,4 @@
-"""What a solver is, and what it gives."""
+"""Define the interface of a solver, and its outcome."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from casid.estimation.solvers.status import Status
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outcome:
-    """Where a solver stopped and why; `linear` is the linearisation at the point when the solver has it."""
+    """Point at which a solver stopped, and why; `linear` is the linearisation there when the solver has it."""
 
     point: Point
     value: ObjectiveValue
@@ -32,7 +32,7 @@ class Outcome:
 
     @property
     def converged(self) -> bool:
-        """Whether the solver calls its point a solution."""
+        """Return True if the solver calls its point a solution."""
         return self.status.converged
 
 
@@ -56,7 +56,7 @@ class Solver(Protocol):
     """Minimises an objective. Any object with this method is a solver.
 
     `Objective` gives it `start()`, `value(point)`, `linearise(point, value)` and the `step(...)` that this promises,
-    which already eliminates states; a bad course of the iteration is said in the outcome's status, not raised.
+    which already eliminates states; a bad course of the iteration is stated in the outcome's status, not raised.
     """
 
     def minimise(self, objective: Objective) -> Outcome:

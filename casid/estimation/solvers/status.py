@@ -1,4 +1,4 @@
-"""How an iteration ended: a result with its reason and what to do about it, carried from the loop to the fit."""
+"""Describe how an iteration ended: a result with its reason and what to do about it, from the loop to the fit."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 
 class Results(Enum):
-    """How a solution ended. The value of each says what to do; `Fit.reason` and `Fit.remedy` have the particulars.
+    """Result of a solution. The value of each states what to do; `Fit.reason` and `Fit.remedy` have the particulars.
 
     Examples
     --------
@@ -46,7 +46,7 @@ _HEADS = {
 
 
 class Stage(Enum):
-    """Where within a result an iteration ended, which decides what is tried next and what is said."""
+    """Place within a result where an iteration ended, which decides what is tried next and what is reported."""
 
     PLAIN = 0
     CREEPING = 1  # steps shrink too slowly
@@ -67,7 +67,7 @@ class Status:
 
     @property
     def converged(self) -> bool:
-        """Whether the point is a solution."""
+        """Return True if the point is a solution."""
         return self.result is Results.CONVERGED
 
     @property

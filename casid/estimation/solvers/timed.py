@@ -1,4 +1,4 @@
-"""How long a minimisation may take, in seconds and in evaluations."""
+"""Limit a minimisation in seconds and in evaluations."""
 
 from __future__ import annotations
 
@@ -75,10 +75,10 @@ class Timed:
         return replace(limited, seconds=left) if left < _SAME * seconds else limited
 
     def minimise(self, objective: Objective) -> Outcome:
-        """As the solver does, within the time that is left."""
+        """Minimise as the solver does, within the time that is left."""
         return self.limited().minimise(objective)
 
 
 def timed(solver: Solver, begin: float) -> Timed:
-    """From `begin` of `time.perf_counter` on; a solver of one's own without `seconds` has no limit."""
+    """Limit a solver from `begin` of `time.perf_counter` on; a solver of one's own without `seconds` has no limit."""
     return Timed(solver, begin + float(getattr(solver, "seconds", math.inf)))

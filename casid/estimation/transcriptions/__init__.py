@@ -1,1 +1,1 @@
-"""How a trajectory is represented: shooting, collocation, equations on measured signals."""
+"""Represent a trajectory: shooting, collocation, equations on measured signals."""

@@ -44,9 +44,9 @@ def radau(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlainLift:
-    """How interior states follow a step: correction (K, L, d*n) and gain (K, L, d*n, n+f) on [step of the state before;
-    parameter step]; pull (K, L, n), derivative of the cost in the state at each sample. shift (K, n+f+2) as in
-    collocate.c."""
+    """Response of interior states to a step: correction (K, L, d*n) and gain (K, L, d*n, n+f) on [step of the state
+    before; parameter step]; pull (K, L, n), derivative of the cost in the state at each sample. The sums shift (K,
+    n+f+2) are as in collocate.c."""
 
     correction: np.ndarray
     gain: np.ndarray
@@ -56,7 +56,7 @@ class PlainLift:
     def follow(
         self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """As of `CollocationKernel`."""
+        """Follow a step as `CollocationKernel` does."""
         count, n = nodes.shape
         steps = np.empty_like(self.correction)
         before = nodes
@@ -188,7 +188,7 @@ class LiftedCollocation:
     def slabs(
         self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray, segments: slice
     ) -> Iterator[Slab]:
-        """As of `Shooting`."""
+        """Yield slabs as `Shooting` does."""
         points = _points_of(trajectory)
         length = self.shape[1]
         kernel = self.kernel
@@ -233,9 +233,9 @@ class LiftedCollocation:
         return np.einsum("rm,kmrn->kmn", table, inside[:, step]).reshape(count, length * d, n)
 
     def after_samples(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of all samples but the last of each record, (P, n) states a sample interval after the first guess of their
-        state, (P, n, n) their derivative by that, and (P, o, n) derivative of the outputs there; parameters (records,
-        model parameters). Not finite where there is no motion."""
+        """Return for all samples but the last of each record (P, n) states a sample interval after the first guess
+        of their state, (P, n, n) their derivative by that, and (P, o, n) derivative of the outputs there; parameters
+        (records, model parameters). Not finite where there is no motion."""
         layout = self.layout
         n = self.shape[3]
         begin = np.concatenate([sample[:-1] for sample in layout.sample])
@@ -449,7 +449,7 @@ def _lagrange(nodes: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def _transposed(name: str, model: Model, results: Sequence[ca.SX]) -> ca.Function:
-    """Of (x, u, p), in numpy's row order."""
+    """Return a function of (x, u, p), in numpy's row order."""
     return ca.Function(name, [model.x, model.u, model.p], ca.cse([ca.densify(e.T) for e in results]))
 
 
@@ -476,7 +476,7 @@ def _output_derivatives(model: Model, free: Sequence[int]) -> ca.Function:
 
 
 def _kernel_functions(model: Model, free: Sequence[int]) -> dict[str, ca.Function]:
-    """What `collocation_source` takes."""
+    """Return the functions that `collocation_source` takes."""
     f = quiet(model, model.f)
     h = quiet(model, model.h)
     q = _free_parameters(model, free)

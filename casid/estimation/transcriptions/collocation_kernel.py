@@ -25,7 +25,7 @@ class KernelLift:
     def follow(
         self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """As of `Lift`."""
+        """Follow a step as `Lift` asks."""
         return self.kernel.follow(self.kept, nodes, local, multipliers, scale)
 
 

@@ -1,4 +1,4 @@
-"""What a transcription makes of a problem: segments that can be simulated and linearised.
+"""Define the dynamics of a transcription: segments that can be simulated and linearised.
 
 Sizes: K segments, L samples each, n states, f free parameters (of the segment's record), o outputs.
 """
@@ -32,8 +32,9 @@ class Trajectory:
 
 
 class Lift(Protocol):
-    """How the interior states of collocation follow a step. The offset o of the predictions that its equations make
-    while they are left open, with the residuals r and rows R: shift (K, n+f+2) is R'o, r'o, o'o of each segment."""
+    """Response of the interior states of collocation to a step. The offset o of the predictions that its equations
+    make while they are left open, with the residuals r and rows R: shift (K, n+f+2) is R'o, r'o, o'o of each
+    segment."""
 
     @property
     def shift(self) -> np.ndarray:
@@ -50,7 +51,7 @@ class Lift(Protocol):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Blocks:
-    """What the simulation of each segment gives."""
+    """Blocks that the simulation of each segment gives."""
 
     hessian: np.ndarray  # (K, n+f, n+f) of 1/2 sum (whitened residual)^2
     channel_gradient: np.ndarray  # (K, o, n+f) of the same for each whitened output; gradient (K, n+f) is its sum
@@ -109,9 +110,9 @@ class ShotDerivatives:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Simulated:
-    """Of a nonlinear programme: states (n, K*L), end (n, K), outputs y (o, K*L), and a column `gap` that must vanish
-    besides the defects. `derivatives` where the motion knows those of its own: in every segment's start state and free
-    parameters, of `end` and of a sum of `end` and `y`."""
+    """Motion as expressions of a nonlinear programme: states (n, K*L), end (n, K), outputs y (o, K*L), and a column
+    `gap` that must vanish besides the defects. `derivatives` where the motion knows those of its own: in every
+    segment's start state and free parameters, of `end` and of a sum of `end` and `y`."""
 
     states: ca.MX
     end: ca.MX
@@ -123,7 +124,7 @@ class Simulated:
 class Dynamics(Protocol):
     """A problem's motion on a layout of segments: what solvers work on.
 
-    `points0` are interior unknowns at the start, None without; `soft` says whether defects are random with the
+    `points0` are interior unknowns at the start, None without; `soft` states whether defects are random with the
     covariance that `blocks` gives; `kernel` eliminates states fast where there is one.
     """
 
@@ -136,7 +137,7 @@ class Dynamics(Protocol):
 
     @property
     def soft(self) -> bool:
-        """Whether defects are random."""
+        """Return True if defects are random."""
         ...
 
     @property
@@ -145,7 +146,7 @@ class Dynamics(Protocol):
         ...
 
     def trajectory(self, nodes: np.ndarray, parameters: np.ndarray, points: np.ndarray | None = None) -> Trajectory:
-        """From nodes (K, n), parameters (K, model parameters) and interior unknowns."""
+        """Simulate from nodes (K, n), parameters (K, model parameters) and interior unknowns."""
         ...
 
     def blocks(self, trajectory: Trajectory, parameters: np.ndarray, weights: np.ndarray) -> Blocks:

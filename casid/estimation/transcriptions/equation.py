@@ -39,7 +39,7 @@ class Equations(Protocol):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the equations, the columns."""
+        """Names of the equations, the columns."""
         ...
 
     @property
@@ -147,11 +147,11 @@ def recorded_or_differentiated(record: Record, name: str) -> np.ndarray:
 class EquationPart:
     """Residuals and Jacobians of the equations on the measured signals of all records.
 
-    `pieces`, each the number of a record and (samples, channels of the form), may stand for the whole records; they
+    `pieces`, each the number of a record and (samples, channels of the form), may replace the whole records; they
     take the place of records in all that this gives.
 
     Raises EstimationError at construction when a channel is not recorded or, for a pure equation-error cost, when a
-    free parameter stands in no equation.
+    free parameter is in no equation.
     """
 
     eliminated = 0

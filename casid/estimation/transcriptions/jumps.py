@@ -20,21 +20,21 @@ from casid.model.system import Model
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JumpedLift:
-    """How interior states of collocation follow, with multipliers of ends that are behind a jump; slope (K, n, n) of
-    the state behind it in the one before."""
+    """Response of interior states of collocation, with multipliers of ends that are behind a jump; slope (K, n, n)
+    of the state behind it in the one before."""
 
     inner: Lift
     slope: np.ndarray
 
     @property
     def shift(self) -> np.ndarray:
-        """As of the inner one."""
+        """Return the shift of the inner one."""
         return self.inner.shift
 
     def follow(
         self, nodes: np.ndarray, local: np.ndarray, multipliers: np.ndarray, scale: np.ndarray
     ) -> tuple[np.ndarray, float]:
-        """As of `Lift`."""
+        """Follow a step as `Lift` asks."""
         before = np.einsum("kab,ka->kb", self.slope, multipliers)
         return self.inner.follow(nodes, local, before, scale)
 

@@ -48,7 +48,7 @@ class Packed:
     seen: np.ndarray
 
     def part(self, blocks: slice, first: int, stop: int) -> Packed:
-        """Of some blocks, samples first ... stop-1."""
+        """Return some blocks, samples first ... stop-1."""
         data = self.data[blocks, first:stop]
         live = np.clip(self.live[blocks] - first, 0, stop - first)
         copy = aligned(data.shape)
@@ -175,7 +175,7 @@ class Kernel:
 
 
 def is_dense(weights: np.ndarray) -> bool:
-    """Whether any of the matrices (patterns, o, o) has more than a diagonal."""
+    """Return True if any of the matrices (patterns, o, o) has more than a diagonal."""
     return bool(np.count_nonzero(weights) > np.count_nonzero(np.diagonal(weights, axis1=1, axis2=2)))
 
 
@@ -217,7 +217,7 @@ class KernelOffer(Generic[K]):
 
     `get()` is None until then, and for good where there is no compiler or the emitter does not know an operation.
 
-    write   makes the source and says how many instructions it has
+    write   makes the source and counts its instructions
     load    makes the kernel of the compiled library
     """
 

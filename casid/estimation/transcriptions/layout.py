@@ -36,7 +36,7 @@ class Layout:
     dt: np.ndarray  # (K, L) [s], zero where padded
     z: np.ndarray  # (K, L, o) measured outputs, zero where missing
     present: np.ndarray  # (K, L, o) whether measured
-    pattern: np.ndarray  # (K, L) which row of `seen` says what is measured; seen (patterns, o) 1 where measured, else 0
+    pattern: np.ndarray  # (K, L) row of `seen` that marks what is measured; seen (patterns, o) 1 where measured, else 0
     seen: np.ndarray
     sample: tuple[np.ndarray, ...]  # per record (N,) flat index into (K*L) of each of its own samples
     times: tuple[np.ndarray, ...]  # per record the time [s] at each of its segments' samples, padding included
@@ -182,7 +182,7 @@ def _refined(values: np.ndarray, substeps: int) -> np.ndarray:
 
 
 def _inputs(model: Model, record: Record, line: Timeline, substeps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs at the start and at the end of every step; time itself never stands still."""
+    """Inputs at the start and at the end of every step; time itself is never held."""
     is_held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
     u = between_samples(record, line, record.matrix(model.inputs), is_held)
     straight = _refined(u, substeps)

@@ -86,7 +86,7 @@ class Shooting:
 
     @property
     def soft(self) -> bool:
-        """Whether defects are random with a covariance."""
+        """Return True if defects are random with a covariance."""
         return bool(self.noise_names)
 
     @property

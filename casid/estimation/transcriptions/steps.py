@@ -123,8 +123,8 @@ def sample_derivatives(
 def stage_functions(
     model: Model, free: Sequence[int] | np.ndarray, noise: tuple[str, ...], feedback: SampledFeedback | None = None
 ) -> tuple[ca.Function, ca.Function]:
-    """What one sample takes: (x, u0, u1, dt, p) -> (x+, y), and (x, u0, u1, dt, p) -> (x+, y, C, D, then for each of
-    the four stages F = df/dx, Q = df/d(p_free, noise) and E = df/du times the slope of the law); sparse.
+    """Build the functions of one sample: (x, u0, u1, dt, p) -> (x+, y), and (x, u0, u1, dt, p) -> (x+, y, C, D, then
+    for each of the four stages F = df/dx, Q = df/d(p_free, noise) and E = df/du times the slope of the law); sparse.
 
     A column s of sensitivities follows the stages as the state does: k1 = F1 s + E1 s + Q1, k2 = F2 (s + dt/2 k1) +
     E2 s + Q2, ... That takes a fifth of the instructions of A and B of the whole step. In discrete time there is one

@@ -32,7 +32,7 @@ def with_data(name: str, inputs: list, outputs: list, variable: tuple[int, ...])
 
 
 def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> Simulated:
-    """By Runge-Kutta steps from every node."""
+    """Simulate by Runge-Kutta steps from every node."""
     count = layout.segments
     length = layout.length
     of = SampleSymbols(model, free)
@@ -56,8 +56,8 @@ def shot(model: Model, free: np.ndarray, layout: Layout, at: ProblemSymbols) -> 
 def collocated(
     model: Model, free: np.ndarray, layout: Layout, tau: np.ndarray, c: np.ndarray, at: ProblemSymbols
 ) -> Simulated:
-    """By polynomials through the state before a step and the interior states after it; tau and c as `radau` gives
-    them."""
+    """Simulate by polynomials through the state before a step and the interior states after it; tau and c as `radau`
+    gives them."""
     degree = len(tau)
     scale = ca.DM(model.scale_vector())
     of = SampleSymbols(model, free, degree)

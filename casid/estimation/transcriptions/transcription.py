@@ -1,4 +1,4 @@
-"""How the trajectory is represented: one simulation, many short ones, or polynomials."""
+"""Represent the trajectory: one simulation, many short ones, or polynomials."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class SingleShooting:
 
     @property
     def order(self) -> int:
-        """With which power of the step the error of the integration falls."""
+        """Return the power of the step with which the error of the integration falls."""
         return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
 
     def dynamics(self, problem: Problem) -> Dynamics:
@@ -130,7 +130,7 @@ class MultipleShooting:
 
     @property
     def order(self) -> int:
-        """With which power of the step the error of the integration falls."""
+        """Return the power of the step with which the error of the integration falls."""
         return _IMPLICIT_ORDER if self.implicit else _EXPLICIT_ORDER
 
     def dynamics(self, problem: Problem) -> Dynamics:
@@ -193,7 +193,7 @@ class Collocation:
 
     @property
     def order(self) -> int:
-        """With which power of the step the error of the integration falls."""
+        """Return the power of the step with which the error of the integration falls."""
         return 2 * self.degree - 1
 
     def dynamics(self, problem: Problem) -> Dynamics:
@@ -225,7 +225,7 @@ def as_stepping(method: Transcription) -> Stepping | None:
 
 
 def is_implicit(method: Transcription) -> bool:
-    """Whether every step of its integration is an equation."""
+    """Return True if every step of its integration is an equation."""
     return bool(getattr(method, "implicit", False))
 
 

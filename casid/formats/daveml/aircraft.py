@@ -250,7 +250,7 @@ _END = re.compile(r"</(?:\w+:)?DAVEfunc\s*>")
 def mended_text(
     text: str, tables: Sequence[FileTable], effects: Sequence[EffectValue], terms: Mapping[str, Mapping[str, float]]
 ) -> str:
-    """The text of a file with wrong stretches of its tables mended where they stand; `terms`, coefficient -> monomial
+    """The text of a file with wrong stretches of its tables corrected in place; `terms`, coefficient -> monomial
     -> value, no table of it can have."""
     left: list[str] = []
     for effect in effects:

@@ -157,7 +157,7 @@ class DaveFile:
         return found
 
     def found(self, varid: str, look: Values) -> Any:
-        """What a variable is made of: an input's initial value, a calculation, a function. Raises InputError."""
+        """Evaluate a variable: an input's initial value, a calculation, a function. Raises InputError."""
         if varid in self._functions:
             entry = self._entry(self._functions[varid])
             return entry.grid.at(*(look(name) for name in entry.over)) + look.added.get(varid, 0.0)

@@ -53,7 +53,7 @@ class JsbsimAerodynamics:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What of the file is left out, and what is held."""
+        """List what of the file is left out, and what is held."""
         held = self.taken_as_held | dict(self.held)
         shown = ", ".join(f"{name} = {value:g}" for name, value in sorted(held.items()))
         left_out = "recorded surfaces and thrust stand for its control system and engines, which are left out"
@@ -153,7 +153,7 @@ def reference_point(root: ET.Element) -> np.ndarray:
 
 
 def _shift(aerodynamics: ET.Element, look: Properties, metrics: Metrics) -> Any:
-    """By how much the reference point moves forward [ft]: structural x, in chords, points aft."""
+    """Return the distance by which the reference point moves forward [ft]: structural x, in chords, points aft."""
     node = aerodynamics.find("aero_ref_pt_shift_x")
     if node is None:
         return 0.0

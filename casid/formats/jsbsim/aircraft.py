@@ -32,7 +32,7 @@ class MassProperties:
 
 
 def mass_properties(root: ET.Element) -> MassProperties:
-    """As JSBSim adds them up at the start of a flight. Raises InputError."""
+    """Add up the mass properties as JSBSim does at the start of a flight. Raises InputError."""
     balance = part(root, "mass_balance")
     empty = next((node for node in balance.findall("location") if node.get("name") in ("CG", None)), None)
     parts = [(amount(part(balance, "emptywt"), "LBS"), np.zeros(3) if empty is None else place(empty), _own(balance))]
@@ -52,7 +52,7 @@ def mass_properties(root: ET.Element) -> MassProperties:
 
 
 def _own(node: ET.Element) -> np.ndarray:
-    """The tensor that the file gives; products of inertia are negated unless it says that they are not."""
+    """The tensor that the file gives; products of inertia are negated unless it states that they are not."""
     xx, yy, zz, xy, xz, yz = (
         amount(node.find(f"i{pair}"), "SLUG*FT2") for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
     )
@@ -66,7 +66,7 @@ def _of_point(mass: float, arm: np.ndarray) -> np.ndarray:
 
 
 def _of_form(form: ET.Element, mass: float) -> np.ndarray:
-    """Of a solid about its own centre, its axis along x."""
+    """Return the inertia of a solid about its own centre, its axis along x."""
     r = amount(form.find("radius"), "FT")
     length = amount(form.find("length"), "FT")
     across = {"tube": mass / 12.0 * (6.0 * r**2 + length**2), "cylinder": mass / 12.0 * (3.0 * r**2 + length**2)}
@@ -118,7 +118,7 @@ _ROUNDING = 1e-9  # of Iyy: a product of inertia that is less is one of mirrored
 
 
 def _inertia(J: np.ndarray) -> Inertia:
-    """Of a (3, 3) tensor [kg m2]."""
+    """Return the inertia from a (3, 3) tensor [kg m2]."""
     xy, yz = (-float(J[i, j]) if abs(J[i, j]) > _ROUNDING * J[1, 1] else 0.0 for i, j in ((0, 1), (1, 2)))
     return Inertia(Ixx=J[0, 0], Iyy=J[1, 1], Izz=J[2, 2], Ixz=-J[0, 2], Ixy=xy, Iyz=yz)
 
@@ -145,7 +145,7 @@ def _retracts(root: ET.Element) -> bool:
 
 
 def _propulsion(root: ET.Element, cg: np.ndarray) -> dict[str, Any]:
-    """Where thrusters are, about the c.g.: mean height of the thrust line, and each engine's y."""
+    """Return the places of thrusters about the c.g.: mean height of the thrust line, and each engine's y."""
     found = [node for node in root.iterfind("propulsion/engine/thruster/location")]
     arms = [body_arm(place(node), cg) * FOOT for node in found]
     if not arms:

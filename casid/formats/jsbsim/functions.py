@@ -188,7 +188,7 @@ def marked(root: ET.Element) -> str:
 
 def with_changed_table(text: str, blank: str, one: FileTable, term: str, value: float) -> str:
     """The text of a file with a stretch of a table changed: `value` of the coefficient at the breakpoints that it has.
-    Layout stays, numbers of unchanged breakpoints too. `blank` is the text without what stands in comments."""
+    Layout stays, numbers of unchanged breakpoints too. `blank` is the text with comments blanked."""
     begin = blank.index("<aerodynamics")
     region = list(_TABLE.finditer(blank, begin, blank.index("</aerodynamics>", begin)))[one.index]
     data = list(_DATA.finditer(blank, *region.span(2)))

@@ -51,7 +51,7 @@ def _density(s: Any) -> Any:
 
 
 def _altitude(s: Any) -> Any:
-    """Of the standard atmosphere at the recorded density [ft]."""
+    """Return the altitude of the standard atmosphere at the recorded density [ft]."""
     return (1.0 - (s.rho / 1.225) ** (1.0 / 4.25588)) / 2.25577e-5 / FOOT
 
 
@@ -199,15 +199,16 @@ class Components:
                 self._scales[_name(of[0].text)] = _name(made.text), component
 
     def is_written(self, name: str) -> bool:
-        """Whether some component writes the property."""
+        """Return True if some component writes the property."""
         return name in self._writes
 
     def initial(self, name: str) -> float:
-        """What the file sets a property to at the start; 0 where it says nothing."""
+        """Return what the file sets a property to at the start; 0 where it gives nothing."""
         return self._initial.get(name, 0.0)
 
     def value(self, name: str, look: Callable[[str], Any], known: Collection[str]) -> Any:
-        """What a static component makes of recorded surfaces; None when it is no such, or of anything else."""
+        """Return what a static component makes of recorded surfaces; None for any other component, or of anything
+        else."""
         if not self._from(name, known, set()):
             return None
         if name in self._scales:
@@ -226,7 +227,7 @@ class Components:
         return _clipped(component, gain * _scaled(component, given[0]))
 
     def _from(self, name: str, known: Collection[str], seen: set[str]) -> bool:
-        """Whether it is computed from what is `known` alone, by static components."""
+        """Return True if it is computed from what is `known` alone, by static components."""
         bare = name.lstrip("-")
         if bare in known or bare in self._scales:
             return True
@@ -272,13 +273,13 @@ def _limits(component: ET.Element, tag: str) -> tuple[float, float]:
 
 
 def _slopes(component: ET.Element) -> tuple[float, float]:
-    """Of a scale about zero, below and above it."""
+    """Return the slopes of a scale about zero, below and above it."""
     (low, high), (bottom, top) = _limits(component, "domain"), _limits(component, "range")
     return (bottom / low if low else 0.0), (top / high if high else 0.0)
 
 
 def _scaled(component: ET.Element, x: Any) -> Any:
-    """From domain to range; about zero when it is not said otherwise."""
+    """Scale from domain to range; about zero unless the file states otherwise."""
     centred = component.find("zero_centered")
     if centred is not None and _name(centred.text).lower() in ("0", "false"):
         (low, high), (bottom, top) = _limits(component, "domain"), _limits(component, "range")

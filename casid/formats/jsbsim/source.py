@@ -78,7 +78,8 @@ def number_of(text: str | None, where: str) -> float:
 
 
 def amount(node: ET.Element | None, unit: str, default: float = 0.0) -> float:
-    """A number in JSBSim's own unit; the file's `unit` attribute, else `unit`, says which it has. Raises InputError."""
+    """A number in JSBSim's own unit; the file's `unit` attribute, else `unit`, names the one that it has. Raises
+    InputError."""
     if node is None:
         return default
     named = node.get("unit", unit).upper()

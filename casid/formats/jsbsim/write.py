@@ -54,8 +54,8 @@ def extended_text(
     tables: Sequence[FileTable] = (),
 ) -> str:
     """The text of a file with increments of coefficients (`terms`: coefficient -> monomial -> value, force `axes` about
-    the c.g.), effects, and wrong stretches of its `tables` mended. InputError when its aerodynamics or mass balance are
-    elsewhere."""
+    the c.g.), effects, and wrong stretches of its `tables` corrected. InputError when its aerodynamics or mass balance
+    are elsewhere."""
     root = ET.fromstring(text)
     for tag in ("aerodynamics", "mass_balance"):
         if part(root, tag).get("file"):
@@ -117,11 +117,11 @@ def _stretch(one: Stretch, name: str) -> str:
     return f'<table><independentVar lookup="row">{name}</independentVar><tableData>\n{data}</tableData></table>'
 
 
-# text: positions are found with comments blanked, so that what stands in them is left alone
+# text: positions are found with comments blanked, so that their content is left alone
 
 
 def _before(text: str, tag: str, insertion: str, start: int = 0) -> str:
-    """Insertion before the tag, after `start`, at the beginning of its line when nothing else stands there."""
+    """Insertion before the tag, after `start`, at the beginning of its line when nothing else is there."""
     at = blanked(text).index(tag, start)
     line = text.rfind("\n", 0, at) + 1
     at = line if not text[line:at].strip() else at
@@ -188,7 +188,7 @@ def _before_increments(text: str) -> str:
 
 
 def _aerodynamics_begin(text: str) -> int:
-    """Where the aerodynamics begin."""
+    """Return the position at which the aerodynamics begin."""
     return blanked(text).index("<aerodynamics")
 
 
@@ -300,7 +300,7 @@ def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
         )
         return _before(text, "</mass_balance>", point)
     if effect.kind == "inertia":
-        # the file's product of inertia is negated unless it says that it is not
+        # the file's product of inertia is negated unless it states that it is not
         negated = balance.get("negated_crossproduct_inertia", "true").lower() in ("true", "1", "yes")
         sign = -1.0 if effect.target == "Ixz" and negated else 1.0
         tag = effect.target.lower()
@@ -378,7 +378,7 @@ def _absorbed(effect: EffectValue) -> bool:
 
 
 def _foreign(term: str) -> bool:
-    """Whether JSBSim has no property for a variable of a term."""
+    """Return True if JSBSim has no property for a variable of a term."""
     return any(name in term.replace("^", "*").split("*") for name in ("V", "Tc"))
 
 

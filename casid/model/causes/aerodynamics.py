@@ -47,7 +47,7 @@ def _has_a_rate(term: str) -> bool:
 
 
 def _across_symmetry(coefficient: str, term: str) -> bool:
-    """Whether the term acts between the motion in the plane of symmetry and the one out of it."""
+    """Return True if the term couples the motion in the plane of symmetry with the motion out of it."""
     odd = sum(power for variable, power in parse_term(term).factors if variable in OUT_OF_PLANE) % 2 == 1
     return odd != (coefficient in _LATERAL)
 

@@ -348,7 +348,7 @@ def _loops(aircraft: Airframe) -> Iterable[Effect]:
 
 
 _MOMENT_OF = {"delta_e": "Cm", "delta_a": "Cl", "delta_r": "Cn"}
-_SMALL_GAIN = 0.05  # of an attitude, and where the file does not tell a size
+_SMALL_GAIN = 0.05  # of an attitude, and where the file gives no size
 _SMALL_PART = 0.1  # of the derivative that a loop adds to
 
 

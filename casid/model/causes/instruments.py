@@ -1,4 +1,4 @@
-"""Causes in the instruments: errors of what they read, and of where they stand."""
+"""Causes in the instruments: errors of their readings, and of their positions."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def sensor_lag(target: str) -> Effect:
     def instrument(true: Any, read: Any, values: Symbols) -> Any:
         return (true - read) / values["value"]
 
-    # shorter than a sampling interval a lag cannot be told from a delay, and `undo` takes it for one
+    # shorter than a sampling interval a lag cannot be separated from a delay, and `undo` treats it as one
     late = operators.lag_transfer
     found = _slow_reading(target, operators.lag, late, instrument, unsigned=("value",))
 

@@ -119,7 +119,7 @@ def thrust_scale(target: str = "") -> Effect:
 
 
 def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
-    """By how much [s] what a clock stamped `t` is late."""
+    """Return the time [s] by which a clock that stamped `t` is late."""
     return (t - t[0]) * values["value"] / (1.0 + values["value"])
 
 

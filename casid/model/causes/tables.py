@@ -21,8 +21,8 @@ _LATERAL = ("CY", "Cl", "Cn")
 
 
 def _stretches(aircraft: Airframe) -> Iterable[Effect]:
-    """Of every table some neighbouring breakpoints of one axis, up to half of them, at all breakpoints of the other
-    axes or at one breakpoint of one of these."""
+    """Yield, for every table, stretches of neighbouring breakpoints of one axis, up to half of them, at all breakpoints
+    of the other axes or at one breakpoint of one of these."""
     every = (*aircraft.tables, *_own_tables(aircraft))
     wanted = {(one.coefficient, term.name): term for one in every for term in _terms_of(one)}
     return (table_increment(*key) for key in sorted(wanted, key=lambda key: (key[0], *_extent(wanted[key]), key[1])))
@@ -35,7 +35,7 @@ def _own_tables(aircraft: Airframe) -> tuple[Table, ...]:
 
 
 def _extent(term: Term) -> tuple[int, float]:
-    """Shorter stretches first, and those of one variable: the simplest of what a record cannot tell apart."""
+    """Shorter stretches first, and those of one variable: the simplest of what a record cannot separate."""
     return len(term.stretches), sum(one.corners[2] - one.corners[1] for one in term.stretches)
 
 
@@ -146,7 +146,7 @@ def _is_of(one: Table, asked: Term) -> bool:
 
 
 def holds(one: Table, kind: str, coefficient: str, term: str) -> bool:
-    """Whether an effect is a wrong stretch of a table: its kind, and a term of its coefficient."""
+    """Return True if an effect is a wrong stretch of this table: its kind, and a term of its coefficient."""
     return kind == "table_increment" and _holding((one,), coefficient, parse_term(term)) is not None
 
 
