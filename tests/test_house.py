@@ -349,3 +349,19 @@ def test_public_names_have_types_and_exist() -> None:
         assert getattr(casid, name) is getattr(importlib.import_module(home), name), name
     listed = next(node.value for node in typed if isinstance(node, ast.Assign))
     assert ast.literal_eval(listed) == casid.__all__
+
+
+def endless(source: str) -> Iterator[int]:
+    """Return the lines of loops whose condition is a constant."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.While) and isinstance(node.test, ast.Constant):
+            yield node.lineno
+
+
+def test_no_loop_is_without_a_bound() -> None:
+    """A loop ends by a count or a condition, which stands in its first line."""
+    assert list(endless("while True:\n    pass\nwhile k < 3:\n    k += 1\n")) == [1]
+    wrong = [
+        f"{path.relative_to(REPO)}:{line}" for path in sources("casid") for line in endless(path.read_text("utf-8"))
+    ]
+    assert not wrong, wrong

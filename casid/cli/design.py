@@ -12,7 +12,7 @@ from typing import Any, Literal
 from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
-from casid.design.separation import separating_manoeuvre
+from casid.design.separation import NoManoeuvre, separating_manoeuvre
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
@@ -138,6 +138,8 @@ def _separating(
     rivals, experiment = level_rivals(file, first, second, limits)
     stage("the manoeuvre that separates them")
     found = separating_manoeuvre(rivals, experiment)
+    if isinstance(found, NoManoeuvre):
+        raise InputError(f"--separate: {found.reason}")
     write_record(found.flown, folder / "next_flight.csv")
     told = {
         "schema": "casid.design/1",

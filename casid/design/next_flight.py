@@ -11,7 +11,7 @@ import numpy as np
 from casid.design.experiment import Experiment
 from casid.design.input_design import InputDesign, standard_3211
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals, plane_of
-from casid.design.separation import NextFlight, Rivals, separating_manoeuvre, separation
+from casid.design.separation import NextFlight, NoManoeuvre, Rivals, separating_manoeuvre, separation
 from casid.errors import CasidError
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
@@ -118,11 +118,13 @@ def next_flights(questions: Iterable[Question], unmoved: Sequence[Untold], setti
         try:
             rivals, experiment = level_rivals(setting.aircraft, question.first, question.second, limits, setting.noise)
             best = separating_manoeuvre(rivals, experiment)
-            before = separation(rivals, flown).log_odds
+            before = 0.0 if isinstance(best, NoManoeuvre) else separation(rivals, flown).log_odds
         except CasidError as fault:
             beyond.append(replace(question, fault=str(fault)))
             continue
-        if best.separation.tells_apart:
+        if isinstance(best, NoManoeuvre):
+            beyond.append(replace(question, fault=best.reason))
+        elif best.separation.tells_apart:
             found.append(Separating(question=question, rivals=rivals, best=best, before=before, limits=limits))
         else:
             beyond.append(question)

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from casid.records.record import Record
 _STEPS = 4  # of Gauss-Newton for the imitation
 _DIFFERENCE = 0.02  # of its size, for the derivative by an effect
 _SLACK = 0.01  # of a limit: what a manoeuvre may exceed it by
+_ROUNDS = 8  # of making manoeuvres smaller: 3 suffice where the motion is in proportion to them
 _RELATIVE = 1e-9  # of the largest singular value: what an imitation may not use
 
 
@@ -146,12 +146,22 @@ class NextFlight:
         return self.record.with_channels(**dict(zip(self.separation.told, read.T, strict=True)))
 
 
+@dataclass(frozen=True, kw_only=True)
+class NoManoeuvre:
+    """No manoeuvre stays within the limits, and why."""
+
+    reason: str
+
+
 @single_threaded()
-def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
-    """The flyable manoeuvre, as large as the limits allow, that separates the rivals best; EstimationError when none
-    stays within the limits."""
-    choice = list(flyable(experiment))
-    sizes, flights = _within_limits(rivals, experiment, choice)
+def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight | NoManoeuvre:
+    """Return the flyable manoeuvre, as large as the limits allow, that separates the rivals best, or why there is none.
+
+    The number of simulations is bounded by the number of flyable manoeuvres, whatever the aircraft does."""
+    within = _within_limits(rivals, experiment)
+    if isinstance(within, NoManoeuvre):
+        return within
+    choice, sizes, flights = within
     truth = flights.truth
     other = flights.of(rivals.second)
     plain = [_flown(other, r) for r in range(len(choice))]
@@ -167,7 +177,7 @@ def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight:
             best = k
             found = told
     if best < 0:
-        raise EstimationError("no manoeuvre within these limits can be flown; widen them")
+        return NoManoeuvre(reason=f"with {effect_of(rivals.second).name} every manoeuvre within these limits diverges")
     record = flights.records[best]
     told = _imitated(flights, truth, [best])
     return NextFlight(manoeuvre=choice[best], amplitude=sizes[best], record=record, separation=told)
@@ -177,29 +187,60 @@ def _half_square(left: np.ndarray, sigma: np.ndarray) -> float:
     return 0.5 * float(np.sum((left / sigma) ** 2))
 
 
-def _within_limits(rivals: Rivals, experiment: Experiment, choice: Sequence[Manoeuvre]) -> tuple[list[float], _Flights]:
-    """Amplitude and flight of every manoeuvre: as large as surface and limits allow, by the aircraft with the first."""
-    sizes = [experiment.surfaces[one.surface] for one in choice]
+def _within_limits(
+    rivals: Rivals, experiment: Experiment
+) -> tuple[list[Manoeuvre], list[float], _Flights] | NoManoeuvre:
+    """Return the manoeuvres that can be flown with the first, their amplitudes, as large as surface and limits allow,
+    and their flights."""
+    rest = _at_rest(experiment)
     outputs = list(rivals.noise)
-    rest = experiment.record({}, "rest")
-    flights = _Flights(rivals=rivals, records=())
-    while True:
-        flights = flights.flying(tuple(map(partial(_commanded, rest), choice, sizes)))
-        used = [_used(experiment, outputs, flown) for flown in flights.truth]
-        if all(part < 1.0 + _SLACK for part in used):
-            return sizes, flights
-        shrunk = [max(part, 1.0) if np.isfinite(part) else 2.0 for part in used]
-        sizes = [size / part for size, part in zip(sizes, shrunk, strict=True)]
+    flights = _Flights(rivals=rivals, records=(rest,))
+    drift = _used(experiment, outputs, flights.truth[0])
+    for name, part in drift.items():
+        if not part < 1.0:
+            grown = f"{name} changes by {part:.3g} times its limit" if np.isfinite(part) else "the flight diverges"
+            why = f"with {effect_of(rivals.first).name} and all surfaces at rest {grown} in {experiment.duration:g} s"
+            return NoManoeuvre(reason=f"{why}; widen the limit or shorten the time")
+    choice = list(flyable(experiment))
+    sizes = [experiment.surfaces[one.surface] for one in choice]
+    kept: dict[int, Record] = {}
+    for _ in range(_ROUNDS):
+        left = [k for k in range(len(choice)) if k not in kept]
+        if not left:
+            break
+        flights = flights.flying([_commanded(rest, choice[k], sizes[k]) for k in left])
+        for k, record, flown in zip(left, flights.records, flights.truth, strict=True):
+            used = _used(experiment, outputs, flown)
+            if all(part < 1.0 + _SLACK for part in used.values()):
+                kept[k] = record
+            sizes[k] *= 1.0 if k in kept else _share(used, drift)
+    if not kept:
+        return NoManoeuvre(reason="a manoeuvre of any size leaves these limits; widen them")
+    found = sorted(kept)
+    return [choice[k] for k in found], [sizes[k] for k in found], flights.flying([kept[k] for k in found])
 
 
-def _used(experiment: Experiment, outputs: Sequence[str], flown: np.ndarray) -> float:
-    """The part of its limits that a flight uses; NaN where it diverges."""
-    parts = [
-        np.abs(flown[:, outputs.index(name)] - flown[0, outputs.index(name)]).max() / limit
-        for name, limit in experiment.limits.items()
-        if name in outputs
-    ]
-    return float(np.max(parts, initial=0.0))
+def _at_rest(experiment: Experiment) -> Record:
+    """Return what instruments read as long as nothing moves: the first sample, since an unstable aircraft leaves it."""
+    first = replace(experiment, duration=11 * experiment.dt).record({}, "rest")
+    held = {name: np.full(len(experiment.t), first[name][0]) for name in first.channels}
+    return replace(first, t=experiment.t, channels=held)
+
+
+def _used(experiment: Experiment, outputs: Sequence[str], flown: np.ndarray) -> dict[str, float]:
+    """Return the part of each limit that a flight uses; NaN where it diverges."""
+    moved = np.abs(flown - flown[0]).max(axis=0) if np.isfinite(flown).all() else np.full(len(outputs), np.nan)
+    return {n: float(moved[outputs.index(n)]) / limit for n, limit in experiment.limits.items() if n in outputs}
+
+
+def _share(used: Mapping[str, float], drift: Mapping[str, float]) -> float:
+    """Return the part of a manoeuvre that meets the first limit, were the motion beside the drift at rest in proportion
+    to it; a half where the flight diverges."""
+    return min(
+        (1.0 - drift[n]) / (part - drift[n]) if np.isfinite(part) else 0.5
+        for n, part in used.items()
+        if not part <= 1.0
+    )
 
 
 def _commanded(rest: Record, one: Manoeuvre, amplitude: float) -> Record:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 Levels = Mapping[str, float]
 
+_FARTHEST = 64  # steps of one size in one direction, before the other sizes are looked at
+
 
 def most_likely_levels(
     start: Levels,
@@ -40,18 +42,20 @@ def most_likely_levels(
                     continue
                 beside[i] = math.inf
                 for times in (factor, 1.0 / factor):
-                    lower = True
-                    while lower:  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
+                    for _ in range(
+                        _FARTHEST
+                    ):  # as far as it goes: otherwise the noise of a reading takes the place of a disturbance
                         here = {name: levels[name] for name in names}
                         moved = {name: min(max(here[name] * times, bounds[name][0]), bounds[name][1]) for name in names}
                         if moved == here:
                             break
                         found = deviance(levels | moved)
-                        lower = found < lowest
-                        beside[i] = lowest if lower else min(beside[i], found)
-                        if lower:
-                            levels = levels | moved
-                            lowest = found
+                        if not found < lowest:
+                            beside[i] = min(beside[i], found)
+                            break
+                        beside[i] = lowest
+                        levels = levels | moved
+                        lowest = found
                 left[i] = lowest
             if before - lowest < gained:
                 break

@@ -64,8 +64,10 @@ def read_petab(path: str | Path) -> Problem:
     >>> fit = cs.solve(cs.read_petab("Boehm_JProteomeRes2014.yaml"))  # doctest: +SKIP
     """
     file = a_path(path, "read_petab")
-    tables = Tables.read(file)
-    return _Reading(tables).problem()
+    try:
+        return _Reading(Tables.read(file)).problem()
+    except RecursionError:
+        raise InputError(f"{file}: formulas refer to each other in a circle; every name needs a value") from None
 
 
 def _number(text: str) -> float | None:

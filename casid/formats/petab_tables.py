@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 from casid.arguments import given
 from casid.errors import InputError
 from casid.formats.sbml import SbmlModel, read_sbml
+from casid.records.limits import read_bytes, read_text_of
 
 Row = Mapping[str, str]
 
@@ -66,9 +68,11 @@ def _content(file: Path) -> dict[str, Any]:
     except ImportError:
         raise InputError(f"{file}: PEtab needs PyYAML; install it with: pip install 'casid[petab]'") from None
     try:
-        content = yaml.safe_load(file.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, yaml.YAMLError) as error:
+        content = yaml.safe_load(read_text_of(file))
+    except (ValueError, yaml.YAMLError) as error:
         raise InputError(f"{file}: not a PEtab problem: {' '.join(str(error).split()):.200}") from None
+    except RecursionError:
+        raise InputError(f"{file}: not a PEtab problem: nested too deep") from None
     if not isinstance(content, dict):
         raise InputError(f"{file}: has {given(content):.60}; expected the YAML file of a PEtab problem")
     version = str(content.get("format_version", 1))
@@ -92,11 +96,10 @@ def _named(file: Path, content: Mapping[str, Any], key: str) -> list[Path]:
 def _rows(path: Path, columns: Sequence[str]) -> list[Row]:
     """A table, of which some columns have to be there; a byte order mark is none of its text."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file, delimiter="\t")
-            names = [name for name in reader.fieldnames or () if name]
-            rows: list[Row] = [{k: (v or "").strip() for k, v in r.items() if k} for r in reader]
-    except (OSError, ValueError, csv.Error) as error:
+        reader = csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig"), newline=""), delimiter="\t")
+        names = [name for name in reader.fieldnames or () if name]
+        rows: list[Row] = [{k: (v or "").strip() for k, v in r.items() if k} for r in reader]
+    except (ValueError, csv.Error) as error:
         raise InputError(f"{path}: not a table of tab-separated text: {error}") from None
     for name in columns:
         if name not in names:

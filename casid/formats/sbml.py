@@ -1,19 +1,33 @@
 """Models of SBML, the Systems Biology Markup Language, as expressions: species, reactions, rules, events.
 
-Level 2 and 3, core. Needs python-libsbml. What has no meaning here is refused by name: delays, algebraic rules, events
+Level 2 and 3, core. Needs python-libsbml, which ends the process at some files: it reads in a process of its own, and
+hands over trees of plain values. What has no meaning here is refused by name: delays, algebraic rules, events
 whose time depends on the state or that do anything but add to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
 from casid.errors import InputError, unknown
+from casid.records.limits import MOST_BYTES_OF_A_MODEL, MOST_DEPTH, apart, read_bytes
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Formula:
+    """A formula as a tree."""
+
+    operation: str  # "number", "name", "time", or what is done with the parts: "plus", "gt", "exp"
+    value: float = 0.0  # of a number
+    text: str = ""  # of a name; of a comparison as it is written
+    parts: tuple[Formula, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,7 +45,7 @@ class Scope:
 
     where: str
     known: Mapping[str, ca.SX]
-    rules: Mapping[str, Any] = field(default_factory=dict)
+    rules: Mapping[str, Formula | float] = field(default_factory=dict)
     switches: dict[str, Switch] = field(default_factory=dict)
     inputs: Mapping[str, ca.SX] = field(default_factory=dict)
 
@@ -52,15 +66,23 @@ class SbmlModel:
     states: tuple[str, ...]  # names of what changes by reactions and rate rules
     # name -> value of everything that does not change: parameters, compartments, species that are held
     constants: Mapping[str, float]
-    initial: Mapping[str, Any]  # state -> formula of its initial value, or a number
-    rules: Mapping[str, Any]
+    initial: Mapping[str, Formula | float]  # state -> formula of its initial value, or a number
+    rules: Mapping[str, Formula | float]
     # event -> (trigger, state -> formula of its value after the event)
-    doses: Mapping[str, tuple[Any, Mapping[str, Any]]]
-    _rates: Callable[[Scope], Mapping[str, ca.SX]]
+    doses: Mapping[str, tuple[Formula, Mapping[str, Formula]]]
+    rated: Mapping[str, Formula]  # state -> its time derivative
+    reactions: Mapping[str, Formula]  # reaction -> its velocity
+    moved: Mapping[str, Sequence[tuple[str, float]]]  # state -> reactions that change it, and by how much each
+    divided: Mapping[str, str]  # state -> compartment by whose size its reactions are divided
 
     def rates(self, scope: Scope) -> Mapping[str, ca.SX]:
         """State -> its time derivative."""
-        return self._rates(scope)
+        velocity = {name: translated(law, scope) for name, law in self.reactions.items()}
+        found = {name: translated(law, scope) for name, law in self.rated.items()}
+        for state, parts in self.moved.items():
+            total = sum((count * velocity[reaction] for reaction, count in parts), ca.SX(0))
+            found[state] = total / scope.lookup(self.divided[state]) if state in self.divided else total
+        return found
 
 
 def library(what: str) -> Any:
@@ -74,9 +96,13 @@ def library(what: str) -> Any:
 
 def read_sbml(path: Path) -> SbmlModel:
     """The model of an SBML file. Raises InputError for a file that is none, and for what is not taken."""
+    library(str(path))
+    read_bytes(path, MOST_BYTES_OF_A_MODEL)  # says what is no readable file
+    return apart(_read, path, remedy="save it as SBML level 3")
+
+
+def _read(path: Path) -> SbmlModel:
     libsbml = library(str(path))
-    if not path.is_file():
-        raise InputError(f"{path}: cannot be read: no such file")
     document = libsbml.readSBMLFromFile(str(path))
     for option in ("expandFunctionDefinitions", "promoteLocalParameters"):
         properties = libsbml.ConversionProperties()
@@ -86,26 +112,17 @@ def read_sbml(path: Path) -> SbmlModel:
         fault = document.getErrorLog().getErrorWithSeverity(0, libsbml.LIBSBML_SEV_ERROR)
         raise InputError(f"{path}: not a readable SBML file: {fault.getShortMessage() if fault else 'no model'}")
     model = document.getModel()
+    where = str(path)
     rules = {}
     rated = {}
     for rule in model.getListOfRules():
         if rule.isAlgebraic():
             raise InputError(f"{path}: an algebraic rule; only assignment and rate rules are taken")
-        (rules if rule.isAssignment() else rated)[rule.getVariable()] = rule.getMath().deepCopy()
-    initial = {a.getSymbol(): a.getMath().deepCopy() for a in model.getListOfInitialAssignments()}
+        (rules if rule.isAssignment() else rated)[rule.getVariable()] = _tree(rule.getMath(), where)
+    initial = {a.getSymbol(): _tree(a.getMath(), where) for a in model.getListOfInitialAssignments()}
     constants, begin, divided = _values(model, rules)
     moved = _moved_by_reactions(model)
     states = [n for n in begin if n in rated or n in moved]
-    reactions = {r.getId(): r.getKineticLaw().getMath().deepCopy() for r in model.getListOfReactions()}
-
-    def rates(scope: Scope) -> dict[str, ca.SX]:
-        velocity = {name: translated(law, scope) for name, law in reactions.items()}
-        found = {name: translated(law, scope) for name, law in rated.items()}
-        for state, parts in moved.items():
-            total = sum((count * velocity[reaction] for reaction, count in parts), ca.SX(0))
-            found[state] = total / scope.lookup(divided[state]) if state in divided else total
-        return found
-
     held = {name: value for name, value in begin.items() if name not in states}
     return SbmlModel(
         name=model.getId() or path.stem,
@@ -114,8 +131,16 @@ def read_sbml(path: Path) -> SbmlModel:
         initial={n: initial.get(n, begin[n]) for n in states},
         rules=rules | {n: m for n, m in initial.items() if n not in states},
         doses=_doses(model, path, states),
-        _rates=rates,
+        rated=rated,
+        reactions={r.getId(): _velocity(r, where) for r in model.getListOfReactions()},
+        moved=moved,
+        divided=divided,
     )
+
+
+def _velocity(reaction: Any, where: str) -> Formula:
+    law = reaction.getKineticLaw()
+    return _tree(law.getMath() if law else None, f"{where}: reaction '{reaction.getId()}'")
 
 
 def _values(model: Any, rules: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, float], dict[str, str]]:
@@ -157,7 +182,7 @@ def _moved_by_reactions(model: Any) -> dict[str, list[tuple[str, float]]]:
     return moved
 
 
-def _doses(model: Any, path: Path, states: list[str]) -> dict[str, tuple[Any, dict[str, Any]]]:
+def _doses(model: Any, path: Path, states: list[str]) -> dict[str, tuple[Formula, dict[str, Formula]]]:
     """The events, each as a trigger and what it sets; whether they are doses at known times is seen when numbers are
     there."""
     found = {}
@@ -165,25 +190,69 @@ def _doses(model: Any, path: Path, states: list[str]) -> dict[str, tuple[Any, di
         name = event.getId() or f"event {i + 1}"
         if event.isSetDelay() or event.isSetPriority():
             raise InputError(f"{path}: event '{name}' has a delay or a priority; only events at known times are taken")
-        sets = {a.getVariable(): a.getMath().deepCopy() for a in event.getListOfEventAssignments()}
+        sets = {a.getVariable(): _tree(a.getMath(), str(path)) for a in event.getListOfEventAssignments()}
         for target in sets:
             if target not in states:
                 raise InputError(f"{path}: event '{name}' sets '{target}', which no reaction or rate rule moves")
-        found[name] = (event.getTrigger().getMath().deepCopy(), sets)
+        found[name] = (_tree(event.getTrigger().getMath(), str(path)), sets)
     return found
 
 
-def parsed(formula: str, where: str) -> Any:
-    """The tree of a formula as text, with log as the natural logarithm. Raises InputError for what is none."""
+def parsed(formula: str, where: str) -> Formula:
+    """Return the tree of a formula as text, with log as the natural logarithm. Raises InputError for what is none."""
     libsbml = library(where)
     settings = libsbml.L3ParserSettings()
     settings.setParseLog(libsbml.L3P_PARSE_LOG_AS_LN)
     tree = libsbml.parseL3FormulaWithSettings(str(formula).replace("**", "^"), settings)
     if tree is None:
         raise InputError(f"{where}: {formula!r:.60} is no formula")
-    return tree
+    return _tree(tree, where)
 
 
+# type of libsbml, after AST_ -> operation; any other one has a name of its own
+_TYPES = {
+    "NAME_TIME": "time",
+    "CONSTANT_PI": "pi",
+    "CONSTANT_E": "e",
+    "CONSTANT_TRUE": "true",
+    "CONSTANT_FALSE": "false",
+    "NAME": "name",
+    "PLUS": "plus",
+    "TIMES": "times",
+    "MINUS": "minus",
+    "DIVIDE": "divide",
+    "POWER": "power",
+    "FUNCTION_POWER": "power",
+    "FUNCTION_ROOT": "root",
+    "FUNCTION_LOG": "log",
+    "FUNCTION_PIECEWISE": "piecewise",
+    "LOGICAL_NOT": "not",
+    "LOGICAL_AND": "and",
+    "LOGICAL_OR": "or",
+    "LOGICAL_XOR": "xor",
+    **{f"RELATIONAL_{name}": name.lower() for name in ("EQ", "NEQ", "GT", "GEQ", "LT", "LEQ")},
+}
+
+
+def _tree(node: Any, where: str, depth: int = 0) -> Formula:
+    """Return a formula of libsbml. Raises InputError for none, and for one that is too deep."""
+    if node is None:
+        raise InputError(f"{where}: a formula is missing")
+    if depth > MOST_DEPTH:
+        raise InputError(f"{where}: a formula is more than {MOST_DEPTH} operations deep; define parts of it by rules")
+    libsbml = library(where)
+    if node.isNumber():
+        return Formula(operation="number", value=float(node.getValue()))
+    kind = node.getType()
+    known = (operation for name, operation in _TYPES.items() if getattr(libsbml, f"AST_{name}", None) == kind)
+    operation = next(known, node.getName() or str(kind))
+    text = libsbml.formulaToL3String(node) if node.isRelational() else node.getName() or ""
+    parts = tuple(_tree(node.getChild(i), where, depth + 1) for i in range(node.getNumChildren()))
+    return Formula(operation=operation, text=text, parts=parts)
+
+
+_CONSTANTS = {"pi": ca.pi, "e": math.e, "true": 1.0, "false": 0.0}
+_RELATIONS = ("eq", "neq", "gt", "geq", "lt", "leq")
 _ONE = {
     "exp": ca.exp,
     "ln": ca.log,
@@ -195,92 +264,74 @@ _ONE = {
 }
 
 
-def translated(tree: Any, scope: Scope) -> ca.SX:
-    """The expression of a formula; a number is one already. Raises InputError for what is not taken."""
-    if isinstance(tree, int | float):
+def translated(tree: Formula | float, scope: Scope) -> ca.SX:
+    """Return the expression of a formula; a number is one already. Raises InputError for what is not taken."""
+    if not isinstance(tree, Formula):
         return ca.SX(tree)
-    libsbml = library(scope.where)
-    kind = tree.getType()
-    if tree.isNumber():
-        return ca.SX(tree.getValue())
-    if kind == libsbml.AST_NAME_TIME:
-        return scope.lookup("t")
-    if kind in (libsbml.AST_CONSTANT_PI, libsbml.AST_CONSTANT_E):
-        return ca.SX(ca.pi if kind == libsbml.AST_CONSTANT_PI else float(ca.exp(1)))
-    if kind in (libsbml.AST_CONSTANT_TRUE, libsbml.AST_CONSTANT_FALSE):
-        return ca.SX(1.0 if kind == libsbml.AST_CONSTANT_TRUE else 0.0)
-    if kind == libsbml.AST_NAME:
-        return scope.lookup(tree.getName())
-    if tree.isRelational():
-        return _relation(libsbml, tree, scope)
-    parts = [translated(tree.getChild(i), scope) for i in range(tree.getNumChildren())]
-    return _operation(libsbml, tree, parts, scope.where)
+    if tree.operation == "number":
+        return ca.SX(tree.value)
+    if tree.operation in _CONSTANTS:
+        return ca.SX(_CONSTANTS[tree.operation])
+    if tree.operation in ("time", "name"):
+        return scope.lookup("t" if tree.operation == "time" else tree.text)
+    if tree.operation in _RELATIONS:
+        return _relation(tree, scope)
+    return _operation(tree.operation, [translated(part, scope) for part in tree.parts], scope.where)
 
 
-def _operation(libsbml: Any, tree: Any, parts: list[ca.SX], where: str) -> ca.SX:
-    kind = tree.getType()
-    name = tree.getName() or ""
-    if kind == libsbml.AST_PLUS:
+def _operation(name: str, parts: list[ca.SX], where: str) -> ca.SX:
+    if len(parts) < _FEWEST.get(name, 1):
+        raise InputError(f"{where}: '{name}' of {len(parts)} arguments; expected {_FEWEST.get(name, 1)} or more")
+    if name == "plus":
         return sum(parts, ca.SX(0))
-    if kind == libsbml.AST_TIMES:
-        product = ca.SX(1)
-        for part in parts:
-            product = product * part
-        return product
-    if kind == libsbml.AST_MINUS:
+    if name == "times":
+        return math.prod(parts, start=ca.SX(1))
+    if name == "minus":
         return -parts[0] if len(parts) == 1 else parts[0] - parts[1]
-    if kind == libsbml.AST_DIVIDE:
+    if name == "divide":
         return parts[0] / parts[1]
-    if kind in (libsbml.AST_POWER, libsbml.AST_FUNCTION_POWER):
+    if name == "power":
         return parts[0] ** parts[1]
-    if kind == libsbml.AST_FUNCTION_ROOT:
+    if name == "root":
         return ca.sqrt(parts[-1]) if len(parts) == 1 else parts[1] ** (1.0 / parts[0])
-    if kind == libsbml.AST_FUNCTION_LOG:
+    if name == "log":
         return ca.log(parts[-1]) / ca.log(parts[0] if len(parts) == 2 else ca.SX(10.0))
-    if kind == libsbml.AST_FUNCTION_PIECEWISE:
+    if name == "piecewise":
         value = parts[-1] if len(parts) % 2 else ca.SX(0)
         for k in range(len(parts) // 2 - 1, -1, -1):
             value = ca.if_else(parts[2 * k + 1], parts[2 * k], value)
         return value
-    if tree.isLogical():
-        return _logical(libsbml, kind, parts)
-    if name in ("min", "max"):
-        found = parts[0]
-        for part in parts[1:]:
-            found = ca.fmin(found, part) if name == "min" else ca.fmax(found, part)
-        return found
+    if name == "not":
+        return ca.logic_not(parts[0])
+    if name in _REDUCED:
+        return reduce(_REDUCED[name], parts)
     if name in _ONE and len(parts) == 1:
         return _ONE[name](parts[0])
-    raise InputError(f"{where}: the function '{name or kind}' is not taken")
+    raise InputError(f"{where}: the function '{name}' is not taken")
 
 
-def _logical(libsbml: Any, kind: int, parts: list[ca.SX]) -> ca.SX:
-    if kind == libsbml.AST_LOGICAL_NOT:
-        return ca.logic_not(parts[0])
-    found = parts[0]
-    for part in parts[1:]:
-        if kind == libsbml.AST_LOGICAL_AND:
-            found = ca.logic_and(found, part)
-        elif kind == libsbml.AST_LOGICAL_OR:
-            found = ca.logic_or(found, part)
-        else:
-            found = found + part - 2.0 * found * part
-    return found
+_FEWEST = {"plus": 0, "times": 0, "divide": 2, "power": 2}  # arguments
+_REDUCED = {
+    "and": ca.logic_and,
+    "or": ca.logic_or,
+    "xor": lambda a, b: a + b - 2.0 * a * b,
+    "min": ca.fmin,
+    "max": ca.fmax,
+}
 
 
-def _relation(libsbml: Any, tree: Any, scope: Scope) -> ca.SX:
-    """A comparison; of time with what is known, a switch, which records have as an input."""
-    kind = tree.getType()
-    name = f"switch {libsbml.formulaToL3String(tree)}"
+def _relation(tree: Formula, scope: Scope) -> ca.SX:
+    """Return a comparison; of time with what is known, a switch, which records have as an input."""
+    name = f"switch {tree.text}"
     if name in scope.inputs:
         return scope.inputs[name]
-    left, right = (translated(tree.getChild(i), scope) for i in range(2))
-    if kind in (libsbml.AST_RELATIONAL_EQ, libsbml.AST_RELATIONAL_NEQ):
+    if len(tree.parts) != 2:
+        raise InputError(f"{scope.where}: '{tree.text:.60}' compares {len(tree.parts)} things; expected two")
+    left, right = (translated(part, scope) for part in tree.parts)
+    if tree.operation in ("eq", "neq"):
         same = left == right
-        return same if kind == libsbml.AST_RELATIONAL_EQ else ca.logic_not(same)
-    greater = kind in (libsbml.AST_RELATIONAL_GT, libsbml.AST_RELATIONAL_GEQ)
-    margin = left - right if greater else right - left
+        return same if tree.operation == "eq" else ca.logic_not(same)
+    margin = left - right if tree.operation in ("gt", "geq") else right - left
     if "t" in scope.known and ca.depends_on(margin, scope.known["t"]):
         scope.switches.setdefault(name, Switch(name=name, margin=margin))
-    strict = kind in (libsbml.AST_RELATIONAL_GT, libsbml.AST_RELATIONAL_LT)
-    return margin > 0 if strict else margin >= 0
+    return margin > 0 if tree.operation in ("gt", "lt") else margin >= 0

@@ -108,7 +108,7 @@ def origin(expression: ca.SX, vectors: Vectors, values: Mapping[str, np.ndarray]
 
     if np.isfinite(value(at)):
         return ""
-    while True:
+    for _ in range(ca.n_nodes(at)):  # no way down through an expression is longer
         whole = at.dep(0) if at.is_output() else at  # a result of a function is computed from its arguments
         parts = [whole.dep(k) for k in range(whole.n_dep())]
         bad = [part for part in parts if not np.isfinite(value(part))]

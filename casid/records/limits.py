@@ -94,7 +94,7 @@ def beside(folder: Path, name: str, what: str) -> Path:
     return file
 
 
-def apart(read: Callable[..., Made], path: Path, *arguments: Any) -> Made:
+def apart(read: Callable[..., Made], path: Path, *arguments: Any, remedy: str = "save it as CSV") -> Made:
     """Call `read` in a process of its own, so that a library that crashes, loops or wants too much memory ends with it;
     outside Linux, here. Raises InputError, also what `read` raises."""
     if sys.platform != "linux" or not path.is_file():
@@ -124,7 +124,7 @@ def apart(read: Callable[..., Made], path: Path, *arguments: Any) -> Made:
         return made
     late = os.WIFSIGNALED(status) and os.WTERMSIG(status) in (signal.SIGXCPU, signal.SIGALRM, signal.SIGKILL)
     why = f"was not read after {seconds} s" if late else "stopped its reader"
-    raise InputError(f"{path}: {why}: damaged, or no {path.suffix} file; save it as CSV")
+    raise InputError(f"{path}: {why}: damaged, or no {path.suffix} file; {remedy}")
 
 
 def _made(read: Callable[..., Made], path: Path, *arguments: Any) -> Made:

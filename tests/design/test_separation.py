@@ -7,11 +7,14 @@ from functools import cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from casid.design import separation as design
 from casid.design.experiment import Experiment
 from casid.design.level_flight import Limits, level_rivals, plane_of
 from casid.design.manoeuvres import flyable
-from casid.design.separation import NextFlight, Rivals, separating_manoeuvre, separation
+from casid.design.separation import NextFlight, NoManoeuvre, Rivals, separating_manoeuvre, separation
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
@@ -41,7 +44,9 @@ def rivals() -> tuple[Rivals, Experiment]:
 
 @cache
 def designed() -> NextFlight:
-    return separating_manoeuvre(*rivals())
+    found = separating_manoeuvre(*rivals())
+    assert isinstance(found, NextFlight)
+    return found
 
 
 def sluggish() -> Record:
@@ -82,6 +87,50 @@ def test_the_manoeuvre_keeps_its_limits_and_uses_one_of_them() -> None:
     used = [np.abs(one.flown[o] - one.flown[o][0]).max() / limit for o, limit in LIMITS.channels.items()]
     used.append(np.abs(one.record["delta_e"] - one.record["delta_e"][0]).max() / LIMITS.surfaces["delta_e"])
     assert max(used) == pytest.approx(1.0, abs=0.02)
+
+
+@settings(max_examples=12, deadline=None)
+@given(
+    Cm_alpha=st.sampled_from([-1.7, -0.1, 0.08, 1.0, 6.0, 60.0]),
+    Cm_q=st.sampled_from([-26.0, 5.0, 200.0]),
+    moment=st.sampled_from([0.0, 1e-3, 0.02, 1.0]),
+    alpha=st.sampled_from([1e-4, 1e-2, 0.1]),
+    duration=st.sampled_from([4.0, 20.0]),
+)
+def test_the_search_ends_of_any_aircraft(
+    Cm_alpha: float, Cm_q: float, moment: float, alpha: float, duration: float
+) -> None:
+    """Stable, unstable or divergent, in trim or drifting from it: as many flights as manoeuvres allow at most, then one
+    within the limits or a reason."""
+    level = trim(do328(), V=V_TRIM, thrust=THRUST)
+    own = do328()
+    plane = replace(
+        own,
+        derivatives={**own.derivatives, "Cm_alpha": Cm_alpha, "Cm_q": Cm_q},
+        trim={"V": level.V, "rho": level.rho},
+    )
+    first, second = effect_value(f"moment_reference(x)={moment or 1e-9}"), effect_value("actuator_lag(delta_e)=0.1")
+    limits = Limits(surfaces={"delta_e": 0.05}, channels={"alpha": alpha, "az": 5.0}, duration=duration)
+    own_rivals, experiment = level_rivals(plane, first, second, limits, NOISE)
+    most = 20 * len(list(flyable(experiment)))
+    flown = 0
+    fly = design._trajectory
+
+    def counted(*arguments: object) -> object:
+        nonlocal flown
+        flown += 1
+        assert flown < most
+        return fly(*arguments)  # pyright: ignore[reportArgumentType]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(design, "_trajectory", counted)
+        found = separating_manoeuvre(own_rivals, experiment)
+    if isinstance(found, NoManoeuvre):
+        assert found.reason
+        return
+    moved = np.abs(found.flown["alpha"] - found.flown["alpha"][0]).max()
+    assert moved <= 1.02 * alpha
+    assert 0.0 < found.amplitude <= 0.05
 
 
 def test_no_flyable_manoeuvre_is_better() -> None:

@@ -153,15 +153,15 @@ def most_likely_scales(
 
     best = dict.fromkeys(owners, scales[0])
     lowest = deviance(best)
-    settled = False
-    while not settled:
-        settled = True
+    for _ in range(len(best) * len(scales)):  # a few suffice
+        before = lowest
         for owner in best:
             for scale in scales:
                 if (found := deviance(best | {owner: scale})) < lowest:
                     lowest = found
                     best = best | {owner: scale}
-                    settled = False
+        if lowest == before:
+            break
     return best
 
 

@@ -16,6 +16,7 @@ from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Status
 # damping
 _FIRST = 1e-3
 _MOST = 1e30
+_NONE = 1e-30  # changes no step by more than rounding, and can grow again
 _SINGULAR = 1e-10  # damping by which it is judged where the undamped step does not exist
 _LEAST_GAIN = 1e-4  # of the promised descent
 _PRICE = 2.0  # times the largest multiplier: what a violated constraint costs
@@ -69,7 +70,7 @@ class DampedSearch:
         gained = at.value.cost - value.cost + self.price * (at.value.violation() - value.violation())
         if not (np.isfinite(value.cost) and promised > 0.0 and gained > _LEAST_GAIN * promised):
             return False
-        self.damping *= max(1.0 / 3.0, 1.0 - (2.0 * gained / promised - 1.0) ** 3)
+        self.damping = max(self.damping * max(1.0 / 3.0, 1.0 - (2.0 * gained / promised - 1.0) ** 3), _NONE)
         self.raise_by = 2.0
         at.move(point, value)
         return True

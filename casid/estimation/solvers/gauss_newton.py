@@ -10,7 +10,7 @@ import numpy as np
 from casid.arguments import require
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
-from casid.estimation.solvers.search import longest
+from casid.estimation.solvers.search import longest, tenfold
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.solvers.status import (
     CONVERGED,
@@ -67,6 +67,8 @@ class GaussNewton:
 
 
 _DEFECT = 1e-8
+_LEAST = 1e-8  # damping beyond none
+_MOST = 1e6
 _WHOLE = 1e-3  # damping that leaves a step whole
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _SHORTEST = 1e-4  # part of a step
@@ -188,12 +190,15 @@ class FilterSearch:
         """Advance as `Search` asks."""
         undamped: SolverStep | None = None
         relaxing = self.relaxing
-        while True:
+        failed = NO_DESCENT
+        for damping in tenfold(self.damping, _LEAST, _MOST):
+            self.damping = damping
+            if undamped is not None and at.clock.is_late():
+                return at.clock.status
             try:
-                step = at.objective.step(at.point, at.value, linear, self.damping, relaxing)
+                step = at.objective.step(at.point, at.value, linear, damping, relaxing)
             except np.linalg.LinAlgError as error:
-                if not self._more_damping():
-                    return status_of(error)
+                failed = status_of(error)
                 continue
             undamped = undamped or step
             self._look(at, step)
@@ -202,13 +207,15 @@ class FilterSearch:
                 return CONVERGED
             found = self._found(at, step, relaxing, self._first_length(linear, step.theta))
             if found is not None:
-                break
-            if not self._more_damping():
-                if at.is_rounding(undamped):
-                    return CONVERGED
-                return NO_DESCENT if step.feasible else INFEASIBLE
-            if at.clock.is_late():
-                return at.clock.status
+                self._take(at, step, found)
+                if self.relaxing and not relaxing:
+                    self.filter.clear()  # its costs were those at the former noise
+                return None
+            failed = NO_DESCENT if step.feasible else INFEASIBLE
+        return CONVERGED if undamped is not None and at.is_rounding(undamped) else failed
+
+    def _take(self, at: Iteration, step: SolverStep, found: tuple[Point, ObjectiveValue, float]) -> None:
+        """Move to the point that was found along a step."""
         point, value, length = found
         self.last = (step.theta, length) if self.damping < _WHOLE else None
         whole = length == 1.0 and self.damping < _WHOLE
@@ -217,13 +224,6 @@ class FilterSearch:
         at.move(point, value)
         at.multipliers = step.limit_multipliers
         self.damping = self.damping / 10 if self.damping > 1e-9 else 0.0
-        if self.relaxing and not relaxing:
-            self.filter.clear()  # its costs were those at the former noise
-        return None
-
-    def _more_damping(self) -> bool:
-        self.damping = max(10 * self.damping, 1e-8)
-        return self.damping < 1e6
 
     def _look(self, at: Iteration, step: SolverStep) -> None:
         """Record how near the solution is."""

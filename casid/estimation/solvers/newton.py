@@ -21,6 +21,7 @@ from casid.estimation.solvers.nlp import is_programmable
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, NoiseState, ObjectiveValue, Point, SolverStep, moved
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
+from casid.estimation.solvers.search import tenfold
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.solvers.status import (
     CONVERGED,
@@ -47,7 +48,7 @@ _BENT = 1e-3  # of it: less curvature downwards changes ln(likelihood) by less t
 _ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 # damping
 _LEAST = 1e-3
-_MOST = 1e8
+_MOST = 1e9
 _ROUNDING = 1e-15  # of the largest eigenvalue
 
 
@@ -206,17 +207,13 @@ class _Newton:
         level = self._only_flat_left(at, root, exact, first)
         if level and self._judged(at, root, exact, first) is FLAT_MINIMUM:
             return at, FLAT_MINIMUM
-        step = first if self.damping == 0.0 else self._step(at, root, exact, self.damping)
-        while True:
+        for damping in tenfold(self.damping, _LEAST, _MOST):
+            step = first if damping == 0.0 else self._step(at, root, exact, damping)
             found = self._tried(at, step)
             if found is not None:
                 self.multipliers = step.limit_multipliers
-                self.damping = self.damping / 10 if self.damping > _LEAST else 0.0
+                self.damping = damping / 10 if damping > _LEAST else 0.0
                 return found, None
-            self.damping = max(10 * self.damping, _LEAST)
-            if self.damping > _MOST:
-                break
-            step = self._step(at, root, exact, self.damping)
         if self.objective.negligible(first, at.value, _ROUNDED):
             return at, self._judged(at, root, exact, first)
         return at, self.clock.status if self.clock.is_late() else NO_DESCENT

@@ -22,6 +22,15 @@ def longest(tried: Callable[[float], T | None], shrink: float, shortest: float, 
     return None
 
 
+def tenfold(first: float, least: float, most: float) -> list[float]:
+    """Return the dampings of a step that are tried one after the other: `first`, then `least` or ten times the one
+    before, as long as they are below `most`."""
+    found = [first]
+    while (larger := max(10.0 * found[-1], least)) < most:
+        found.append(larger)
+    return found
+
+
 def rises_from_the_start(refused: Sequence[tuple[float, np.ndarray]]) -> bool:
     """Return True if quantities that must fall along a step rise from its beginning, by their rises at two parts of it,
     the longer first: at the longer one at least in proportion, and along the parabola through both as it begins.
