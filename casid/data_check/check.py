@@ -101,12 +101,13 @@ class DataFindings:
         return tuple(one for one in self.findings if one.handled == "reported")
 
     def to_dict(self) -> dict[str, Any]:
-        """The findings as in diagnosis.json, and the channel table."""
+        """The findings as in diagnosis.json, the channel table, and what was read of each file."""
         return {
             "records": [record.name for record in self.recorded],
             **plain(self, "data=findings remarks unread"),
             "file": plain([*self.doubts, *self.impossible]),
             "channels": {row.name: row.to_dict() for row in self.table},
+            "contents": {record.name: record.contents.to_dict() for record in self.recorded},
         }
 
     def __str__(self) -> str:

@@ -8,6 +8,7 @@ times of measurement, and as inputs what changes at known times.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -70,11 +71,25 @@ def read_petab(path: str | Path) -> Problem:
         raise InputError(f"{file}: formulas refer to each other in a circle; every name needs a value") from None
 
 
+_NUMBER = re.compile(r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|inf(inity)?|nan)", re.ASCII | re.IGNORECASE)
+
+
 def _number(text: str) -> float | None:
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    return float(text) if _NUMBER.fullmatch(text) else None
+
+
+_ESTIMATED = ("1", "1.0", "true", "True")
+_SCALES = ("lin", "log", "log10", "")
+_SHAPES = ("normal", "laplace", "uniform", "logNormal", "logLaplace")
+_SHAPES += ("parameterScaleNormal", "parameterScaleLaplace", "parameterScaleUniform")
+# column -> the words that PEtab 1 has for it
+_OF_PARAMETERS = {
+    "estimate": (*_ESTIMATED, "0", "0.0", "false", "False"),
+    "parameterScale": _SCALES,
+    "objectivePriorType": (*_SHAPES, ""),
+    "initializationPriorType": (*_SHAPES, ""),
+}
+_OF_OBSERVABLES = {"observableTransformation": _SCALES, "noiseDistribution": ("normal", "laplace", "")}
 
 
 class _Reading:
@@ -83,7 +98,8 @@ class _Reading:
     def __init__(self, tables: Tables) -> None:
         self.tables, self.where = tables, str(tables.file)
         self.table = {row["parameterId"]: row for row in tables.parameters}
-        self.free = [n for n, row in self.table.items() if row.get("estimate", "1") in ("1", "1.0", "true")]
+        self._check_words()
+        self.free = [n for n, row in self.table.items() if row.get("estimate", "1") in _ESTIMATED]
         self.nominal = {n: _value(row, "nominalValue", self.where) for n, row in self.table.items()}
         self.conditions = {row["conditionId"]: _without_nan(row) for row in tables.conditions}
         every = {row["observableId"]: row for row in tables.observables}
@@ -108,6 +124,18 @@ class _Reading:
         self.switches: dict[str, Switch] = {}
         self.timed = False
         self._discover()
+
+    def _check_words(self) -> None:
+        """Every word of a table is one of PEtab."""
+        tables = self.tables
+        for name, rows, columns in (
+            ("parameters", tables.parameters, _OF_PARAMETERS),
+            ("observables", tables.observables, _OF_OBSERVABLES),
+        ):
+            for column, words in columns.items():
+                for word in {row.get(column, words[0]) for row in rows}:
+                    if word not in words:
+                        raise unknown(f"{column} of {name}", word, [one for one in words if one], self.where)
 
     def _check_measurement(self, row: Row, observables: Collection[str]) -> None:
         where = f"{self.where}: measurements"
@@ -468,8 +496,11 @@ class _Reading:
 
     def _bounds(self) -> Iterable[Any]:
         for name in self.free:
-            sides = (_number(self.table[name].get(side, "")) for side in ("lowerBound", "upperBound"))
-            low, high = (s if s is not None and math.isfinite(s) else None for s in sides)
+            row = self.table[name]
+            sides = [
+                _value(row, side, self.where) if row.get(side) else math.inf for side in ("lowerBound", "upperBound")
+            ]
+            low, high = (side if math.isfinite(side) else None for side in sides)
             if low is not None or high is not None:
                 yield limit_parameter(name, lower=low, upper=high)
 
@@ -481,7 +512,10 @@ class _Reading:
             kind = row.get("objectivePriorType", "")
             if kind in ("", "uniform", "parameterScaleUniform"):
                 continue
-            mean, std = (float(part) for part in row["objectivePriorParameters"].split(";"))
+            parts = [_number(part.strip()) for part in row.get("objectivePriorParameters", "").split(";")]
+            if len(parts) != 2 or None in parts:
+                raise InputError(f"{self.where}: objectivePriorParameters of '{name}' must be two numbers, like 0;1")
+            mean, std = (float(part or 0.0) for part in parts)
             if kind not in ("normal", "parameterScaleNormal"):
                 raise EstimationError(f"{self.where}: the prior of '{name}' is {kind}; only normal ones are taken")
             base = {"log10": math.log(10.0), "log": 1.0}.get(row.get("parameterScale", "lin"), 0.0)

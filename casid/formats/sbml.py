@@ -113,6 +113,7 @@ def _read(path: Path) -> SbmlModel:
         raise InputError(f"{path}: not a readable SBML file: {fault.getShortMessage() if fault else 'no model'}")
     model = document.getModel()
     where = str(path)
+    _check_factors(model, path)
     rules = {}
     rated = {}
     for rule in model.getListOfRules():
@@ -167,6 +168,23 @@ def _values(model: Any, rules: Mapping[str, Any]) -> tuple[dict[str, float], dic
         if not amount:
             divided[name] = s.getCompartment()
     return constants, begin, divided
+
+
+def _check_factors(model: Any, path: Path) -> None:
+    """Raise InputError for what multiplies the effect of reactions and is not taken."""
+    for one in (model, *model.getListOfSpecies()):
+        if one.isSetConversionFactor():
+            raise InputError(
+                f"{path}: '{one.getId()}' has a conversionFactor, which is not taken; put it into the laws"
+            )
+    for reaction in model.getListOfReactions():
+        if reaction.isSetFast() and reaction.getFast():
+            raise InputError(f"{path}: reaction '{reaction.getId()}' is fast, at equilibrium; only rates are taken")
+        for side in (*reaction.getListOfReactants(), *reaction.getListOfProducts()):
+            if side.isSetStoichiometryMath():
+                raise InputError(
+                    f"{path}: reaction '{reaction.getId()}' has a stoichiometryMath; only numbers are taken"
+                )
 
 
 def _moved_by_reactions(model: Any) -> dict[str, list[tuple[str, float]]]:

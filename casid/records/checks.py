@@ -258,6 +258,7 @@ def checked_fields(
         "empty": tuple(empty),
         "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
+        "contents": columns.contents,
     }
 
 

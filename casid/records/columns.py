@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -11,29 +12,38 @@ import numpy as np
 
 from casid.errors import InputError, unknown
 from casid.records.column_map import ColumnMap, ColumnTerm
+from casid.records.contents import Contents
 from casid.records.loggers import logger_of
 from casid.records.table import RawTable, shown
-from casid.signals import CHANNELS, is_control, label_of, same_unit, si_factor, with_suffix
+from casid.records.time_names import time_column, time_named
+from casid.signals import CHANNELS, is_control, label_of, same_unit, si_factor, unit_of, with_suffix
 
 _HEADER = re.compile(r"([^\[\]()]*?)\s*(?:\[([^\[\]]*)\]|\(([^()]*)\))?")
 _CLOSE = 0.8
+_ASKED = 4  # channels that a question names
+_OTHER_WORDS = ("attitude", "latitude")  # which are no slips of altitude
 ROW = "row"  # in a map: the number of the row
-# names of a column of time, without signs between the letters; the likeliest first
-_TIMES = ("t", "time", "timestamp", "timeus", "timems", "timesec", "times", "elapsedtime", "reltime", "relativetime")
-_TIMES += ("timeelapsed", "timestampsample", "irigtime", "irig", "utctime", "utc", "gpstime", "lcltime", "localtime")
-_TIMES += ("datetime", "datetimeutc", "zeit", "zeitstempel", "uhrzeit", "tempo", "temps", "tod", "offsettime")
-_TIMES += ("sessiontime", "systemtime", "timestartup", "sampletimefine", "timeseconds", "xvalue", "timeutc")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Header:
+    """The header of a column."""
+
+    name: str  # unlike that of every other column
+    unit: str  # that the file states, or ""
+    leaf: str  # the name, which other columns of the file may have too
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Columns:
     """Channels of a table in SI, (N,) each with `t` among them, where each stands in the file, which of them have a
-    stated unit, and remarks."""
+    stated unit, remarks, and what was read and what was not."""
 
     channels: Mapping[str, np.ndarray]
     places: Mapping[str, str]
     stated: Mapping[str, str]
     notes: tuple[str, ...]
+    contents: Contents
 
 
 def split_header(header: str) -> tuple[str, str]:
@@ -49,7 +59,7 @@ def split_header(header: str) -> tuple[str, str]:
 def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = ()) -> Columns:
     """Channels of a table: those of the map, and every other named column under its own name; `own` are those of a
     system that is no aircraft. Raises InputError for names nearly those of absent channels, two columns of one name, a
-    unit that is unknown or does not fit, text where a number belongs, and a mapped column that is not there."""
+    unit that is unknown or does not fit, a channel that cannot be read, and a mapped column that is not there."""
     if table.names is None and not column_map.columns:
         raise InputError(
             f"{table.source}: its {table.values.shape[1]} columns have no names; say which is which with a column map, "
@@ -57,68 +67,85 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         )
     headers = headers_of(table)
     notes: list[str] = []
-    if not own and (logger := logger_of([name for name, _ in headers])):
+    if not own and (logger := logger_of([header.name for header in headers])):
         notes.append(f"columns as {logger[0]} names them: {', '.join(logger[1].columns)}")
         column_map = logger[1].merged(column_map)
-    channels, places, stated, used = _mapped(table, headers, column_map, checked=not own)
+    channels, places, stated, how, used = _mapped(table, headers, column_map, checked=not own)
     rest = [i for i in range(len(headers)) if i not in used]
-    known = {headers[i][0] for i in rest} | channels.keys()
+    known = {headers[i].leaf for i in rest} | channels.keys()
     absent = set() if own else set(CHANNELS) - known
-    time = None if known & {"t", *own} else time_column([name for name, _ in headers], rest)
+    time = None if known & {"t", *own} else _time(table, headers, rest)
+    unread = dict(table.unread)
+    unread |= _of_one_name(table, headers, rest, known={*CHANNELS, *own}, time=time, taken=channels)
+    rest = [i for i in rest if table.path(i) not in unread]
     slips: dict[str, str] = {}
     extras: list[int] = []
+    leaves = [headers[i].leaf for i in rest]
     for index in rest:
-        name, unit = headers[index]
+        name = headers[index].leaf if leaves.count(headers[index].leaf) == 1 else headers[index].name
         if index == time:
             notes.append(f"{table.column(index)} is taken as t, the time")
             name = "t"
-        if name in channels:
-            notes.append(f"{table.column(index)} is left out: the column map takes '{name}' from elsewhere")
+        if headers[index].leaf in channels:
+            unread[table.path(index)] = f"the column map takes '{headers[index].leaf}' from elsewhere"
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
-            stated |= {name: unit} if unit else {}
+            stated |= {name: headers[index].unit} if headers[index].unit else {}
+            how[name] = _how(table, index, stated.get(name), name)
         elif not name:
-            notes += _nameless(table, index)
-        elif (near := near_channel(name, absent)) and (not column_map.columns or _same_letters(name, near)):
+            unread |= _nameless(table, index)
+        elif (near := near_channel(headers[index].leaf, absent)) and (
+            not column_map.columns or _same_letters(name, near)
+        ):
             slips.setdefault(near, name)
         else:
             extras.append(index)
     _check_slips(table, slips)
-    texts = [index for index in extras if index in table.text and np.isnan(table.values[:, index]).all()]
-    if texts:
-        notes.append(f"columns of text are left out: {', '.join(repr(headers[i][0]) for i in texts)}")
-    for index in (one for one in extras if one not in texts):
-        name = headers[index][0]
+    for index in extras:
+        name = headers[index].name
+        if index in table.text and np.isnan(table.values[:, index]).all():
+            unread[table.path(index)] = "text"
+            continue
         try:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
+            how[name] = _how(table, index, headers[index].unit, name)
         except InputError as error:
-            notes.append(f"{table.column(index)} is left out: {str(error).removeprefix(f'{table.source}: ')}")
-    notes += _of_extras([name for i in extras if (name := headers[i][0]) in channels and not is_control(name)], absent)
-    last = {name: i for i, (name, _) in enumerate(headers)}
+            why = str(error).removeprefix(f"{table.source}: ").removeprefix(f"{table.column(index)}: ")
+            unread[table.path(index)] = why
+    _check_unread(table, channels, {*CHANNELS, *own})
+    notes += _of_extras(
+        [name for i in extras if (name := headers[i].name) in channels and not is_control(name)], absent
+    )
+    contents = Contents(read=how, unread=unread)
+    last = {header.name: i for i, header in enumerate(headers)}
     return Columns(
         channels=dict(sorted(channels.items(), key=lambda one: last.get(one[0], -1))),
         places=places,
         stated=stated,
-        notes=tuple(notes),
+        notes=(*notes, contents.note) if contents.note else tuple(notes),
+        contents=contents,
     )
 
 
 def _mapped(
-    table: RawTable, headers: list[tuple[str, str]], column_map: ColumnMap, *, checked: bool
-) -> tuple[dict[str, np.ndarray], dict[str, str], dict[str, str], set[int]]:
-    """Channels of a map, where each stands in the file, those with a stated unit, and the columns that it uses."""
+    table: RawTable, headers: Sequence[Header], column_map: ColumnMap, *, checked: bool
+) -> tuple[dict[str, np.ndarray], dict[str, str], dict[str, str], dict[str, str], set[int]]:
+    """Channels of a map, where each stands in the file, those with a stated unit, how each is read, and the columns
+    that it uses."""
     channels: dict[str, np.ndarray] = {}
     places: dict[str, str] = {}
     stated: dict[str, str] = {}
+    how: dict[str, str] = {}
     used: set[int] = set()
     for channel, terms in column_map.columns.items():
         found = [_find(table, headers, term, channel) for term in terms]
         if found[0] is None:  # rows at a steady rate
             channels[channel] = terms[0].weight * np.arange(len(table.values), dtype=float)
             places[channel] = "the number of the row"
+            how[channel] = f"the number of the row, times {terms[0].weight:g}"
             continue
         indices = [i for i in found if i is not None]
-        named = {headers[i][0] for i in indices} if headers else set()
+        named = {headers[i].leaf for i in indices} if headers else set()
         if checked:
             _check_target(channel, named, f"{table.source}: column map")
         parts = list(zip(terms, indices, strict=True))
@@ -126,27 +153,99 @@ def _mapped(
         channels[channel] = np.sum(columns, axis=0) if len(columns) > 1 else columns[0]
         places[channel] = f"{', '.join(table.column(i) for i in indices)} (mapped to '{channel}')"
         used.update(indices)
-        units = [term.unit or (headers[i][1] if headers else "") for term, i in parts]
+        units = [term.unit or (headers[i].unit if headers else "") for term, i in parts]
         if all(units):
             stated[channel] = units[0]
-    return channels, places, stated, used
+        said = [_how(table, i, unit, channel) for i, unit in zip(indices, units, strict=True)]
+        weights = ["" if term.weight == 1.0 else f", weight {term.weight:g}" for term in terms]
+        how[channel] = "; plus ".join(f"{one}{weight}" for one, weight in zip(said, weights, strict=True))
+    return channels, places, stated, how, used
 
 
-def time_column(names: Sequence[str], among: Iterable[int]) -> int | None:
-    """The column that is called as loggers call time, the likeliest name first; None where there is none."""
-    plain = {i: re.sub(r"[\W_]", "", names[i]).lower() for i in among}
-    found = [(_TIMES.index(name), i) for i, name in plain.items() if name in _TIMES]
-    return min(found)[1] if found else None
+def _time(table: RawTable, headers: Sequence[Header], among: Sequence[int]) -> int | None:
+    """The column that is called as loggers call time, or the only one of dates or clocks."""
+    named = time_column([header.leaf for header in headers], among)
+    clocks = [i for i in among if i in table.clocks]
+    return clocks[0] if named is None and len(clocks) == 1 else named
 
 
-def _nameless(table: RawTable, index: int) -> list[str]:
+def _of_one_name(
+    table: RawTable,
+    headers: Sequence[Header],
+    among: Sequence[int],
+    *,
+    known: Collection[str],
+    time: int | None,
+    taken: Collection[str],
+) -> dict[str, str]:
+    """Columns that repeat another one of the same name, with the reason why they are not read. Raises InputError that
+    asks which one is meant, where they differ, of channels and of the time that no map takes from elsewhere."""
+    several = dict[str, list[int]]()
+    for index in among:
+        several.setdefault(headers[index].leaf, []).append(index)
+    same = dict[str, str]()
+    asked = list[tuple[str, list[int]]]()
+    for leaf, indices in several.items():
+        is_time = time in indices
+        if len(indices) < 2 or not (leaf in known or is_time) or leaf in taken:
+            continue
+        one, *others = indices
+        for other in others:
+            if headers[one].unit == headers[other].unit and np.array_equal(
+                *table.values.T[[one, other]], equal_nan=True
+            ):
+                same[table.path(other)] = f"the same as '{table.path(one)}'"
+        if any(table.path(other) not in same for other in others):
+            asked.append(("t" if is_time else leaf, indices))
+    if asked:
+        named = [(leaf, [f"'{headers[i].name}'" for i in found]) for leaf, found in asked[:_ASKED]]
+        said = "; ".join(f"{leaf} stands as {_listed(names)}" for leaf, names in named)
+        write = " ".join(f"--map {leaf}={_quoted(headers[found[0]].name)}" for leaf, found in asked[:_ASKED])
+        other = f"--map {asked[0][0]}={_quoted(headers[asked[0][1][1]].name)}"
+        more = f" and {len(asked) - _ASKED} channels more; all" if len(asked) > _ASKED else ";"
+        group = ', or variable = "GROUP" in a column map' if table.paths else ""
+        raise InputError(f"{table.source}: {said}{more} say which is meant: {write}, or {other}{group}")
+    return same
+
+
+def _listed(names: Iterable[str]) -> str:
+    *most, last = names
+    return f"{', '.join(most)} and {last}"
+
+
+def _quoted(name: str) -> str:
+    return f"'{name}'" if re.search(r"[\s#()\[\]]", name) else name
+
+
+def _how(table: RawTable, index: int, unit: str | None, channel: str) -> str:
+    """Where a channel stands, its unit, and what was made of its numbers."""
+    made = f"; {table.how[index]}" if index in table.how else ""
+    if unit:
+        factor = si_factor(unit, channel)
+        return f"{table.column(index)}{made}; [{unit}]" + (f", times {factor:.10g}" if factor != 1.0 else "")
+    assumed = unit_of(channel)
+    return f"{table.column(index)}{made}" + (f"; in {assumed}, as no unit is stated" if assumed else "; as it stands")
+
+
+def _check_unread(table: RawTable, channels: Collection[str], known: Collection[str]) -> None:
+    """Raise InputError for a channel that the file has and that cannot be read. A single value is no time history."""
+    for path, why in table.unread.items():
+        leaf = split_header(re.split(r"[/.]", path.partition("#")[0])[-1])[0]
+        if leaf in known and leaf not in channels and not why.startswith(("one value", "empty")):
+            raise InputError(
+                f"{table.source}: '{path}' is not read: {why}; expected real numbers, one a sample; write it so, or "
+                f"give {leaf} another column: --map {leaf}=COLUMN"
+            )
+
+
+def _nameless(table: RawTable, index: int) -> dict[str, str]:
     """Say that a column without a name counts the rows, or raise InputError where it holds anything else."""
     values = table.values[:, index]
     if np.array_equal(values, np.arange(len(values)) + values[0]):
-        return [f"column {index + 1} has no name and counts the rows; left out"]
+        return {f"column {index + 1}": "it has no name and counts the rows"}
     if index in table.text or not np.isnan(values).all():
         raise InputError(f"{table.source}: header: column {index + 1} has no name; name or remove it")
-    return []
+    return {}
 
 
 def _check_slips(table: RawTable, slips: Mapping[str, str]) -> None:
@@ -180,40 +279,58 @@ def _of_extras(names: Sequence[str], absent: set[str]) -> list[str]:
     ]
 
 
-def headers_of(table: RawTable) -> list[tuple[str, str]]:
-    """Name and unit of every column, none where columns have no names. No name is used twice: a second column that
-    casid does not know gets a number. InputError for a channel that is given twice."""
-    first: dict[str, int] = {}
+def headers_of(table: RawTable) -> list[Header]:
+    """Headers of all columns, none where columns have no names. Columns of one name have those of their paths, or get
+    numbers: "x", "x#2". Raises InputError where name and attribute of a column state different units."""
+    parted = [split_header(name) for name in table.names or ()]
+    leaves = [name for name, _ in parted]
+    unlike = table.paths or numbered(leaves)
     found = []
-    for index, (name, unit) in enumerate(map(split_header, table.names or ())):
-        if name and name in first:
-            if name in CHANNELS:
-                raise InputError(
-                    f"{table.source}: header: columns {first[name] + 1} and {index + 1} are both called '{name}'; "
-                    "rename or remove one"
-                )
-            name = f"{name}_{index + 1}"
-        first[name] = index
-        found.append((name, unit))
+    for index, (leaf, unit) in enumerate(parted):
+        beside = table.units.get(index, "")
+        if beside and unit and same_unit(beside, unit) is False:
+            raise InputError(
+                f"{table.source}: {table.column(index)}: its name says [{unit}], its attribute [{beside}]; remove one"
+            )
+        named = time_named(leaf)
+        unit = beside or unit or (named[1] if named else "")
+        found.append(Header(name=unlike[index] if leaves.count(leaf) > 1 else leaf, unit=unit, leaf=leaf))
     return found
 
 
-def _find(table: RawTable, headers: list[tuple[str, str]], term: ColumnTerm, channel: str) -> int | None:
-    """Index of the column that a term of the map names; None for the number of the row."""
+def numbered(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names of which none stands twice: "q", then "q#2"."""
+    seen = Counter[str]()
+    found = []
+    for name in names:
+        seen[name] += 1
+        found.append(f"{name}#{seen[name]}" if name and seen[name] > 1 else name)
+    return tuple(found)
+
+
+def _find(table: RawTable, headers: Sequence[Header], term: ColumnTerm, channel: str) -> int | None:
+    """Index of the column that a term of the map speaks of; None for the number of the row."""
     count = table.values.shape[1]
     where = f"{table.source}: column map of '{channel}'"
     if isinstance(term.column, int):
         if not 1 <= term.column <= count:
             raise InputError(f"{where}: there is no column {term.column}; the file has columns 1 to {count}")
         return term.column - 1
-    if term.column == ROW and ROW not in {name for name, _ in headers}:
+    if term.column == ROW and ROW not in {header.leaf for header in headers}:
         return None
     if table.names is None:
         raise InputError(f"{where}: '{term.column}' is a name, but the columns have none; give a number, 1 to {count}")
-    names = [name for name, _ in headers]
-    for pool in (names, list(table.names)):
-        if term.column in pool:
-            return pool.index(term.column)
+    names = [header.name for header in headers]
+    for pool in (names, table.paths, [header.leaf for header in headers], list(table.names)):
+        found = [i for i, name in enumerate(pool) if name == term.column]
+        if len(found) > 1:
+            listed = _listed(f"'{names[i]}'" for i in found)
+            raise InputError(f"{where}: '{term.column}' stands as {listed}; name one of them")
+        if found:
+            return found[0]
+    why = next((why for path, why in table.unread.items() if term.column in (path, path.rsplit("/")[-1])), "")
+    if why:
+        raise InputError(f"{where}: '{term.column}' is not read: {why}; expected real numbers, one a sample")
     raise unknown("column", term.column, [n for n in names if n], where)
 
 
@@ -232,8 +349,8 @@ def _check_target(channel: str, columns: set[str], where: str) -> None:
         )
 
 
-def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, channel: str, unit: str = "") -> np.ndarray:
-    """(N,) a column in SI. A unit may be given in the map or in the header; both must agree."""
+def _converted(table: RawTable, headers: Sequence[Header], index: int, channel: str, unit: str = "") -> np.ndarray:
+    """(N,) a column in SI. A unit may stand in the map or in the header; both must agree."""
     where = f"{table.source}: {table.column(index)}"
     if index in table.text:
         row, cell = table.text[index]
@@ -241,7 +358,7 @@ def _converted(table: RawTable, headers: list[tuple[str, str]], index: int, chan
         if row == 0 and len(table.text) > 1:
             hint = f"delete a row of units, and write them in the header, like '{channel} [{cell}]', or in --map"
         raise InputError(f"{table.place(row)}, {table.column(index)}: {shown(cell)} is not a number; {hint}")
-    written = headers[index][1] if headers else ""
+    written = headers[index].unit if headers else ""
     if unit and written and same_unit(unit, written) is False:
         raise InputError(f"{where}: the column map says [{unit}], the header says [{written}]; remove one of the two")
     unit = unit or written
@@ -262,9 +379,13 @@ def _same_letters(name: str, channel: str) -> bool:
 
 def near_channel(name: str, absent: set[str]) -> str | None:
     """The absent channel that `name` spells in another way, or nearly."""
+    if re.search(r"\[\d+\]$", name):  # of an array
+        return None
     name = re.sub(r"\s*[(\[].*$", "", name)  # a unit in broken brackets
     for channel in sorted(absent):
         if channel == name or _same_letters(name, channel):
             return channel
+    if name.lower() in _OTHER_WORDS:
+        return None
     close = get_close_matches(name.lower(), [c.lower() for c in sorted(absent)], n=1, cutoff=_CLOSE)
     return next((c for c in sorted(absent) if close and c.lower() == close[0]), None)

@@ -1,8 +1,9 @@
-"""Tables in files of other programs: MATLAB, numpy, HDF5, Parquet, Excel, MDF4."""
+"""Tables in files of other programs: numpy, Parquet, Excel, MDF4; see also `hdf5` and `mat`."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import zipfile
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ import numpy as np
 
 from casid.errors import InputError, check_known
 from casid.records.clock import seconds_of
+from casid.records.columns import numbered
+from casid.records.items import Item, fields_of, item_of, table_of
 from casid.records.limits import MOST_CELLS
 from casid.records.log import of_log
 from casid.records.table import RawTable
@@ -29,72 +32,6 @@ def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
             raise  # of version 7.3, which is HDF5
         fault = (str(error) or type(error).__name__).splitlines()[0]
         raise InputError(f"{path}: not a readable {path.suffix} file: {fault[:120]}") from None
-
-
-def table_of(path: Path, arrays: Mapping[str, Any], variable: str | None, time: str) -> RawTable:
-    """The table of named arrays: its one matrix, or one vector per channel; fields of structs count as arrays."""
-    arrays = dict(_fields(arrays))
-    numeric = {k: v for k, v in arrays.items() if isinstance(v, np.ndarray) and v.dtype.kind in "fiub" and v.size > 1}
-    if variable is not None:
-        check_known("variable", (variable,), numeric, str(path))
-        numeric = {variable: numeric[variable]}
-    vectors = {name: v.ravel() for name, v in numeric.items() if max(v.shape) == v.size}
-    matrices = {name: v for name, v in numeric.items() if v.ndim == 2 and name not in vectors}
-    if vectors and (time in vectors or not matrices):
-        return _vectors(path, vectors, time)
-    if len(matrices) != 1:
-        held = ", ".join(matrices) or "none"
-        raise InputError(
-            f"{path}: expected one matrix, or one vector per channel with '{time}' among them; matrices in the file: "
-            f"{held}; name one as 'variable' in a column map"
-        )
-    name, matrix = next(iter(matrices.items()))
-    if matrix.shape[0] < matrix.shape[1]:
-        raise InputError(f"{path}: '{name}' has shape {matrix.shape}; expected samples in rows: transpose it")
-    return RawTable(source=str(path), names=None, values=matrix.astype(float))
-
-
-def _fields(arrays: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Arrays by name, structs of MATLAB taken apart."""
-    for name, value in arrays.items():
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
-            yield from _fields({field: value.reshape(-1)[0][field] for field in value.dtype.names})
-        else:
-            yield name, value
-
-
-def _vectors(path: Path, vectors: Mapping[str, np.ndarray], time: str) -> RawTable:
-    reference = time if time in vectors else next(iter(vectors))
-    for name, values in vectors.items():
-        if len(values) != len(vectors[reference]):
-            raise InputError(
-                f"{path}: variable '{name}' has {len(values)} samples, '{reference}' has {len(vectors[reference])}; "
-                "all channels need the same"
-            )
-    values = np.stack([v.astype(float) for v in vectors.values()], axis=1)
-    return RawTable(source=str(path), names=tuple(vectors), values=values)
-
-
-def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of an HDF5 file or a MATLAB 7.3 one: one vector per channel, or one matrix; needs the extra `hdf5`."""
-    h5py = library("h5py", path, "hdf5")
-
-    def load() -> dict[str, Any]:
-        found: dict[str, Any] = {}
-
-        def visit(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and not name.startswith("#"):
-                if item.external or item.is_virtual:
-                    raise ValueError(f"'{name}' is in another file; copy it into this one")
-                found[name.rsplit("/", 1)[-1]] = np.asarray(item)
-
-        with h5py.File(path, "r") as file:
-            file.visititems(visit)
-            matlab = any("MATLAB_class" in item.attrs for item in file.values())
-        # MATLAB writes columns first
-        return {k: v.T if matlab and v.ndim == 2 else v for k, v in found.items()}
-
-    return table_of(path, loaded(path, load), variable, time)
 
 
 def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
@@ -119,17 +56,19 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     if len(rows) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
     head, *body = rows
+    head = (*head, *(None,) * (max(map(len, body)) - len(head)))
     values = np.full((len(body), len(head)), np.nan)
     text: dict[int, tuple[int, str]] = {}
     for i, row in enumerate(body):
-        for j, cell in enumerate(row[: len(head)]):
+        for j, cell in enumerate(row):
             number = _number(cell)
             if number is None:
                 text.setdefault(j, (i, str(cell)))
             else:
                 values[i, j] = number
     names = tuple("" if cell is None else str(cell).strip() for cell in head)
-    return RawTable(source=str(path), names=names, values=values, text=text)
+    unread = {f"sheet '{one}'": "another sheet; a map takes it by variable" for one in sheets if one != name}
+    return RawTable(source=str(path), names=names, values=values, text=text, unread=unread)
 
 
 def _rows(sheet: Any) -> list[tuple[Any, ...]]:
@@ -151,11 +90,18 @@ def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
 
     def load() -> dict[str, Any]:
         with asammdf.MDF(path) as file:
-            signals = [s for s in file.iter_channels(skip_master=True) if s.samples.dtype.kind in "fiub"]
-            named = {f"{s.name} [{s.unit}]" if s.unit else s.name: (s.timestamps, s.samples) for s in signals}
-        return {"signals": named}
+            signals = list(file.iter_channels(skip_master=True))
+            names = numbered([f"{s.name} [{s.unit}]" if s.unit else s.name for s in signals])
+            items = {name: item_of(name, s.name, s.samples) for name, s in zip(names, signals, strict=True)}
+            stamps = {name: s.timestamps for name, s in zip(names, signals, strict=True)}
+        unread = {name: one.why for name, one in items.items() if one.why}
+        return {
+            "signals": {n: (stamps[n], one.values) for n, one in items.items() if n not in unread},
+            "unread": unread,
+        }
 
-    return of_log(path, loaded(path, load)["signals"])
+    read = loaded(path, load)
+    return of_log(path, read["signals"], unread=read["unread"])
 
 
 def _number(cell: Any) -> float | None:
@@ -181,35 +127,73 @@ def library(module: str, path: Path, extra: str) -> Any:
         ) from None
 
 
-def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a .mat file: its one matrix, without names, or one vector per channel, also as fields of a struct. scipy
-    crashes with some forged flags in the header; see `limits.apart`."""
-    from scipy.io import loadmat  # here, because few records are .mat and scipy.io is slow to import
-
-    try:
-        content = loaded(path, lambda: loadmat(str(path)))
-    except NotImplementedError:  # version 7.3 is HDF5
-        return read_hdf5(path, variable, time)
-    return table_of(path, {k: v for k, v in content.items() if not k.startswith("__")}, variable, time)
-
-
 def read_npz(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are refused."""
+    """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are not read."""
 
     def load() -> dict[str, Any]:
-        # opened here: numpy leaves a damaged file open
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return dict(archive)
+        items = list[Item]()
+        with zipfile.ZipFile(path) as archive:  # numpy's own reader takes the last of two entries of one name
+            entries = archive.infolist()
+            names = [entry.filename.removesuffix(".npy") for entry in entries]
+            for entry, name, unlike in zip(entries, names, numbered(names), strict=True):
+                with archive.open(entry) as file:
+                    items += _entry(file, entry.filename, name, unlike)
+        return {"items": items}
 
-    return table_of(path, loaded(path, load), variable, time)
+    return table_of(path, loaded(path, load)["items"], variable, time)
+
+
+def _entry(file: Any, filename: str, name: str, path: str) -> list[Item]:
+    """The array of an entry, or the columns of its structures."""
+    if not filename.endswith(".npy"):
+        return [Item(path=path, name=name, why="no array of numpy")]
+    try:
+        array = np.lib.format.read_array(file, allow_pickle=False)
+    except ValueError as error:
+        if "allow_pickle" in str(error):
+            return [Item(path=path, name=name, why="pickled objects")]
+        raise
+    if array.dtype.names:
+        return [item_of(inner, leaf, values) for inner, leaf, values in fields_of(array, path, ".")]
+    return [item_of(path, name, array)]
 
 
 def read_parquet(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a .parquet file; needs the extra `parquet`."""
+    """Table of a .parquet file, also of columns within columns; a column's metadata may state its unit, scale and mark
+    of a missing sample. Needs the extra `parquet`."""
     parquet = library("pyarrow.parquet", path, "parquet")
+    arrow = library("pyarrow", path, "parquet")
 
     def load() -> dict[str, Any]:
         content = parquet.read_table(path)
-        return {name: content.column(name).to_numpy() for name in content.column_names}
+        items = list[Item]()
+        for field, unlike, column in zip(content.schema, numbered(content.column_names), content.columns, strict=True):
+            items += _of_arrow(arrow.types, field, unlike, column)
+        return {"items": items}
 
-    return table_of(path, loaded(path, load), variable, time)
+    return table_of(path, loaded(path, load)["items"], variable, time)
+
+
+def _of_arrow(types: Any, field: Any, path: str, column: Any) -> list[Item]:
+    """A column of Arrow, or those within it."""
+    kind = column.type
+    if types.is_dictionary(kind):
+        column = column.cast(kind.value_type)
+        kind = column.type
+    if types.is_struct(kind):
+        inner = zip(kind, column.flatten(), strict=True)
+        return [one for sub, part in inner for one in _of_arrow(types, sub, f"{path}.{sub.name}", part)]
+    why = "text" if types.is_string(kind) or types.is_large_string(kind) else ""
+    why = why or ("lists" if types.is_nested(kind) else "no value at all" if types.is_null(kind) else "")
+    if why:
+        return [Item(path=path, name=field.name, why=why)]
+    if types.is_time(kind):
+        unit = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[kind.unit]
+        ticks = column.cast("int64" if types.is_time64(kind) else "int32").cast("int64").to_numpy()
+        return [Item(path=path, name=field.name, values=ticks * unit, unit="s", how="times of day in s", clock=True)]
+    if types.is_decimal(kind):
+        column = column.cast("float64")
+    elif types.is_boolean(kind):
+        column = column.cast("int8")
+    attributes = {key.decode("utf-8", "replace"): value for key, value in (field.metadata or {}).items()}
+    return [item_of(path, field.name, column.to_numpy(), attributes)]

@@ -59,7 +59,11 @@ def _bare(name: str) -> str:
 
 
 def of_log(
-    path: Path, series: Mapping[str, Series], flying: Series | None = None, notes: tuple[str, ...] = ()
+    path: Path,
+    series: Mapping[str, Series],
+    flying: Series | None = None,
+    notes: tuple[str, ...] = (),
+    unread: Mapping[str, str] | None = None,
 ) -> RawTable:
     """The table of a log on the clock of its rates, or of its fastest channel, while all that drives a model was
     recorded and, by `flying`, the aircraft was in the air. Pauses stay gaps."""
@@ -94,6 +98,7 @@ def of_log(
         names=names,
         values=np.stack(columns, axis=1),
         notes=notes,
+        unread=dict(unread or {}),
         grounded=bool(said and airborne.all()),
     )
 
@@ -166,7 +171,7 @@ def _on(clock: np.ndarray, name: str, one: Series) -> np.ndarray:
         return column
     missing = _in_pause(stamps, clock)
     if measured and len(stamps) < _SAME_RATE * len(clock):
-        missing = missing | ~_nearest(clock, stamps)
+        missing = missing | ~nearest_rows(clock, stamps)
     return np.where(missing, np.nan, column)
 
 
@@ -177,7 +182,7 @@ def _in_pause(stamps: np.ndarray, clock: np.ndarray, least: float = 0.0) -> np.n
     return (steps > max(_GAP * np.median(steps), least))[before] & ~np.isin(clock, stamps)
 
 
-def _nearest(clock: np.ndarray, stamps: np.ndarray) -> np.ndarray:
+def nearest_rows(clock: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     """(N,) True at the time of a clock that is nearest to one of the stamps."""
     after = np.clip(np.searchsorted(clock, stamps), 1, len(clock) - 1)
     nearest = np.where(stamps - clock[after - 1] < clock[after] - stamps, after - 1, after)

@@ -9,9 +9,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from casid.records.column_map import ColumnMap, ColumnTerm
-from casid.records.columns import headers_of, near_channel, time_column
+from casid.records.columns import Header, headers_of, near_channel
 from casid.records.loggers import logger_of
 from casid.records.table import RawTable
+from casid.records.time_names import time_column
 from casid.signals import CHANNELS, GRAVITY, SURFACES, is_unit, label_of, unit_of
 
 # names of the field for a channel, without case and signs between the letters
@@ -42,17 +43,19 @@ def suggested_map(table: RawTable, given: ColumnMap) -> str:
     """The text of a column map of a table: lines of what is given, known or likely, and as comments what is missing and
     what each column holds."""
     headers = headers_of(table)
-    known = given if (logger := logger_of([name for name, _ in headers])) is None else logger[1].merged(given)
+    known = given if (logger := logger_of([header.name for header in headers])) is None else logger[1].merged(given)
     lines = {channel: (_in_words(terms), "") for channel, terms in known.columns.items()}
     used = {term.column for terms in known.columns.values() for term in terms}
-    for index, (name, unit) in enumerate(headers):
-        channel = _likely(name, lines, time_column([n for n, _ in headers], range(len(headers))) == index)
-        if channel is None or name in used:
+    leaves = [header.leaf for header in headers]
+    time = time_column(leaves, range(len(headers)))
+    for index, header in enumerate(headers):
+        channel = _likely(header.leaf, lines, time == index) if leaves.count(header.leaf) == 1 else None
+        if channel is None or header.name in used:
             continue
-        lines[channel] = _column(table, index, channel, name, unit)
-        used.add(name)
+        lines[channel] = _column(table, index, channel, header.name, header.unit)
+        used.add(header.name)
     for surface in SURFACES:
-        if surface not in lines and f"{surface}_command" in {name for name, _ in headers}:
+        if surface not in lines and f"{surface}_command" in leaves:
             guess = f"{_THROW:g} deg at full command is a guess: put the throw of your surface in"
             lines[surface] = [f"{surface}_command:deg*-{_THROW:g}"], guess
             used.add(f"{surface}_command")
@@ -79,11 +82,12 @@ def _written(lines: Mapping[str, tuple[list[str], str]]) -> list[str]:
     return written
 
 
-def _rest(table: RawTable, headers: list[tuple[str, str]], used: set[str | int]) -> list[str]:
-    """List the columns that no line uses, with their ranges."""
+def _rest(table: RawTable, headers: list[Header], used: set[str | int]) -> list[str]:
+    """What the columns hold that no line uses."""
     lines = ["", "# Columns that no line above uses, from least to most:"]
     for index in range(table.values.shape[1]):
-        name, unit = headers[index] if headers else (str(index + 1), "")
+        name = headers[index].name if headers else str(index + 1)
+        unit = headers[index].unit if headers else ""
         if name in used or not name:
             continue
         values = table.values[np.isfinite(table.values[:, index]), index]

@@ -23,8 +23,10 @@ from casid.records.checks import (
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.crazyflie import read_crazyflie
-from casid.records.foreign import library, read_excel, read_hdf5, read_mat, read_mdf, read_npz, read_parquet
+from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
+from casid.records.hdf5 import read_hdf5
 from casid.records.limits import apart
+from casid.records.mat import read_mat
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
 from casid.records.ros import read_mcap
@@ -284,6 +286,8 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     found += [one for one in FORMATS if ending in one.endings]
     if not found:
         raise unknown("file type", ending, [e for one in FORMATS for e in one.endings], str(path))
+    if path.suffix.lower() == ".gz" and found[0] is not FORMATS[0]:
+        raise InputError(f"{path}: is packed, and only text is read packed; unpack it: gunzip {path}")
     terms = column_map.columns.get("t", ())
     arguments = column_map.variable, str(terms[0].column) if terms else "t"
     if found[0].library:

@@ -16,6 +16,7 @@ from casid.errors import InputError, check_known, nearest, unknown
 from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
+from casid.records.contents import Contents
 from casid.records.table import RawTable
 from casid.signals import CHANNELS, RADIAN_LIMITS, SURFACES, is_control, label_of, si_factor, unit_of
 
@@ -52,7 +53,9 @@ class Record:
     grounded
         Whether the aircraft stays on the ground: by its log, or because no airspeed of a wing is positive.
     stated
-        Channel -> unit that the source states: it is accepted, however large the values are.
+        Channel -> unit that the source states: it is believed, however large the values are.
+    contents
+        What was read of the file and how, and what was not and why.
     events
         Name -> times [s] of what a model declares as an event, such as a dose, {"dose": [0.0, 3.7]}: at samples or
         between them. A reading at the time of an event is one after it.
@@ -81,6 +84,7 @@ class Record:
     empty: tuple[str, ...] = ()
     grounded: bool = False
     stated: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    contents: Contents = Contents()
     events: Mapping[str, Sequence[float]] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:

@@ -80,6 +80,11 @@ class RawTable:
     notes: tuple[str, ...] = ()  # remarks of whoever read it
     first: int = 0  # number of the first row in the file, from 0
     grounded: bool = False  # whether the aircraft stays on the ground by its log
+    paths: tuple[str, ...] = ()  # by which a map names the columns where names stand twice, like "/raw/q"
+    units: Mapping[int, str] = field(default_factory=dict)  # column -> unit that is stated, but not in its name
+    how: Mapping[int, str] = field(default_factory=dict)  # column -> what was made of the numbers of the file
+    clocks: frozenset[int] = frozenset()  # columns of dates or times of day
+    unread: Mapping[str, str] = field(default_factory=dict)  # what else the file holds -> why it is not read
 
     def place(self, row: int) -> str:
         """File and row, counted from 1 without the header, for a message."""
@@ -88,7 +93,11 @@ class RawTable:
 
     def column(self, index: int) -> str:
         """Name of a column for a message, or its number counted from 1."""
-        return f"column '{self.names[index]}'" if self.names else f"column {index + 1}"
+        return f"column '{self.path(index)}'" if self.names else f"column {index + 1}"
+
+    def path(self, index: int) -> str:
+        """By which a map names a column, also one of several of one name."""
+        return self.paths[index] if self.paths else self.names[index] if self.names else str(index + 1)
 
 
 def rows_of(table: RawTable, rows: np.ndarray) -> RawTable:
@@ -209,11 +218,13 @@ def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...
     values = np.frombuffer(numbers, dtype=float).reshape(-1, layout.width).copy()
     names = layout.names
     text = {}
+    clocks = list[int]()
     for column, some in words.items():
         seconds = clock_of([cell for _, cell in some])
         if seconds is None:
             text[column] = next((row, cell) for row, cell in some if clock_of([cell]) is None or len(some) == 1)
             continue
+        clocks.append(column)
         values[[row for row, _ in some], column] = seconds - seconds[0]
         called = names[column] if names else column + 1
         notes += (f"column '{called}' is a clock; time is counted from its first sample, {some[0][1]}",)

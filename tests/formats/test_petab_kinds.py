@@ -93,6 +93,28 @@ def test_what_never_comes_to_rest_is_said(tmp_path: Path) -> None:
         cs.read_petab(path)
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("parameters.tsv", "0.5\t1\n", "0.5\tyes\n", "estimate of parameters 'yes'"),
+        ("parameters.tsv", "k\tlog10", "k\tlog_10", "parameterScale of parameters 'log_10'"),
+        ("parameters.tsv", "1e-3\t10\t0.5", "little\t10\t0.5", "'lowerBound' has 'little'"),
+        ("parameters.tsv", "\t0.5\t1", "\t0_5\t1", "'nominalValue' has '0_5'"),
+        ("observables.tsv", "\tlog10\t", "\tlog_10\t", "observableTransformation of observables 'log_10'"),
+        ("observables.tsv", "\tnormal", "\tgauss", "noiseDistribution of observables 'gauss'"),
+        ("model.xml", '<species id="A"', '<species id="A" conversionFactor="k"', "'A' has a conversionFactor"),
+        ("model.xml", 'reversible="false" fast="false"', 'reversible="false" fast="true"', "'decay' is fast"),
+    ],
+)
+def test_a_word_that_means_nothing_is_refused(tmp_path: Path, file: str, old: str, new: str, message: str) -> None:
+    path = write(tmp_path)
+    text = (tmp_path / file).read_text()
+    assert old in text
+    (tmp_path / file).write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        cs.read_petab(path)
+
+
 JUNK = (
     "",
     "nan",

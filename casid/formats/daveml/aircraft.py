@@ -137,7 +137,7 @@ class DaveAerodynamics:
     def _coefficients(self, s: Any, added: Mapping[str, Any] = MappingProxyType({})) -> tuple[dict[str, Any], Values]:
         file = dave_file(self.text)
         given: dict[str, Any] = dict(self.held)
-        for name, varid in file.names.items():
+        for varid, name in file.named.items():
             if varid in file.inputs and varid not in given:
                 if name not in _INPUTS:
                     raise InputError(
@@ -226,8 +226,7 @@ def _read(path: str | Path) -> DaveFile:
 
 
 def _varid(file: DaveFile, name: str) -> str:
-    check_known("variable", (name,), file.names)
-    return file.names[name]
+    return file.varid(name)
 
 
 def _unit(file: DaveFile, varid: str) -> float:

@@ -15,7 +15,7 @@ import casadi as ca
 
 from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
-from casid.formats.jsbsim.source import number_of
+from casid.formats.jsbsim.source import number_in, number_of
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
 
@@ -70,8 +70,10 @@ def expression(node: ET.Element, look: Look) -> Any:
     tag = bare(node)
     children = list(node)
     if tag == "cn":
-        return ca.SX(number_of(node.text, "cn"))
+        return ca.SX(_constant(node))
     if tag == "ci":
+        if len(node):
+            raise InputError(f"<ci> must be the name of a variable alone; it has <{bare(node[0])}> in it")
         return look((node.text or "").strip())
     if tag == "pi":
         return ca.SX(math.pi)
@@ -96,6 +98,27 @@ def expression(node: ET.Element, look: Look) -> Any:
     raise InputError(f"<{operator}> of {len(given)} arguments is no operator that casid reads")
 
 
+def _constant(node: ET.Element) -> float:
+    """A number of MathML: as it stands, or of two parts about <sep/>."""
+    kind = node.get("type", "real").strip()
+    base = node.get("base", "10").strip()
+    if base != "10":
+        raise InputError(f"<cn> of base {base:.20}: only numbers of base 10 are read")
+    if kind in ("real", "integer", "double"):
+        return number_in(node)
+    if kind not in ("e-notation", "rational"):
+        raise InputError(f"<cn> of type '{kind:.20}' is not read; expected real, integer, e-notation or rational")
+    if [bare(child) for child in node] != ["sep"]:
+        raise InputError(f"<cn> of type '{kind}' must have two numbers with one <sep/> between them")
+    if kind == "e-notation":
+        return number_of(f"{(node.text or '').strip()}e{(node[0].tail or '').strip()}", "cn")
+    first = number_of(node.text, "cn")
+    second = number_of(node[0].tail, "cn")
+    if second == 0.0:
+        raise InputError("<cn> of type 'rational' is divided by zero")
+    return first / second
+
+
 def _piecewise(children: Sequence[ET.Element], look: Look) -> Any:
     value: Any = None
     for child in children:
@@ -115,7 +138,7 @@ _SEPARATORS = re.compile(r"[\s,]+")
 class DaveFile:
     """Variables by varID, functions by the varID that they give, tables and breakpoints by their identifiers.
 
-    names    name of the standard -> varID;  units  varID -> unit
+    named    varID -> name of the standard;  units  varID -> unit
     inputs   varIDs that are to be given;  outputs  varIDs that the file is for
     """
 
@@ -124,14 +147,27 @@ class DaveFile:
         if bare(self._root) != "DAVEfunc":
             raise InputError(f"the root is <{bare(self._root)}>; a DAVE-ML file begins with <DAVEfunc>")
         variables = self._all("variableDef")
-        self._variables = {node.get("varID", ""): node for node in variables}
-        self.names = {node.get("name", ""): node.get("varID", "") for node in variables}
+        self._variables = _by("varID", variables)
+        self.named = {varid: node.get("name", "") for varid, node in self._variables.items()}
         self.units = {name: node.get("units", "nd") for name, node in self._variables.items()}
-        self._breakpoints = {node.get("bpID", ""): _numbers(node, "bpVals") for node in self._all("breakpointDef")}
-        self._tables = {node.get("gtID", ""): node for node in self._all("griddedTableDef")}
-        self._functions = {_child(node, "dependentVarRef").get("varID", ""): node for node in self._functions_of()}
+        breakpoints = _by("bpID", self._all("breakpointDef"))
+        self._breakpoints = {name: _numbers(node, "bpVals") for name, node in breakpoints.items()}
+        self._tables = _by("gtID", self._all("griddedTableDef"))
+        gives = [_child(node, "dependentVarRef") for node in self._functions_of()]
+        self._functions = dict(zip(_by("varID", gives), self._functions_of(), strict=True))
+        for varid in self._functions:
+            if _find(self._variables.get(varid, self._root), "calculation") is not None:
+                raise InputError(f"variable '{varid}' has a function and a calculation; remove one")
         self.inputs = tuple(v for v, node in self._variables.items() if _find(node, "isInput") is not None)
         self.outputs = tuple(v for v, node in self._variables.items() if _find(node, "isOutput") is not None)
+
+    def varid(self, name: str) -> str:
+        """varID of a name of the standard. Raises InputError where no variable has it, or several."""
+        found = [varid for varid, own in self.named.items() if own == name]
+        check_known("variable", (name,), set(self.named.values()))
+        if len(found) > 1:
+            raise InputError(f"variables {' and '.join(map(repr, found))} are both called '{name}'; rename one")
+        return found[0]
 
     def _all(self, tag: str) -> list[ET.Element]:
         return [node for node in self._root.iter() if bare(node) == tag]
@@ -219,6 +255,17 @@ def dave_file(text: str) -> DaveFile:
     return DaveFile(text)
 
 
+def _by(key: str, nodes: Sequence[ET.Element]) -> dict[str, ET.Element]:
+    """Nodes by an identifier. Raises InputError where two have the same; what has none has a name of its own."""
+    found: dict[str, ET.Element] = {}
+    for index, node in enumerate(nodes):
+        name = node.get(key) or f"{bare(node)} {index + 1} without {key}"
+        if name in found:
+            raise InputError(f"two of <{bare(node)}> have {key} '{name}'; give one another, and say which is meant")
+        found[name] = node
+    return found
+
+
 def _find(node: ET.Element, tag: str) -> ET.Element | None:
     return next((child for child in node if bare(child) == tag), None)
 
@@ -231,5 +278,7 @@ def _child(node: ET.Element, tag: str) -> ET.Element:
 
 
 def _numbers(node: ET.Element, tag: str) -> list[float]:
-    text = "".join(_child(node, tag).itertext())
-    return [number_of(x, tag) for x in _SEPARATORS.split(text.strip()) if x]
+    held = _child(node, tag)
+    if len(held):
+        raise InputError(f"<{tag}> must have numbers alone; it has <{bare(held[0])}> in it: take that out")
+    return [number_of(x, tag) for x in _SEPARATORS.split((held.text or "").strip()) if x]

@@ -16,7 +16,7 @@ from casid.errors import InputError
 from casid.formats.file_tables import QUANTITIES, FileTable, Tried, file_tables
 from casid.formats.jsbsim.functions import entries, mark, marked, value_of
 from casid.formats.jsbsim.properties import Metrics, Properties
-from casid.formats.jsbsim.source import amount, body_arm, part, place
+from casid.formats.jsbsim.source import amount, body_arm, optional, part, place
 from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
 
@@ -97,7 +97,12 @@ class JsbsimAerodynamics:
         """The coefficients, and the properties that were looked up for them; `further` are properties of ours."""
         root = _root(self.text)
         aerodynamics = part(root, "aerodynamics")
-        functions = {node.get("name", "").strip(): node for node in aerodynamics.iter("function") if node.get("name")}
+        functions: dict[str, ET.Element] = {}
+        for node in aerodynamics.iter("function"):
+            name = node.get("name", "").strip()
+            if name in functions:
+                raise InputError(f"{self.path}: two functions are called '{name}'; rename or remove one")
+            functions |= {name: node} if name else {}
         look = Properties(s, metrics_of(root), functions, root)
         look.given |= dict(self.held)
         look.values |= further
@@ -132,11 +137,11 @@ def metrics_of(root: ET.Element) -> Metrics:
         "Sw-sqft": amount(part(node, "wingarea"), "FT2"),
         "bw-ft": amount(part(node, "wingspan"), "FT"),
         "cbarw-ft": amount(part(node, "chord"), "FT"),
-        "iw-rad": amount(node.find("wing_incidence"), "DEG"),
-        "Sh-sqft": amount(node.find("htailarea"), "FT2"),
-        "lh-ft": amount(node.find("htailarm"), "FT"),
-        "Sv-sqft": amount(node.find("vtailarea"), "FT2"),
-        "lv-ft": amount(node.find("vtailarm"), "FT"),
+        "iw-rad": amount(optional(node, "wing_incidence"), "DEG"),
+        "Sh-sqft": amount(optional(node, "htailarea"), "FT2"),
+        "lh-ft": amount(optional(node, "htailarm"), "FT"),
+        "Sv-sqft": amount(optional(node, "vtailarea"), "FT2"),
+        "lv-ft": amount(optional(node, "vtailarm"), "FT"),
     }
     for name, tag in (("Sw-sqft", "wingarea"), ("bw-ft", "wingspan"), ("cbarw-ft", "chord")):
         if values[name] <= 0.0:
@@ -146,15 +151,16 @@ def metrics_of(root: ET.Element) -> Metrics:
 
 def reference_point(root: ET.Element) -> np.ndarray:
     """(3,) [ft] where aerodynamic forces act, structural axes. Raises InputError."""
-    for node in part(root, "metrics").findall("location"):
-        if node.get("name") == "AERORP":
-            return place(node)
-    raise InputError("<metrics> has no location AERORP, about which aerodynamic moments are given")
+    found = [node for node in part(root, "metrics").findall("location") if node.get("name") == "AERORP"]
+    if len(found) != 1:
+        many = f"has {len(found)} locations" if found else "has no location"
+        raise InputError(f"<metrics> {many} AERORP, about which aerodynamic moments are given; expected one")
+    return place(found[0])
 
 
 def _shift(aerodynamics: ET.Element, look: Properties, metrics: Metrics) -> Any:
     """Return the distance by which the reference point moves forward [ft]: structural x, in chords, points aft."""
-    node = aerodynamics.find("aero_ref_pt_shift_x")
+    node = optional(aerodynamics, "aero_ref_pt_shift_x")
     if node is None:
         return 0.0
     return -value_of(part(node, "function"), look) * metrics["cbarw-ft"]
@@ -166,7 +172,14 @@ def _forces_and_moments(aerodynamics: ET.Element, look: Properties, metrics: Met
     for axis in aerodynamics.findall("axis"):
         if axis.get("frame") or axis.get("unit", "LBS") != "LBS":
             raise InputError(f'<axis name="{axis.get("name")}"> in a frame or unit of its own is not read')
-        axes.setdefault(axis.get("name", "").strip(), []).extend(axis.findall("function"))
+        name = axis.get("name", "").strip()
+        if name in axes:
+            raise InputError(
+                f'<axis name="{name}"> stands twice, and JSBSim takes the last one alone; put all functions into one'
+            )
+        axes[name] = axis.findall("function")
+        if any(node.get("apply_at_cg", "false").strip().lower() not in ("false", "0") for node in axes[name]):
+            raise InputError(f'<axis name="{name}">: a function that is applied at the c.g. (apply_at_cg) is not read')
     known = {name for names in (*_FORCES, _MOMENTS) for name in names}
     for name in axes:
         if name not in known:

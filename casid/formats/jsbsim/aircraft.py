@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from casid.arguments import number
-from casid.errors import InputError
+from casid.errors import InputError, check_known
 from casid.formats.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
-from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, load, part, place
+from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, load, optional, part, place
 from casid.model.airframe import Inertia
 from casid.signals import FOOT, SLUG
 
@@ -34,30 +34,37 @@ class MassProperties:
 def mass_properties(root: ET.Element) -> MassProperties:
     """Add up the mass properties as JSBSim does at the start of a flight. Raises InputError."""
     balance = part(root, "mass_balance")
-    empty = next((node for node in balance.findall("location") if node.get("name") in ("CG", None)), None)
+    centres = [node for node in balance.findall("location") if node.get("name") in ("CG", None)]
+    if len(centres) > 1:
+        raise InputError(f"<mass_balance> has {len(centres)} locations of the centre of gravity; keep the one meant")
+    empty = centres[0] if centres else None
     parts = [(amount(part(balance, "emptywt"), "LBS"), np.zeros(3) if empty is None else place(empty), _own(balance))]
     for point in balance.findall("pointmass"):
         weight = amount(part(point, "weight"), "LBS")
-        form = point.find("form")
+        form = optional(point, "form")
         own = _own(point) if form is None else _of_form(form, weight / LBS_PER_SLUG)
         parts.append((weight, place(part(point, "location")), own))
     for tank in root.iterfind("propulsion/tank"):
-        location = tank.find("location")
+        location = optional(tank, "location")
         if location is not None:
-            parts.append((amount(tank.find("contents"), "LBS"), place(location), np.zeros((3, 3))))
+            parts.append((amount(optional(tank, "contents"), "LBS"), place(location), np.zeros((3, 3))))
     weight = sum(w for w, _, _ in parts)
     cg = sum((w * at for w, at, _ in parts), np.zeros(3)) / weight
     inertia = sum((own + _of_point(w / LBS_PER_SLUG, body_arm(at, cg)) for w, at, own in parts), np.zeros((3, 3)))
     return MassProperties(weight=weight, cg=cg, inertia=inertia)
 
 
+_SIGNS = {"true": 1.0, "1": 1.0, "yes": 1.0, "false": -1.0, "0": -1.0, "no": -1.0}
+
+
 def _own(node: ET.Element) -> np.ndarray:
     """The tensor that the file gives; products of inertia are negated unless it states that they are not."""
     xx, yy, zz, xy, xz, yz = (
-        amount(node.find(f"i{pair}"), "SLUG*FT2") for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
+        amount(optional(node, f"i{pair}"), "SLUG*FT2") for pair in ("xx", "yy", "zz", "xy", "xz", "yz")
     )
-    negated = node.get("negated_crossproduct_inertia", "true").lower() in ("true", "1", "yes")
-    s = 1.0 if negated else -1.0
+    negated = node.get("negated_crossproduct_inertia", "true").strip().lower()
+    check_known("negated_crossproduct_inertia", (negated,), _SIGNS, f"<{node.tag}>")
+    s = _SIGNS[negated]
     return np.array([[xx, -s * xy, s * xz], [-s * xy, yy, -s * yz], [s * xz, -s * yz, zz]])
 
 
@@ -67,12 +74,13 @@ def _of_point(mass: float, arm: np.ndarray) -> np.ndarray:
 
 def _of_form(form: ET.Element, mass: float) -> np.ndarray:
     """Return the inertia of a solid about its own centre, its axis along x."""
-    r = amount(form.find("radius"), "FT")
-    length = amount(form.find("length"), "FT")
+    r = amount(optional(form, "radius"), "FT")
+    length = amount(optional(form, "length"), "FT")
     across = {"tube": mass / 12.0 * (6.0 * r**2 + length**2), "cylinder": mass / 12.0 * (3.0 * r**2 + length**2)}
     along = {"tube": mass * r**2, "cylinder": mass / 2.0 * r**2, "sphere": mass / 1.5 * r**2, "ball": mass / 2.5 * r**2}
     shape = form.get("shape", "").strip().lower()
-    first = along.get(shape, 0.0)
+    check_known("shape", (shape,), along, "<form>")
+    first = along[shape]
     return np.diag([first, across.get(shape, first), across.get(shape, first)])
 
 

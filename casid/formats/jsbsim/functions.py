@@ -14,7 +14,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.formats.file_tables import Entry, FileTable, with_numbers
-from casid.formats.jsbsim.source import number_of, part
+from casid.formats.jsbsim.source import number_in, number_of, part
 from casid.model.tables import Grid
 
 Look = Callable[[str], Any]  # property -> its expression
@@ -70,7 +70,7 @@ def value_of(node: ET.Element, look: Look) -> Any:
     if tag in ("property", "p"):
         return look((node.text or "").strip())
     if tag in ("value", "v"):
-        return ca.SX(number_of(node.text, tag))
+        return ca.SX(number_in(node))
     if tag == "pi":
         return ca.SX(math.pi)
     if tag in ("table", "t"):
@@ -102,6 +102,9 @@ def table_grid(node: ET.Element) -> tuple[list[str], Grid]:
         raise InputError(f"<table> '{node.get('name', '')}' has no independentVar or no tableData")
     if set(rows) - {"row", "column", "table"}:
         raise InputError("<table> of four dimensions is not read")
+    if len(rows) != len(variables):
+        called = node.get("name", "")
+        raise InputError(f"<table> '{called}': two of independentVar have one lookup; expected row and column")
     if len(variables) == 1:
         numbers = _numbers(data[0])
         return [rows["row"]], _grid([numbers[::2]], numbers[1::2])
@@ -122,7 +125,7 @@ def pages_of(node: ET.Element) -> list[Grid]:
 
 def _page(node: ET.Element) -> Grid:
     """A table of two dimensions: keys of the columns in the first line, of the row in the first column."""
-    lines = [line.split() for line in (node.text or "").splitlines() if line.split()]
+    lines = [line.split() for line in _data(node).splitlines() if line.split()]
     columns = [number_of(x, "tableData") for x in lines[0]]
     rows = [[number_of(x, "tableData") for x in line] for line in lines[1:]]
     if any(len(row) != len(columns) + 1 for row in rows):
@@ -141,8 +144,14 @@ def _grid(axes: Sequence[Sequence[float]], values: Sequence[float]) -> Grid:
     return Grid(breakpoints=tuple(map(tuple, axes)), values=tuple(values))
 
 
+def _data(node: ET.Element) -> str:
+    if len(node):
+        raise InputError(f"<tableData> must have numbers alone; it has <{node[0].tag}> in it: take that out")
+    return node.text or ""
+
+
 def _numbers(node: ET.Element) -> list[float]:
-    found = [number_of(x, "tableData") for x in (node.text or "").split()]
+    found = [number_of(x, "tableData") for x in _data(node).split()]
     if len(found) % 2:
         raise InputError("<tableData> of one dimension must have pairs of numbers")
     return found

@@ -13,7 +13,7 @@ import casadi as ca
 
 from casid.errors import InputError
 from casid.formats.jsbsim.functions import value_of
-from casid.formats.jsbsim.source import number_of, part
+from casid.formats.jsbsim.source import number_in, number_of, optional, part
 from casid.signals import DEGREE, FOOT, POUND_FORCE, SLUG
 
 _TEMPERATURE_R = 518.67
@@ -253,15 +253,15 @@ def _name(text: str | None) -> str:
 
 
 def _number(component: ET.Element, tag: str, default: float) -> float:
-    node = component.find(tag)
-    return default if node is None else number_of(node.text, tag)
+    node = optional(component, tag)
+    return default if node is None else number_in(node)
 
 
 def _clipped(component: ET.Element, value: Any) -> Any:
     limits = component.find("clipto")
     if limits is None:
         return value
-    low, high = (number_of(part(limits, tag).text, tag) for tag in ("min", "max"))
+    low, high = (number_in(part(limits, tag)) for tag in ("min", "max"))
     return ca.fmin(ca.fmax(value, low), high)
 
 
@@ -269,7 +269,7 @@ def _limits(component: ET.Element, tag: str) -> tuple[float, float]:
     node = component.find(tag)
     if node is None:
         return -1.0, 1.0
-    return number_of(part(node, "min").text, "min"), number_of(part(node, "max").text, "max")
+    return number_in(part(node, "min")), number_in(part(node, "max"))
 
 
 def _slopes(component: ET.Element) -> tuple[float, float]:

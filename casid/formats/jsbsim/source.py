@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -13,20 +15,16 @@ from casid.signals import DEGREE, FOOT
 
 LBS_PER_SLUG = 32.174049
 _INCLUDED = ("aerodynamics", "mass_balance", "metrics", "flight_control", "propulsion")
-# unit of the file -> factor to JSBSim's own (ft2, ft, in, lbs, slug ft2)
-_UNITS = {
-    "FT2": 1.0,
-    "M2": 1.0 / FOOT**2,
-    "FT": 1.0,
-    "M": 1.0 / FOOT,
-    "IN": 1.0 / 12.0,
-    "LBS": 1.0,
-    "KG": 2.20462262,
-    "SLUG*FT2": 1.0,
-    "KG*M2": 0.737562149,
-    "DEG": DEGREE,
-    "RAD": 1.0,
-}
+# of each quantity: unit of the file -> factor to JSBSim's own (ft2, ft, lbs, slug ft2, rad)
+_LENGTHS = {"FT": 1.0, "M": 1.0 / FOOT, "IN": 1.0 / 12.0}
+_UNITS = (
+    {"FT2": 1.0, "M2": 1.0 / FOOT**2},
+    _LENGTHS,
+    {"LBS": 1.0, "KG": 2.20462262},
+    {"SLUG*FT2": 1.0, "KG*M2": 0.737562149},
+    {"DEG": DEGREE, "RAD": 1.0},
+)
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 def load(path: str | Path) -> ET.Element:
@@ -62,38 +60,55 @@ def _parsed(file: Path) -> ET.Element:
 
 
 def part(node: ET.Element, tag: str) -> ET.Element:
-    """The child `tag`; raises InputError when there is none."""
-    child = node.find(tag)
+    """Return the child `tag`. Raises InputError when there is none, or more than one."""
+    child = optional(node, tag)
     if child is None:
         raise InputError(f"<{node.tag}> has no <{tag}>; add it")
     return child
 
 
+def optional(node: ET.Element, tag: str) -> ET.Element | None:
+    """Return the child `tag`, or None. Raises InputError when there is more than one."""
+    children = node.findall(tag)
+    if len(children) > 1:
+        raise InputError(f"<{node.tag}> has {len(children)} of <{tag}>; keep the one that is meant")
+    return children[0] if children else None
+
+
 def number_of(text: str | None, where: str) -> float:
-    """A number of the file. Raises InputError."""
-    try:
-        return float(text or "")
-    except ValueError:
-        raise InputError(f"<{where}> must be a number, got '{(text or '').strip()[:40]}'") from None
+    """Return a number of the file, written in digits of ASCII with a decimal point. Raises InputError."""
+    text = (text or "").strip()
+    if not _NUMBER.fullmatch(text):
+        raise InputError(f"<{where}> must be a number, got '{text[:40]}'")
+    return float(text)
+
+
+def number_in(node: ET.Element) -> float:
+    """Return the number that an element has, and nothing beside it. Raises InputError."""
+    if len(node):
+        raise InputError(f"<{node.tag}> must be a number alone; it has <{node[0].tag}> in it: take that out")
+    return number_of(node.text, node.tag)
 
 
 def amount(node: ET.Element | None, unit: str, default: float = 0.0) -> float:
-    """A number in JSBSim's own unit; the file's `unit` attribute, else `unit`, names the one that it has. Raises
-    InputError."""
+    """Return a number in JSBSim's own unit; the file's `unit` attribute, else `unit`, says which it has. Raises
+    InputError, also for a unit of another quantity."""
     if node is None:
         return default
+    units = next(units for units in _UNITS if unit in units)
+    return number_in(node) * _factor(node, unit, units)
+
+
+def _factor(node: ET.Element, unit: str, units: Mapping[str, float]) -> float:
     named = node.get("unit", unit).upper()
-    if named not in _UNITS:
-        raise InputError(f"<{node.tag}>: unit '{named}' is not known; expected one of {', '.join(_UNITS)}")
-    return number_of(node.text, node.tag) * _UNITS[named]
+    if named not in units:
+        raise InputError(f"<{node.tag}>: unit '{named}' is none of its quantity; expected {' or '.join(units)}")
+    return units[named]
 
 
 def place(node: ET.Element) -> np.ndarray:
-    """(3,) x y z of a <location> [ft], structural axes: x aft, y right, z up."""
-    unit = node.get("unit", "IN").upper()
-    if unit not in _UNITS:
-        raise InputError(f"<location>: unit '{unit}' is not known; expected IN, FT or M")
-    return np.array([number_of(part(node, axis).text, axis) for axis in "xyz"]) * _UNITS[unit]
+    """Return (3,) x y z of a <location> [ft], structural axes: x aft, y right, z up."""
+    return np.array([number_in(part(node, axis)) for axis in "xyz"]) * _factor(node, "IN", _LENGTHS)
 
 
 def body_arm(at: np.ndarray, cg: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -157,6 +158,42 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, lift: str, message: str) -
     with pytest.raises(InputError, match=message) as caught:
         cs.Aircraft.from_jsbsim(plane(tmp_path, lift, loop))
     assert "brick.xml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+AREA = '<wingarea unit="M2"> 10 </wingarea>'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            AREA,
+            '<wingarea unit="KG"> 10 </wingarea>',
+            "<wingarea>: unit 'KG' is none of its quantity; expected FT2 or M2",
+        ),
+        (AREA, '<wingarea unit="FT2"> 17<b/>4.0 </wingarea>', "<wingarea> must be a number alone; it has <b>"),
+        (AREA, "<wingarea> \u0661\u0667 </wingarea>", "<wingarea> must be a number, got"),
+        (AREA, "<wingarea> 1_0 </wingarea>", "<wingarea> must be a number, got '1_0'"),
+        (AREA, AREA + AREA, "<metrics> has 2 of <wingarea>; keep the one that is meant"),
+        ('<location unit="M">', '<location unit="LBS">', "<location>: unit 'LBS' is none of its quantity"),
+        ("</axis>", '</axis><axis name="LIFT"/>', 'axis name="LIFT"> stands twice'),
+        ('name="aero/force/lift"', 'name="aero/force/lift" apply_at_cg="true"', "applied at the c.g."),
+        (
+            "<mass_balance>",
+            '<mass_balance negated_crossproduct_inertia="maybe">',
+            "negated_crossproduct_inertia 'maybe'",
+        ),
+        ("<axis", "<function name='x'><v>1</v></function><function name='x'><v>2</v></function><axis", "called 'x'"),
+    ],
+)
+def test_what_means_nothing_or_stands_twice_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    path = plane(tmp_path, "<v>0.1</v>")
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    with pytest.raises(InputError, match=re.escape(message)) as caught:
+        cs.aircraft_model(cs.Aircraft.from_jsbsim(path))
+    assert "brick.xml" in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "<fdm_config", "<aircraft/>", "<fdm_config/>"])

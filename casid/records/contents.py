@@ -1,0 +1,45 @@
+"""What was read of a file, how, and what was not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+_MOST = 12  # names in a note
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contents:
+    """What was read of a file, how, and what was not, with the reason.
+
+    Attributes
+    ----------
+    read
+        Channel -> where it stands in the file, its unit, and what was made of its numbers.
+    unread
+        Name in the file -> why it was not read.
+
+    Examples
+    --------
+    >>> import casid as cs
+    >>> record = cs.read_record("casid/cli/demo/m1.csv")
+    >>> record.contents.read["alpha"]
+    "column 'alpha'; in rad, as no unit is stated"
+    """
+
+    read: Mapping[str, str] = field(default_factory=dict)
+    unread: Mapping[str, str] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return both tables, for JSON."""
+        return {"read": dict(self.read), "unread": dict(self.unread)}
+
+    @property
+    def note(self) -> str:
+        """The remark that names what was not read; "" where all was."""
+        if not self.unread:
+            return ""
+        named = [f"'{name}' ({why})" for name, why in list(self.unread.items())[:_MOST]]
+        more = len(self.unread) - len(named)
+        return f"not read: {', '.join(named)}" + (f" and {more} more" if more else "")

@@ -1,0 +1,350 @@
+"""Files of strangers: what is written comes back equal, or it is refused, or left out, by its name.
+
+Truth: the numbers that were written, in the units that were written, converted by their definitions.
+"""
+
+from __future__ import annotations
+
+import warnings
+import zipfile
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import casid as cs
+from casid.errors import InputError
+from casid.records.column_map import ColumnMap
+from casid.signals import CHANNELS
+
+N = 80
+T = 0.05 * np.arange(N)
+WAVE = 0.02 + 0.01 * np.sin(3.0 * T)
+KNOT = 1852.0 / 3600.0
+DEGREE = np.pi / 180.0
+# channel -> units and what one of them is in SI
+UNITS = {
+    "q": {"": 1.0, "rad/s": 1.0, "deg/s": DEGREE},
+    "alpha": {"": 1.0, "deg": DEGREE, "mrad": 1e-3},
+    "delta_e": {"": 1.0, "deg": DEGREE},
+    "V": {"": 1.0, "kt": KNOT, "ft/s": 0.3048, "km/h": 1.0 / 3.6},
+    "altitude": {"": 1.0, "ft": 0.3048},
+    "flap_lever": {"": 1.0},
+    "mode": {"": 1.0},
+}
+SIZES = {"V": 50.0, "altitude": 1000.0}
+NUMBERS = ("f8", "f4", "i4", "scaled", "filled")
+KINDS = (*NUMBERS, "complex", "text", "one", "short", "sparse", "objects", "decimal")
+# what a format can hold
+HOLDS: dict[str, tuple[str, ...]] = {
+    "npz": ("f8", "f4", "i4", "complex", "text", "one", "short"),
+    "mat": ("f8", "f4", "i4", "complex", "text", "one", "short", "sparse", "objects"),
+    "h5": ("f8", "f4", "i4", "scaled", "filled", "complex", "text", "one", "short"),
+    "parquet": ("f8", "f4", "i4", "scaled", "filled", "text", "decimal"),
+    "xlsx": ("f8", "text"),
+    "csv": ("f8", "text"),
+}
+STATES_UNITS = ("h5", "parquet")  # beside the numbers; the others in a header
+NESTS = {"h5": "/", "mat": ".", "parquet": "."}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Written:
+    """A column as it is written."""
+
+    name: str
+    kind: str
+    unit: str
+    group: str
+    phase: float
+
+    @property
+    def si(self) -> np.ndarray:
+        """(N,) in SI, as it has to come back."""
+        values = np.round(self.raw * 1000.0) if self.kind == "i4" else self.raw
+        values = np.round(values, 9) if self.kind == "decimal" else values
+        values = values.astype(np.float32).astype(float) if self.kind == "f4" else values
+        values = np.where(np.arange(N) % 7 == 3, np.nan, values) if self.kind == "filled" else values
+        return UNITS[self.name][self.unit] * values
+
+    @property
+    def raw(self) -> np.ndarray:
+        """(N,) in the unit of the file."""
+        size = SIZES.get(self.name, 1.0) / UNITS[self.name][self.unit]
+        return size * (WAVE + self.phase) / (1e4 if self.kind == "i4" and self.name not in SIZES else 1.0)
+
+    def path(self, between: str) -> str:
+        return f"{self.group}{between}{self.name}" if self.group else self.name
+
+
+def stored(one: Written) -> tuple[Any, dict[str, Any]]:
+    """What a file holds of a column, and its attributes."""
+    attributes: dict[str, Any] = {"units": one.unit} if one.unit else {}
+    raw = one.raw
+    simple = {"f8": raw, "f4": raw.astype(np.float32), "i4": np.round(raw * 1000.0).astype(np.int32)}
+    other = {"complex": raw + 1e-9j, "text": np.array(["up"] * N), "one": raw[:1], "short": raw[:-9]}
+    other |= {"sparse": scipy.sparse.csc_matrix(raw), "decimal": [Decimal(f"{v:.9f}") for v in raw.tolist()]}
+    if one.kind == "objects":
+        cell = np.empty(N, dtype=object)
+        cell[:] = raw.tolist()
+        return cell, attributes
+    if one.kind == "scaled":  # numbers of the file = (value - 3) / 0.25
+        return (raw - 3.0) / 0.25, attributes | {"scale_factor": 0.25, "add_offset": 3.0}
+    if one.kind == "filled":
+        return np.where(np.arange(N) % 7 == 3, -777.0, raw), attributes | {"_FillValue": -777.0}
+    return (simple | other)[one.kind], attributes
+
+
+def write(path: Path, columns: list[Written]) -> None:
+    """A file of the time and the columns, by the library of its format."""
+    ending = path.suffix[1:]
+    held = [(one, *stored(one)) for one in columns]
+    if ending == "npz":
+        np.savez(path, t=T, **{header(one): value for one, value, _ in held})
+    elif ending == "mat":
+        content: dict[str, Any] = {"t": T}
+        for one, value, _ in held:
+            content.setdefault(one.group, {})[one.name] = value if one.group else None
+            if not one.group:
+                content[one.name] = value
+        content.pop("", None)
+        scipy.io.savemat(path, content)
+    elif ending == "h5":
+        with pytest.importorskip("h5py").File(path, "w") as file:
+            file["t"] = T
+            for one, value, attributes in held:
+                value = value.astype("S") if one.kind == "text" else value
+                file[one.path("/")] = value
+                file[one.path("/")].attrs.update(attributes)
+    elif ending == "parquet":
+        arrow = pytest.importorskip("pyarrow")
+        names = ["t", *dict.fromkeys(one.group or one.name for one, _, _ in held)]
+        fields, arrays = [arrow.field("t", arrow.float64())], [arrow.array(T)]
+        for name in names[1:]:
+            parts = [
+                (one, arrow.array(value), attributes)
+                for one, value, attributes in held
+                if (one.group or one.name) == name
+            ]
+            inner = [
+                arrow.field(one.name, array.type, metadata={k: str(v) for k, v in attributes.items()})
+                for one, array, attributes in parts
+            ]
+            group = bool(parts[0][0].group)
+            made = (
+                arrow.StructArray.from_arrays([array for _, array, _ in parts], fields=inner) if group else parts[0][1]
+            )
+            fields.append(arrow.field(name, made.type) if group else inner[0])
+            arrays.append(made)
+        pytest.importorskip("pyarrow.parquet").write_table(
+            arrow.Table.from_arrays(arrays, schema=arrow.schema(fields)), path
+        )
+    else:
+        rows = [
+            ["t", *(header(one) for one, _, _ in held)],
+            *([t.item(), *(v[i].item() for _, v, _ in held)] for i, t in enumerate(T)),
+        ]
+        if ending == "csv":
+            path.write_text("\n".join(",".join(map(str, row)) for row in rows), encoding="utf-8")
+        else:
+            book = pytest.importorskip("openpyxl").Workbook()
+            for row in rows:
+                book.active.append(row)
+            book.save(path)
+
+
+def header(one: Written) -> str:
+    return f"{one.name} [{one.unit}]" if one.unit else one.name
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> tuple[str, list[Written]]:
+    ending = draw(st.sampled_from(sorted(HOLDS)))
+    found: list[Written] = []
+    for number in range(draw(st.integers(1, 6))):
+        name = draw(st.sampled_from(sorted(UNITS)))
+        units = sorted(UNITS[name]) if ending != "mat" else [""]  # a field of MATLAB cannot hold a unit in its name
+        group = draw(st.sampled_from(["", "air", "raw"])) if ending in NESTS else ""
+        one = Written(
+            name=name,
+            kind=draw(st.sampled_from(HOLDS[ending])),
+            unit=draw(st.sampled_from(units)),
+            group=group,
+            phase=0.001 * number,
+        )
+        if one.path(".") not in [other.path(".") for other in found] and one.group not in [o.name for o in found]:
+            found.append(one)
+    return ending, found
+
+
+@given(table=tables())
+@settings(max_examples=120, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+def test_a_table_comes_back_equal_or_is_refused_by_name(
+    table: tuple[str, list[Written]], tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    ending, columns = table
+    path = tmp_path_factory.mktemp("table") / f"m.{ending}"
+    write(path, columns)
+    unreadable = {one.name for one in columns if one.kind not in (*NUMBERS, "decimal")}
+    twice = {one.name for one in columns if sum(one.name == other.name for other in columns) > 1}
+    gaps = {one.name for one in columns if one.kind == "filled" and one.name == "delta_e"}
+    try:
+        record = cs.read_record(path)
+    except InputError as error:
+        assert any(name in CHANNELS and f"{name}" in str(error) for name in unreadable | twice | gaps), error
+        return
+    for one in columns:
+        where = place(ending, one)
+        found = [name for name, said in record.contents.read.items() if said.startswith(f"column '{where}'")]
+        if one.kind in (*NUMBERS, "decimal"):
+            np.testing.assert_allclose(record[found[0]], one.si, rtol=1e-12)
+        else:
+            assert not found and record.contents.unread[where]
+
+
+def place(ending: str, one: Written) -> str:
+    """Where a column stands, as messages name it."""
+    if ending in NESTS:
+        return f"{'/' if ending == 'h5' else ''}{one.path(NESTS[ending])}"
+    return header(one)
+
+
+def hdf5(path: Path, **content: Any) -> Path:
+    with pytest.importorskip("h5py").File(path, "w") as file:
+        for name, values in content.items():
+            file[name.replace("__", "/")] = values
+    return path
+
+
+def test_two_groups_of_one_name_are_a_question_that_a_map_answers(tmp_path: Path) -> None:
+    """The answer that the message offers is one: by the path of a column, or by the group."""
+    path = hdf5(tmp_path / "m.h5", t=T, delta_e=WAVE, q=WAVE, raw__q=2.0 * WAVE)
+    with pytest.raises(InputError, match="q stands as '/q' and '/raw/q'.*--map q=/raw/q"):
+        cs.read_record(path)
+    for name, factor in (("/q", 1.0), ("/raw/q", 2.0)):
+        record = cs.read_record(path, {"q": name})
+        np.testing.assert_allclose(record["q"], factor * WAVE)
+        assert set(record.channels) == {"delta_e", "q"} and len(record.contents.unread) == 1
+    runs = hdf5(tmp_path / "r.h5", one__t=T, one__delta_e=WAVE, two__t=T + 1.0, two__delta_e=3.0 * WAVE)
+    with pytest.raises(InputError, match="'/one/t' and '/two/t'"):
+        cs.read_record(runs)
+    (tmp_path / "map.toml").write_text('variable = "two"\n[columns]\ndelta_e = "delta_e"\n', encoding="utf-8")
+    np.testing.assert_allclose(cs.read_record(runs, tmp_path / "map.toml")["delta_e"], 3.0 * WAVE)
+
+
+def test_what_stands_twice_and_is_the_same_is_no_question(tmp_path: Path) -> None:
+    record = cs.read_record(hdf5(tmp_path / "m.h5", t=T, delta_e=WAVE, raw__delta_e=WAVE))
+    assert record.contents.unread == {"/raw/delta_e": "the same as '/delta_e'"}
+
+
+def test_two_entries_of_a_npz_and_two_columns_of_a_text_are_a_question(tmp_path: Path) -> None:
+    """numpy's own reader takes the last of two entries of one name."""
+    with zipfile.ZipFile(tmp_path / "m.npz", "w") as archive, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of zipfile, about the name
+        for name, values in (("t", T), ("delta_e", WAVE), ("delta_e", 2.0 * WAVE)):
+            with archive.open(f"{name}.npy", "w") as file:
+                np.lib.format.write_array(file, values)
+    rows = np.stack([T, WAVE, 2.0 * WAVE], axis=1)
+    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header="t,delta_e,delta_e", comments="")
+    for name in ("m.npz", "m.csv"):
+        with pytest.raises(InputError, match="delta_e stands as 'delta_e' and 'delta_e#2'"):
+            cs.read_record(tmp_path / name)
+        for column in ("delta_e#2", 3):
+            record = cs.read_record(tmp_path / name, ColumnMap.of({"delta_e": column}))
+            np.testing.assert_allclose(record["delta_e"], 2.0 * WAVE)
+
+
+def test_links_of_hdf5_lead_to_data_to_nothing_and_to_no_other_file(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    other = hdf5(tmp_path / "other.h5", q=WAVE)
+    path = hdf5(tmp_path / "m.h5", t=T, deep__delta_e=WAVE)
+    with h5py.File(path, "a") as file:
+        file["lost"] = h5py.SoftLink("/nowhere")
+        file["q"] = h5py.ExternalLink(other.name, "/q")
+        file["deep/again"] = h5py.SoftLink("/deep")
+    with pytest.raises(InputError, match="'/q' is not read: a link to another file"):
+        cs.read_record(path)
+    with h5py.File(path, "a") as file:
+        del file["q"]
+    record = cs.read_record(path)
+    assert record.contents.unread == {"/lost": "a link to nothing"}
+
+
+def test_times_of_parquet_and_numpy_are_times(tmp_path: Path) -> None:
+    """Of any resolution and name; what is no time of the clock is counted in s too."""
+    arrow = pytest.importorskip("pyarrow")
+    stamps = np.datetime64("2026-05-17T09:30:00.25", "ns") + np.round(T * 1e9).astype("timedelta64[ns]")
+    for unit in ("ms", "us", "ns"):
+        held = {"stamped": stamps.astype(f"datetime64[{unit}]"), "delta_e": WAVE}
+        pytest.importorskip("pyarrow.parquet").write_table(arrow.table(held), tmp_path / "m.parquet")
+        np.savez(tmp_path / "m.npz", **held)
+        for name in ("m.parquet", "m.npz"):
+            np.testing.assert_allclose(cs.read_record(tmp_path / name).t, T, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "ticks"),
+    [("time_us", 1e6), ("TimeUS", 1e6), ("time_boot_ms", 1e3), ("timestamp_ns", 1e9), ("Time_sec", 1.0)],
+)
+def test_the_unit_in_the_name_of_a_time(tmp_path: Path, name: str, ticks: float) -> None:
+    rows = np.stack([np.round(ticks * T, 3), WAVE], axis=1)
+    np.savetxt(tmp_path / "m.csv", rows, delimiter=",", header=f"{name},delta_e", comments="", fmt="%.10g")
+    np.testing.assert_allclose(cs.read_record(tmp_path / "m.csv").t, T, atol=1e-9)
+    np.testing.assert_allclose(cs.read_record(tmp_path / "m.csv", {"t": name}).t, T, atol=1e-9)
+
+
+def signal(values: np.ndarray, **fields: Any) -> dict[str, Any]:
+    return {"data": values[:, np.newaxis], **fields}
+
+
+def test_signals_of_matlab_have_their_units_and_rates(tmp_path: Path) -> None:
+    """A slower signal has its own samples at its own times and no others; an input runs in straight lines between."""
+    fast, slow = np.arange(160) / 20.0, np.arange(40) / 5.0
+    content = {
+        "PTCH": signal(np.sin(fast), Rate=20, Units="DEG", Description="pitch attitude"),
+        "TAS": signal(100.0 + slow, Rate=5, Units="KNOTS"),
+        "ELEV": signal(2.0 * slow, Rate=5, Units="DEG"),
+    }
+    scipy.io.savemat(tmp_path / "m.mat", content)
+    record = cs.read_record(tmp_path / "m.mat", {"theta": "PTCH", "V": "TAS", "delta_e": "ELEV"})
+    np.testing.assert_allclose(record.t, fast)
+    np.testing.assert_allclose(record["theta"], np.radians(np.sin(fast)))
+    np.testing.assert_allclose(record["V"][::4], KNOT * (100.0 + slow))
+    assert np.isnan(record["V"]).sum() == 120
+    np.testing.assert_allclose(record["delta_e"][:157], np.radians(2.0 * fast[:157]))
+
+
+def test_signals_of_matlab_in_one_structure(tmp_path: Path) -> None:
+    content = {"time": signal(T, units="sec"), "delta_e": signal(WAVE, units="deg", description="elevator")}
+    scipy.io.savemat(tmp_path / "m.mat", {"flightdata": content})
+    record = cs.read_record(tmp_path / "m.mat")
+    np.testing.assert_allclose(record["delta_e"], np.radians(WAVE))
+    assert record.contents.read["delta_e"].startswith("column 'flightdata.delta_e'; [deg], times 0.0174")
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("ending", ["mat", "npz", "h5"])
+def test_matrices_beside_a_time_are_columns(tmp_path: Path, ending: str, turned: bool) -> None:
+    rates = np.stack([WAVE, 2.0 * WAVE, 3.0 * WAVE], axis=1)
+    content = {"time": T, "rate": rates.T if turned else rates, "delta_e": WAVE, "note": np.array([1.0])}
+    path = tmp_path / f"m.{ending}"
+    if ending == "h5":
+        hdf5(path, **content)
+    else:
+        np.savez(path, **content) if ending == "npz" else scipy.io.savemat(path, content)
+    record = cs.read_record(path, {"p": "rate[1]", "q": "rate[2]", "r": "rate[3]"})
+    np.testing.assert_allclose(record.matrix(["p", "q", "r"]), rates)
+    assert list(record.contents.unread.values()) == ["one value, 1"]
+
+
+def test_check_lists_what_was_read_and_what_was_not(tmp_path: Path) -> None:
+    record = cs.read_record(hdf5(tmp_path / "m.h5", t=T, delta_e=WAVE, q=WAVE, mode=np.array([b"up"] * N)))
+    found = cs.check(record).to_dict()["contents"]["m"]
+    assert set(found["read"]) == {"t", "delta_e", "q"} and found["unread"] == {"/mode": "text"}
