@@ -228,7 +228,7 @@ def identifiability(
     diagonal = np.diagonal(information)
     size = _sizes(fit)
     # less than one per cent of a standard deviation for a change of a hundred times the size is nothing
-    seen = diagonal * np.where(np.isnan(size), 1.0, size) ** 2 > 1e-8
+    seen = np.where(np.isnan(size), diagonal > 0.0, diagonal * np.nan_to_num(size) ** 2 > 1e-8)
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     order = [i for i in np.argsort(-eigenvalues) if np.abs(vectors[seen, i]).max(initial=0.0) > 1e-6]

@@ -361,6 +361,19 @@ class Problem:
                 upper.append(constraint.upper)
         return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
 
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """(2, parameters) lower and upper limits of each parameter alone; infinite where it has none."""
+        low = np.full(len(self.parameters), -np.inf)
+        high = np.full(len(self.parameters), np.inf)
+        for row, lower, upper in zip(*self.linear_rows, strict=True):
+            which = np.flatnonzero(row)
+            if len(which) == 1:
+                ends = sorted((lower / row[which[0]], upper / row[which[0]]))
+                low[which[0]] = max(low[which[0]], ends[0])
+                high[which[0]] = min(high[which[0]], ends[1])
+        return np.stack([low, high])
+
     def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
         """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters."""
         per_record = any(name in self.local for name in constraint.coefficients)
