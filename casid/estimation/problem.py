@@ -317,6 +317,12 @@ class Problem:
         return known, np.where(np.isnan(given), _WIDE * size, given)
 
     @cached_property
+    def is_initial_weak(self) -> np.ndarray:
+        """(records, states) whether the 1-sigma of the initial state is so wide that it is no knowledge."""
+        known, std = self.initial_knowledge
+        return std >= (1.0 - 1e-9) * _WIDE * np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)))
+
+    @cached_property
     def state_size(self) -> np.ndarray:
         """(states,) order of magnitude of each state: of its readings where it is measured, else the larger one of what
         the model says and of the guess."""

@@ -94,7 +94,11 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> St
     idle = [name for name in idle_parameters(problem) if name in confused]
     if idle:
         return _idle_status(idle)
-    if len(confused) == 1:
+    if errors.exchanged:
+        states = ", ".join(errors.exchanged)
+        reason = f"the data cannot tell {', '.join(confused)} from the initial value of {states}, which is not known"
+        remedy = f"give InitialState(value={{...}}, std={{...}}) of {states}, read it, or fix one of these parameters"
+    elif len(confused) == 1:
         reason = f"nothing in these data depends on {confused[0]}"
         remedy = "fix it or give a prior"
     else:

@@ -102,3 +102,43 @@ def test_a_regression_in_any_units_is_that_of_least_squares(sizes: list[float], 
     best = np.linalg.lstsq(h, y, rcond=None)[0]
     assert fit.converged, fit.status
     assert np.array(list(fit.values.values())) * units[:3] / units[3] == pytest.approx(best, rel=1e-6, abs=1e-6)
+
+
+@settings(max_examples=4, deadline=None)
+@given(st.floats(0.3, 1.5), decades, st.sampled_from(["rate", "product"]))
+def test_a_symmetry_with_an_unread_state_is_told(rate: float, decade: float, kind: str) -> None:
+    """Truth: y is the same for d and z(0) as for c d and z(0)/c, so that no data hold d. Another reading of z does."""
+    unit = 10.0**decade
+
+    def posed(*outputs: str, known: bool = False) -> cs.Problem:
+        model = cs.define_model(
+            "hidden",
+            states=["a", "z"],
+            inputs=[],
+            parameters={"k": 0.5, "d": 1.0 / unit},
+            outputs=outputs,
+            dynamics=lambda s: {"a": -s.k * s.a + s.d * s.z, "z": -rate * s.z},
+            output=lambda s: {n: {"y": s.a if kind == "rate" else s.a + s.d * s.z, "z": s.z}[n] for n in outputs},
+            state_scale={"z": unit},
+        )
+        a, z = np.exp(-0.7 * T), np.exp(-rate * T)
+        forced = 3.0 * (a - z) / (rate - 0.7)
+        clean = {"y": forced if kind == "rate" else forced + 3.0 * z, "z": 2.0 * z * unit}
+        rng = np.random.default_rng(0)
+        noise = {"y": 0.01, "z": 0.01 * unit}
+        channels = {n: clean[n] + noise[n] * rng.standard_normal(len(T)) for n in outputs}
+        given = {"a": 0.0} | ({"z": 2.0 * unit} if known else {})
+        initial = cs.InitialState(value=given, std=dict.fromkeys(given, 0.0))
+        record = cs.Record(name="r", t=T, channels=channels)
+        return cs.Problem(model, [record], free=["*"], noise={n: noise[n] for n in outputs}, initial_state=initial)
+
+    lost = cs.solve(posed("y"))
+    assert lost.result is cs.Results.NOT_IDENTIFIABLE, lost.status
+    assert np.isnan(lost["d"].std) and lost["k"].value == pytest.approx(0.7, abs=5 * lost["k"].std)
+    assert "z" in lost.reason and "d" in lost.reason
+    assert cs.identifiability(lost).exchanged == {"d": ("z",)}
+    for better in (posed("y", "z"), posed("y", known=True)):
+        fit = cs.solve(better)
+        assert fit.converged, fit.status
+        assert fit["d"].value * unit == pytest.approx(1.5, rel=0.05)
+        assert not cs.identifiability(fit).exchanged
