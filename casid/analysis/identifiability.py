@@ -19,6 +19,7 @@ from casid.analysis.relinearise import relinearise
 from casid.arguments import require
 from casid.errors import check_known
 from casid.estimation.fit import Fit
+from casid.estimation.solvers.identified import determined
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.frames import brief
 from casid.model.system import Model, bare_name
@@ -109,6 +110,8 @@ class Identifiability:
         Parameter -> its std over what it would be were all others known (inf: not determined).
     unseen
         Parameters that nothing in the data depends on, with the manoeuvre that would show most of each.
+    exchanged
+        Parameter -> states whose initial values, of which nothing is known, can take its place.
     weak
         Directions whose condition index is above 10.
     blends
@@ -129,6 +132,7 @@ class Identifiability:
     vectors: np.ndarray
     inflation: Mapping[str, float]
     unseen: Mapping[str, Suggestion | None]
+    exchanged: Mapping[str, tuple[str, ...]]
     weak: tuple[Direction, ...]
     blends: Mapping[str, Blend]
     excitation: tuple[Excitation, ...]
@@ -147,11 +151,18 @@ class Identifiability:
             f"{_INDEX:g} all are separated, above {_STRONG:g} some hardly)"
         ]
         lines += [f"- {moved.sentence}" for moved in self.excitation]
+        for name, states in self.exchanged.items():
+            lines.append(
+                f"- these data cannot tell {name} from the initial value of {', '.join(states)}; give "
+                f"InitialState(value={{...}}, std={{...}}) of it, or fix {name}"
+            )
         for name, helped in self.unseen.items():
+            if name in self.exchanged:
+                continue
             cure = f"{helped.manoeuvre} would show it" if helped else "fix it, or give a prior"
             lines.append(f"- nothing in these data depends on {name}; {cure}")
         lines += [f"- {direction.sentence}" for direction in self.weak]
-        if not self.weak and not self.unseen:
+        if not self.weak and not self.unseen and not self.exchanged:
             lines.append("- every parameter is told apart from the others")
         still = [b for b in self.blends.values() if not b.moved]
         if self.blends:
@@ -228,7 +239,7 @@ def identifiability(
     diagonal = np.diagonal(information)
     size = _sizes(fit)
     # less than one per cent of a standard deviation for a change of a hundred times the size is nothing
-    seen = diagonal * np.where(np.isnan(size), 1.0, size) ** 2 > 1e-8
+    seen = np.where(np.isnan(size), diagonal > 0.0, diagonal * np.nan_to_num(size) ** 2 > 1e-8)
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
     eigenvalues, vectors = np.linalg.eigh(information * np.outer(scale, scale))
     order = [i for i in np.argsort(-eigenvalues) if np.abs(vectors[seen, i]).max(initial=0.0) > 1e-6]
@@ -259,12 +270,16 @@ def identifiability(
             weak.append(_direction(fit, one, size, moves))
     inflation = np.sqrt(np.where(seen, total, np.inf))
     inflation[total > 0.01 / _NOTHING] = np.inf
+    told = determined(at.objective, at.linear, fit.multipliers)
+    exchanged = dict.fromkeys(told.lost, told.states) if told.states else {}
+    inflation[np.isin(names, list(exchanged))] = np.inf
     return Identifiability(
         names=names,
         singular_values=singular,
         vectors=vectors,
         inflation=dict(zip(names, inflation.tolist(), strict=True)),
         unseen={names[i]: best_manoeuvre(found, information, np.eye(len(names))[i]) for i in np.flatnonzero(~seen)},
+        exchanged=exchanged,
         weak=tuple(weak),
         blends=_blends(fit, information),
         excitation=moves,

@@ -10,6 +10,7 @@ import numpy as np
 from casid.estimation.attempt import build_objective
 from casid.estimation.fit import Fit
 from casid.estimation.problem import check_plain
+from casid.estimation.solvers.identified import weak_pull
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import inverse_along
@@ -31,9 +32,10 @@ class AtFit:
 
     @property
     def information(self) -> np.ndarray:
-        """(parameters, parameters) information of the data: initial states eliminated, priors of parameters left
-        out."""
-        return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2)
+        """(parameters, parameters) what the data say: initial states eliminated; priors of parameters left out, and
+        those of initial states of which nothing is known."""
+        pull = weak_pull(self.objective, self.linear)
+        return self.linear.hessian - np.diag(1.0 / self.objective.problem.prior_std**2) - pull.T @ pull
 
     @property
     def whitening(self) -> np.ndarray:

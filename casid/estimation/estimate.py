@@ -176,9 +176,10 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     sigma = levels.rms(value.squares) if levels.proportional else levels.sigma
     errors = _errors(objective, outcome)
     ended = final_status(problem, outcome.status, outcome.point, errors, asked)
+    theta = objective.limits.kept(outcome.point.theta, outcome.limit_multipliers)
     return Fit(
         problem=problem,
-        values=dict(zip(problem.parameters, outcome.point.theta.tolist(), strict=True)),
+        values=dict(zip(problem.parameters, theta.tolist(), strict=True)),
         uncertainty=errors,
         ended=ended,
         iterations=outcome.iterations,

@@ -201,6 +201,7 @@ class Fit:
         below, above = self.uncertainty.sides
         prior = self.problem.nominal
         prior_std = self.problem.prior_std
+        low, high = self.problem.bounds
         return {
             name: Estimate(
                 name=name,
@@ -208,7 +209,10 @@ class Fit:
                 std=float(std[i]),
                 std_cramer_rao=float(cramer_rao[i]),
                 std_corrected=float(corrected[i]),
-                interval=(value - float(below[i]), value + float(above[i])),
+                interval=(
+                    min(max(value - float(below[i]), float(low[i])), value),
+                    max(min(value + float(above[i]), float(high[i])), value),
+                ),
                 prior=float(prior[i]),
                 prior_std=float(prior_std[i]),
             )

@@ -28,8 +28,8 @@ class Estimate:
     std_corrected
         With the autocorrelation of the residuals.
     interval
-        Of 95 %; one-sided where a limit holds the parameter. Of a parameter that is estimated by its logarithm it is
-        that of the logarithm.
+        Of 95 %; it ends at a limit, and is one-sided where one holds the parameter. Of a parameter that is estimated
+        by its logarithm it is that of the logarithm.
     prior, prior_std
         A-priori value and its 1-sigma, infinite where there is none.
 

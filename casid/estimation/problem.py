@@ -330,6 +330,12 @@ class Problem:
         return known, np.where(np.isnan(given), _WIDE * size, given)
 
     @cached_property
+    def is_initial_weak(self) -> np.ndarray:
+        """(records, states) whether the 1-sigma of the initial state is so wide that it is no knowledge."""
+        known, std = self.initial_knowledge
+        return std >= (1.0 - 1e-9) * _WIDE * np.maximum(self.guessed_size, np.abs(np.nan_to_num(known)))
+
+    @cached_property
     def state_size(self) -> np.ndarray:
         """(states,) order of magnitude of each state: of its readings where it is measured, else the larger one of what
         the model states and of the guess."""
@@ -373,6 +379,19 @@ class Problem:
                 lower.append(constraint.lower)
                 upper.append(constraint.upper)
         return np.reshape(rows, (len(rows), len(self.parameters))), np.array(lower), np.array(upper)
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """(2, parameters) lower and upper limits of each parameter alone; infinite where it has none."""
+        low = np.full(len(self.parameters), -np.inf)
+        high = np.full(len(self.parameters), np.inf)
+        for row, lower, upper in zip(*self.linear_rows, strict=True):
+            which = np.flatnonzero(row)
+            if len(which) == 1:
+                ends = sorted((lower / row[which[0]], upper / row[which[0]]))
+                low[which[0]] = max(low[which[0]], ends[0])
+                high[which[0]] = min(high[which[0]], ends[1])
+        return np.stack([low, high])
 
     def linear_rows_of(self, constraint: LinearConstraint) -> list[np.ndarray]:
         """The rows (parameters,) of one constraint: one, or one for every record where it has per-record parameters."""

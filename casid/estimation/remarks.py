@@ -16,6 +16,7 @@ from casid.estimation.fitted import ChannelFit, Estimate
 from casid.estimation.noise import Huber, StudentT
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
+from casid.estimation.solvers.limits import ParameterLimits
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.numbers import with_deviation
@@ -126,11 +127,16 @@ def _colour(coloured: Sequence[str], parameters: Mapping[str, Estimate]) -> Iter
 
 
 def _held(fit: Any) -> Iterator[str]:
-    """Parameters of which a limit leaves an interval to one side."""
-    for name, e in fit.parameters.items():
+    """Parameters that are at a limit, alone or in a combination, and have an interval to one side."""
+    theta = np.array(list(fit.values.values()))
+    rows = ParameterLimits(fit.problem).at(theta)[1]
+    in_force = (rows[fit.multipliers != 0.0] != 0.0).any(axis=0)
+    at_bound = (theta == fit.problem.bounds).any(axis=0)
+    for e, held in zip(fit.parameters.values(), in_force | at_bound, strict=True):
+        name = e.name
         low = e.value - e.interval[0]
         high = e.interval[1] - e.value
-        if min(low, high) < _ONE_SIDED * max(low, high):
+        if held and min(low, high) < _ONE_SIDED * max(low, high):
             yield f"{name}: held by a limit; its 95 % interval is one-sided, {e.interval[0]:.4g} to {e.interval[1]:.4g}"
 
 

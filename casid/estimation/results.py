@@ -18,11 +18,15 @@ from casid.model.expressions import origin
 from casid.model.system import unguessed_states
 
 _BEYOND = 1e3  # times the root mean square of what was measured: no simulation that follows it is so far away
+_STEPS = (0.01, -0.01, 0.1, -0.1, 0.5, -0.5, 2.0)  # of a parameter's size, at which a jump is looked for
 _RAN_OFF = 1e6  # times the larger of start and a-priori value: no data move a parameter there that they see
 
 
 def final_status(problem: Problem, status: Status, point: Point, errors: Uncertainty, method: Any) -> Status:
     """The status of a fit: the state, parameter, time or expression that is the reason, and what to do about it."""
+    jumping = _jumping(problem, errors)
+    if jumping:
+        return _jumping_status(jumping)
     if status.converged:
         return _not_identifiable(problem, point, errors)
     if status.result in (Results.STOPPED, Results.ANOTHER_MINIMUM):
@@ -83,6 +87,54 @@ def _idle_status(idle: list[str]) -> Status:
     )
 
 
+def _jumping(problem: Problem, errors: Uncertainty) -> list[str]:
+    """Parameters whose derivative is zero at the end and some way from it, although a step moves the predictions."""
+    linear = errors.linear
+    if linear is None:
+        return []
+    idle = idle_parameters(problem)
+    theta = linear.point.theta
+    size = np.maximum(np.abs(theta), np.abs(problem.start_vector))
+    low, high = problem.bounds
+    found = []
+    for i in np.flatnonzero(np.diagonal(linear.hessian) == 1.0 / problem.prior_std**2):
+        if problem.parameters[i] in idle:
+            continue
+        for step in _STEPS:
+            stepped = theta.copy()
+            stepped[i] = np.clip(theta[i] + step * (size[i] or 1.0), low[i], high[i])
+            moves, slope = _moves(errors, linear.point, stepped)
+            if slope[i] != 1.0 / problem.prior_std[i] ** 2:  # of a parameter that has no effect just here
+                break
+            if moves:
+                found.append(problem.parameters[i])
+                break
+    return found
+
+
+def _moves(errors: Uncertainty, point: Point, theta: np.ndarray) -> tuple[bool, np.ndarray]:
+    """Whether other parameters move the predictions, and the diagonal of the information there."""
+    objective = errors.objective
+    try:
+        value = objective.value(replace(point, theta=theta), errors.value.noise)
+        linear = objective.linearise(replace(point, theta=theta), value)
+    except np.linalg.LinAlgError:
+        return False, np.diagonal(errors.linear.hessian) if errors.linear else np.zeros(len(theta))
+    before, after = (np.concatenate([v.squares.ravel(), v.defects.ravel()]) for v in (errors.value, value))
+    return bool(np.isfinite(after).all() and (before != after).any()), np.diagonal(linear.hessian)
+
+
+def _jumping_status(names: list[str]) -> Status:
+    many = ", ".join(names)
+    return Status(
+        result=Results.NO_DERIVATIVE,
+        reason=f"the model depends on {many}, and the derivative by {'it' if len(names) == 1 else 'them'} is zero "
+        "everywhere, as of a time inside np.where or a comparison",
+        remedy=f"write the transition smoothly, 0.5 + 0.5 * np.tanh((t - {names[0]}) / width) with a width of a sample "
+        "or two, make the command a smooth function of it, or fix it and compare several values",
+    )
+
+
 def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> Status:
     confused = errors.confused
     if not confused:
@@ -94,7 +146,11 @@ def _not_identifiable(problem: Problem, point: Point, errors: Uncertainty) -> St
     idle = [name for name in idle_parameters(problem) if name in confused]
     if idle:
         return _idle_status(idle)
-    if len(confused) == 1:
+    if errors.exchanged:
+        states = ", ".join(errors.exchanged)
+        reason = f"the data cannot tell {', '.join(confused)} from the initial value of {states}, which is not known"
+        remedy = f"give InitialState(value={{...}}, std={{...}}) of {states}, read it, or fix one of these parameters"
+    elif len(confused) == 1:
         reason = f"nothing in these data depends on {confused[0]}"
         remedy = "fix it or give a prior"
     else:

@@ -26,8 +26,7 @@ def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
     """Starts at the points of a scrambled Sobol sequence: where a parameter has two limits, between them, on a
     logarithmic scale if it is estimated on one. Where it has a prior, as that is distributed; else within a decade
     either way, on a logarithmic scale. Raises InputError for a parameter that begins at zero and has neither."""
-    limits = _limits(problem)
-    rules = [_rule(problem, i, *limits.get(name, (-math.inf, math.inf))) for i, name in enumerate(problem.parameters)]
+    rules = [_rule(problem, i, *bounds.tolist()) for i, bounds in enumerate(problem.bounds.T)]
     if count < 1:
         return []
     sobol = scipy.stats.qmc.Sobol(len(rules), rng=np.random.default_rng(seed))
@@ -35,20 +34,6 @@ def drawn(problem: Problem, count: int, seed: int) -> list[dict[str, float]]:
     return [
         {name: rule(float(u)) for name, rule, u in zip(problem.parameters, rules, row, strict=True)} for row in shares
     ]
-
-
-def _limits(problem: Problem) -> dict[str, tuple[float, float]]:
-    """Name -> limits, of the parameters that have some of their own."""
-    found: dict[str, tuple[float, float]] = {}
-    for row, lower, upper in zip(*problem.linear_rows, strict=True):
-        which = np.flatnonzero(row)
-        if len(which) == 1:
-            name = problem.parameters[which[0]]
-            factor = row[which[0]]
-            low, high = sorted((lower / factor, upper / factor))
-            before = found.get(name, (-math.inf, math.inf))
-            found[name] = max(low, before[0]), min(high, before[1])
-    return found
 
 
 def _rule(problem: Problem, i: int, low: float, high: float) -> Callable[[float], float]:
@@ -139,12 +124,13 @@ def _beyond(problem: Problem, fit: Fit) -> Iterator[dict[str, float]]:
         return
     sizes, axes = np.linalg.eigh(fit.covariance / np.outer(std, std))
     axis = np.sqrt(max(float(sizes[-1]), 0.0)) * std * axes[:, -1]
-    limits = [_limits(problem).get(name, (-math.inf, math.inf)) for name in problem.parameters]
     logarithmic = np.array([name in problem.logarithmic for name in problem.bare])
     for times in _TIMES:
         factor = np.exp(np.clip(times * axis / np.where(logarithmic, theta, np.inf), -_FAR, _FAR))
         moved = np.where(logarithmic, theta * factor, theta + times * axis)
-        yield {n: float(np.clip(v, *own)) for n, v, own in zip(problem.parameters, moved, limits, strict=True)}
+        yield {
+            n: float(np.clip(v, *own)) for n, v, own in zip(problem.parameters, moved, problem.bounds.T, strict=True)
+        }
 
 
 def _best(problem: Problem, fits: Sequence[Fit], lost: Sequence[Fit]) -> Fit:

@@ -33,7 +33,7 @@ from casid.estimation.residual_colour import (
     spread,
     variance_scatter,
 )
-from casid.estimation.solvers.identified import determined_along, weakest
+from casid.estimation.solvers.identified import Determined, determined, weakest
 from casid.estimation.solvers.levels import NoiseLevels
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.paths import HeldPaths, diagonal
@@ -336,17 +336,19 @@ class Uncertainty:
 
     @property
     def confused(self) -> tuple[str, ...]:
-        """Parameters that the data do not separate or determine."""
-        return self._determined[0]
+        """Parameters that the data cannot tell apart, or of which they say nothing."""
+        return self._determined.lost
+
+    @property
+    def exchanged(self) -> tuple[str, ...]:
+        """States whose initial values, of which nothing is known, the confused parameters are exchanged with."""
+        return self._determined.states
 
     @cached_property
-    def _determined(self) -> tuple[tuple[str, ...], np.ndarray]:
-        """Parameters that are confused, and the directions (parameters, k) that the data determine."""
+    def _determined(self) -> Determined:
         if self.linear is None:
-            return (), np.zeros((self._count, 0))
-        theta = self.linear.point.theta
-        free = self.objective.free_directions(theta, self.limit_multipliers)
-        return determined_along(self.objective.problem, self.linear.hessian, free, theta)
+            return Determined(lost=(), directions=np.zeros((self._count, 0)))
+        return determined(self.objective, self.linear, self.limit_multipliers)
 
     @property
     def weakest(self) -> tuple[str, ...]:
@@ -357,12 +359,12 @@ class Uncertainty:
     def _free(self) -> np.ndarray:
         rows, multipliers, equal = self._limits
         if self.confused:
-            return self._determined[1]
+            return self._determined.directions
         return free_directions(rows, np.where(equal, 1.0, multipliers))
 
     @cached_property
     def _inverse(self) -> np.ndarray | None:
-        if self.linear is None or (self.confused and (not self._determined[1].size or self._paths is not None)):
+        if self.linear is None or (self.confused and (not self._determined.directions.size or self._paths is not None)):
             return None
         try:
             return inverse_along(self._free, self._information)

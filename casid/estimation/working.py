@@ -47,23 +47,26 @@ class Working:
         values = natural(self.posed, fit.values)
         by_log = _logarithmic(self.posed)
         factor = np.array([values[n] if n in by_log else 1.0 for n in self.posed.parameters])
+        limits = ParameterLimits(self.posed)
+        kept = limits.kept(np.array(list(values.values())), fit.multipliers)
+        values = dict(zip(values, kept.tolist(), strict=True))
         found = replace(
             fit,
             problem=self.posed,
             values=values,
             uncertainty=Rescaled(fit.uncertainty, factor),
-            multipliers=fit.multipliers / self._size_of_limits(values),
+            multipliers=fit.multipliers / self._size_of_limits(limits, values),
             states=self._states(fit, values),
         )
         return self._with_noise(found) if self.posed.sigma_channels else found
 
-    def _size_of_limits(self, values: Mapping[str, float]) -> np.ndarray:
+    def _size_of_limits(self, limits: ParameterLimits, values: Mapping[str, float]) -> np.ndarray:
         """(rows,) change of what a limit holds as it was posed per change of what it holds here: bounds of parameters
         are bounds of their logarithms."""
         by_log = _logarithmic(self.posed)
         names = self.posed.parameters
-        which = ParameterLimits(self.posed).single
-        return np.array([values[names[i]] if i is not None and names[i] in by_log else 1.0 for i in which])
+        by_limit = [values[names[i]] if i is not None and names[i] in by_log else 1.0 for i in limits.single]
+        return np.array(by_limit)
 
     def _states(self, fit: Fit, values: Mapping[str, float]) -> dict[str, StateHistory]:
         theta = np.array([values[name] for name in self.posed.parameters])

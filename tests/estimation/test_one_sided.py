@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy
 from estimation_cases import NOISE, START, TRUTH, flight, short_period
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
@@ -134,3 +137,34 @@ def test_intervals_within_a_path_limit_hold_the_truth(runs):
         held += any(remark.startswith("x: its limit holds") for remark in fit.remarks)
     assert 0.3 * runs < held < 0.7 * runs
     assert abs(np.mean(inside) - 0.95) < (0.025 if runs == 300 else 0.05)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 2**16), st.floats(-3.0, 3.0), st.floats(-8.0, 8.0), st.sampled_from([None, 1.0]))
+def test_bounds_are_kept_exactly_and_end_the_intervals(seed, loudness, decade, given_noise):
+    """Truth: scipy's bounded least squares, and which bounds it finds active."""
+    rng = np.random.default_rng(seed)
+    unit = 10.0**decade
+    h = rng.standard_normal((25, 3))
+    y = unit * (h @ rng.uniform(-2.0, 2.0, 3) + 10.0**loudness * rng.standard_normal(25))
+    bounds = unit * np.sort(rng.choice([-1.0, -0.3, 0.0, 0.3, 1.0, 2.0], (3, 2)) + [0.0, 0.1], axis=1)
+    names = ("a", "b", "c")
+    model = cs.define_regression(
+        "line",
+        inputs=["h0", "h1", "h2"],
+        parameters=dict(zip(names, bounds.mean(axis=1).tolist(), strict=True)),
+        outputs=["y"],
+        output=lambda s: {"y": s.a * s.h0 + s.b * s.h1 + s.c * s.h2},
+    )
+    record = cs.Record(name="r", t=np.arange(25.0), channels={f"h{i}": h[:, i] for i in range(3)} | {"y": y})
+    limits = [cs.limit_parameter(n, lower=low, upper=up) for n, (low, up) in zip(names, bounds.tolist(), strict=True)]
+    noise = None if given_noise is None else {"y": given_noise * unit * 10.0**loudness}
+    fit = cs.solve(cs.Problem(model, record, free=["*"], constraints=limits, noise=noise))
+    best = scipy.optimize.lsq_linear(h, y / unit, bounds.T / unit, method="bvls", tol=1e-14)
+    assert fit.converged, fit.status
+    for name, value, side, (low, up) in zip(names, best.x, best.active_mask, bounds, strict=True):
+        one = fit[name]
+        assert one.value == pytest.approx(unit * value, abs=1e-5 * unit)
+        assert low <= one.interval[0] <= one.value <= one.interval[1] <= up
+        assert (one.value == (low if side < 0 else up)) == (side != 0)
+        assert any(r.startswith(f"{name}: held by a limit") for r in fit.remarks) == (side != 0)

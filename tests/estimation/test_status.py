@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.stats import norm
 
@@ -218,3 +222,61 @@ def test_an_end_without_open_defects_is_the_motion_that_is_judged():
     for one in (fit, whole):
         assert one.log_likelihood == pytest.approx(norm.logpdf(y, one.predictions["r"][:, 0], sigma).sum(), abs=1e-6)
     assert fit.log_likelihood == pytest.approx(whole.log_likelihood, abs=0.01)
+
+
+def _switched(kind: str, smooth: bool) -> cs.Model:
+    """Something that begins at the time ts: of an output, of a rate, of a delayed command."""
+
+    def on(t: Any) -> Any:
+        return 0.5 + 0.5 * np.tanh(t / 0.1) if smooth else np.where(t > 0.0, 1.0, 0.0)
+
+    if kind == "output":
+        return cs.define_regression(
+            kind,
+            inputs=["t"],
+            parameters={"a": 1.0, "ts": 4.0},
+            outputs=["y"],
+            output=lambda s: {"y": s.a * on(s.t - s.ts)},
+        )
+    return cs.define_model(
+        kind,
+        states=["x"],
+        inputs=["t"],
+        parameters={"a": 1.0, "ts": 4.0},
+        outputs=["y"],
+        dynamics=lambda s: {"x": s.a * on(s.t - (1.0 + s.ts if kind == "delay" else s.ts)) - s.x},
+        output=lambda s: {"y": s.x},
+    )
+
+
+@settings(max_examples=6, deadline=None)
+@given(st.floats(3.0, 5.0), st.sampled_from(["output", "rate", "delay"]), st.booleans())
+def test_a_time_in_a_condition_is_told_as_without_derivative(begin, kind, with_prior):
+    t = np.linspace(0.0, 10.0, 101)
+    later = np.maximum(t - begin - (kind == "delay"), 0.0)
+    y = 2.0 * (later > 0.0) if kind == "output" else 2.0 * (1.0 - np.exp(-later))
+    y = y + 0.05 * np.random.default_rng(0).standard_normal(len(t))
+    record = cs.Record(name="r", t=t, channels={"t": t, "y": y})
+    jumping = replace(_switched(kind, smooth=False), prior_std={"ts": 1.0})
+    fit = cs.solve(cs.Problem(jumping, [record], free=["*"], noise={"y": 0.05}, prior=with_prior))
+    assert fit.result is cs.Results.NO_DERIVATIVE and "ts" in fit.reason and "a," not in fit.reason
+    smooth = cs.solve(cs.Problem(_switched(kind, smooth=True), [record], free=["*"], noise={"y": 0.05}))
+    assert smooth.converged, smooth.status
+    assert smooth["ts"].value == pytest.approx(begin, abs=0.15)
+
+
+@pytest.mark.parametrize("command", [0.0, 1.0])
+def test_no_effect_in_these_data_is_no_jump(command):
+    """A command that rests, and a factor that is zero: the derivative is zero here, and elsewhere it is not."""
+    t = np.linspace(0.0, 5.0, 60)
+    model = cs.define_regression(
+        "product",
+        inputs=["t", "u"],
+        parameters={"a": 1.0, "b": 0.0},
+        outputs=["y"],
+        output=lambda s: {"y": s.a * s.t + s.b**2 * s.u},
+    )
+    y = t + 0.1 * np.random.default_rng(0).standard_normal(60)
+    record = cs.Record(name="r", t=t, channels={"t": t, "u": 0.0 * t + command, "y": y})
+    fit = cs.solve(cs.Problem(model, [record], free=["*"], noise={"y": 0.1}))
+    assert fit.result is not cs.Results.NO_DERIVATIVE and (command == 1.0 or not fit.converged)

@@ -11,6 +11,7 @@ import numpy as np
 
 from casid.estimation.solvers.gauss_newton import Iteration
 from casid.estimation.solvers.point import Linearised, SolverStep, moved
+from casid.estimation.solvers.quadratic import own_curvature
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Status
 
 # damping
@@ -52,9 +53,10 @@ class DampedSearch:
         return step
 
     def _step(self, at: Iteration, linear: Linearised, damping: float) -> SolverStep | None:
-        diagonal = np.maximum(self.largest, 1e-14 * self.largest.max(initial=0.0))
         try:
-            return at.objective.step_by(at.point, linear, linear.hessian + damping * np.diag(diagonal))
+            return at.objective.step_by(
+                at.point, linear, linear.hessian + damping * np.diag(own_curvature(self.largest))
+            )
         except np.linalg.LinAlgError:
             return None
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import scipy
 
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.objective import Objective
@@ -12,6 +15,7 @@ from casid.estimation.solvers.quadratic import jacobi_scale
 _RANK = 1e-12  # of the scaled information: a smaller eigenvalue is rounding
 _FAINT = 0.1  # standard deviations of the noise that all predictions together move
 _PART = 0.3  # of the largest share in a direction: what has less is not named
+_BY_PRIOR = 0.9  # of the information along a direction: without its prior the deviation is three times as large
 _IDLE = 1e-6  # standard deviations of the noise that all predictions together move
 
 
@@ -34,18 +38,72 @@ def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndar
     return tuple(n for n, s in zip(objective.problem.parameters, share, strict=True) if s > _PART * share.max())
 
 
-def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
-    """Parameters that the data do not separate, or that have no effect on them. A change by the whole size of the
-    parameter, or by its start value if that is larger, moves no prediction by a noticeable part of the noise.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Determined:
+    """What the data say of the parameters: `lost`, those that they cannot tell apart or of which they say nothing;
+    `directions` (parameters, k) that they do determine; the `states` whose initial values take the place of lost ones,
+    where nothing but the weak prior of these holds them."""
 
-    limit_multipliers: a parameter that an active limit holds is not lost.
+    lost: tuple[str, ...]
+    directions: np.ndarray
+    states: tuple[str, ...] = ()
+
+
+def determined(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> Determined:
+    """Judge what the data say of the parameters at a point.
+
+    Parameters are lost where a change by the whole size of the parameter, or by its start value if that is larger,
+    moves no prediction by a noticeable part of the noise, also where initial states that nobody has given follow the
+    change. A parameter that an active limit holds (`limit_multipliers`) is not lost.
     """
     theta = linear.point.theta
-    return lost_along(objective.problem, linear.hessian, objective.free_directions(theta, limit_multipliers), theta)
+    free = objective.free_directions(theta, limit_multipliers)
+    names, directions = determined_along(objective.problem, linear.hessian, free, theta)
+    follow = weak_pull(objective, linear) if directions.size else np.zeros((0, len(theta)))
+    if not follow.size:
+        return Determined(lost=names, directions=directions)
+    scale = np.sqrt(np.maximum(np.diagonal(linear.hessian), 0.0))
+    inner = directions.T @ linear.hessian @ directions
+    own = jacobi_scale(inner)
+    pull = follow @ directions * own
+    try:
+        shares, vectors = scipy.linalg.eigh(pull.T @ pull, inner * np.outer(own, own))
+    except np.linalg.LinAlgError:
+        return Determined(lost=names, directions=directions)
+    by_prior = shares > _BY_PRIOR
+    if not by_prior.any():
+        return Determined(lost=names, directions=directions)
+    along = directions @ (own[:, None] * vectors)
+    weight = np.abs(along[:, by_prior]) * scale[:, None]
+    weight = (weight / weight.max(axis=0)).max(axis=1)
+    moved = (np.abs(follow @ along[:, by_prior]).reshape(-1, len(objective.scale), by_prior.sum())).max(axis=(0, 2))
+    return Determined(
+        lost=tuple(n for n, w in zip(objective.problem.parameters, weight, strict=True) if w > 0.1 or n in names),
+        directions=along[:, ~by_prior],
+        states=tuple(s for s, m in zip(objective.problem.model.states, moved, strict=True) if m > 0.1 * moved.max()),
+    )
+
+
+def weak_pull(objective: Objective, linear: Linearised) -> np.ndarray:
+    """(records * states, parameters) by how many of its deviations the weak prior of each initial state is moved when
+    the states follow the parameters."""
+    problem = objective.problem
+    if objective.dynamics is None or not problem.is_initial_weak.any():
+        return np.zeros((0, len(problem.parameters)))
+    pull = np.zeros((len(problem.records), len(objective.scale), len(problem.parameters)))
+    for r, reduced in enumerate(linear.reduced):
+        pull[r][:, problem.columns(r)] = reduced.ds_p[0]
+    pull *= (objective.initial_precision * problem.is_initial_weak)[..., None]
+    return pull.reshape(-1, len(problem.parameters))
+
+
+def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
+    """Parameters that the data cannot tell apart, or of which they say nothing, see `determined`."""
+    return determined(objective, linear, limit_multipliers).lost
 
 
 def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
-    """Return `lost` by an information matrix at theta, for parameters that can move in the directions `free`."""
+    """As `determined`, by an information matrix at theta, of parameters that can move in the directions `free`."""
     return determined_along(problem, information, free, theta)[0]
 
 

@@ -13,6 +13,7 @@ from casid.estimation.cost import RangeWeights
 
 _START = 0.05  # of a channel's range, before any residual is known
 _FLOOR = 1e-7  # of a channel's range: data without noise
+_DEAD = 1e-12  # range of a channel that is zero throughout
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -115,7 +116,8 @@ def noise_levels(
     present = np.isfinite(measured).sum(axis=0)
     filled = np.where(present > 0, measured, 0.0)
     spread = np.nanmax(filled, axis=0) - np.nanmin(filled, axis=0)
-    floor = _FLOOR * np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0) + 1e-12)
+    size = np.maximum(spread, 1e-3 * np.nanmax(np.abs(filled), axis=0))
+    floor = _FLOOR * np.where(size > 0.0, size, _DEAD)
     if noise is None:
         sigma = np.maximum(_START * spread, floor)
     elif isinstance(noise, RangeWeights):

@@ -9,6 +9,8 @@ from casid.estimation.checks import parameter_function
 from casid.estimation.constraints import LinearConstraint, NonlinearConstraint
 from casid.estimation.problem import Problem
 
+_KEPT = 1e-6  # of the size of what is limited: as near a solver comes to a bound that holds
+
 
 class ParameterLimits:
     """lower <= c(theta) <= upper of a problem, in the order of its constraints. A constraint with per-record parameters
@@ -16,6 +18,7 @@ class ParameterLimits:
 
     lower, upper   (rows,)
     single         per row the parameter that alone is limited there, by a bound; None for any other constraint
+    size           (rows,) magnitude of what is limited: of the start values, or of the limits where that is larger
     """
 
     def __init__(self, problem: Problem) -> None:
@@ -49,10 +52,39 @@ class ParameterLimits:
         if any(isinstance(c, NonlinearConstraint) for c in problem.constraints):
             self._curved = _derivatives(theta, ca.vertcat(*curved))
         function = "" if self._curved is None else self._curved[0].serialize()
+        self.size = self._sizes(problem)
         self.key = (self.linear.tobytes(), self.lower.tobytes(), self.upper.tobytes(), function)
 
     def __len__(self) -> int:
         return len(self.lower)
+
+    def _sizes(self, problem: Problem) -> np.ndarray:
+        values, rows = self.at(problem.start_vector)
+        known = np.maximum(np.abs(problem.start_vector), np.abs(problem.nominal))
+        limits = np.array([self.lower, self.upper])
+        size = np.maximum(np.abs(values), np.abs(rows) @ known)
+        size = np.maximum(size, np.abs(np.where(np.isfinite(limits), limits, 0.0)).max(axis=0, initial=0.0))
+        return np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
+
+    def beyond(self, theta: np.ndarray) -> np.ndarray:
+        """Return how far parameters are beyond the limits (rows,), in sizes of what is limited."""
+        at = self.at(theta)[0]
+        return (np.maximum(at - self.upper, 0.0) + np.minimum(at - self.lower, 0.0)) / self.size
+
+    def kept(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Return parameters with the bound itself for those that one holds, or that are beyond it by rounding."""
+        kept = theta.copy()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for row, i in enumerate(self.single):
+                if i is None:
+                    continue
+                factor = self.linear[row, i]
+                for limit, outward in ((self.lower[row], -1.0), (self.upper[row], 1.0)):
+                    past = outward * (factor * theta[i] - limit)
+                    held = past > 0.0 or outward * multipliers[row] > 0.0
+                    if held and abs(past) < _KEPT * self.size[row]:
+                        kept[i] = limit / factor
+        return kept
 
     def at(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(values (rows,), Jacobian (rows, parameters)) at parameters (parameters,)."""

@@ -220,9 +220,6 @@ class Objective:
                 beyond_path = self.paths.violation(at_samples)
                 rest = rest + 2.0 * self.paths.paid(at_samples)
         squares = self._squares(trajectory, equations)
-        at = self.limits.at(point.theta)[0]
-        limits = self.limits
-        beyond = np.maximum(at - limits.upper, 0.0) + np.minimum(at - limits.lower, 0.0)
         return ObjectiveValue(
             cost=0.5 * rest + noise.levels.cost(squares),
             rest=0.5 * rest,
@@ -232,7 +229,7 @@ class Objective:
             equations=equations,
             noise=noise,
             defects=defects,
-            limits=beyond,
+            limits=self.limits.beyond(point.theta),
             gap=gap,
             path=beyond_path,
         )
@@ -416,7 +413,7 @@ class Objective:
         precision = 1.0 / self.problem.prior_std**2
         slope = float((precision * (point.theta - self.problem.nominal)) @ theta)
         curvature = float(theta @ (precision * theta))
-        price = float(np.abs(limit_multipliers).max(initial=0.0))
+        price = float(np.abs(limit_multipliers * self.limits.size).max(initial=0.0))
         nodes = np.zeros_like(point.nodes)
         noise = np.zeros_like(point.noise)
         points = None

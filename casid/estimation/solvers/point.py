@@ -39,9 +39,9 @@ class NoiseState:
 class ObjectiveValue:
     """cost at a point, weighed with `noise`: `rest` of priors, process noise and excess over soft path limits, and what
     `squares` (channels,), the sums of squared residuals (with a full covariance their moments, see full_noise), cost.
-    Constraint residuals: defects (T, n), limits (rows,) beyond the limits of parameters, gap of collocation, path
-    (constraints, N) beyond the limits of states and outputs that must hold, in sizes of these. `parameters` (records,
-    model parameters) are what each record was simulated with."""
+    Constraint residuals: defects (T, n), limits (rows,) beyond the limits of parameters in sizes of what is limited,
+    gap of collocation, path (constraints, N) beyond the limits of states and outputs that must hold, in sizes of these.
+    `parameters` (records, model parameters) are what each record was simulated with."""
 
     cost: float
     rest: float

@@ -17,10 +17,17 @@ _POLISH = 1e-10  # that the exact solution for the active limits may contradict 
 _CORRECTIONS = 50  # of which limits are active
 
 
+def own_curvature(diagonal: np.ndarray) -> np.ndarray:
+    """Return the diagonal (n,) of a positive semidefinite matrix; for what has none a small part of the largest.
+
+    Unknowns have units: how small an entry is beside another says nothing.
+    """
+    return np.where(diagonal > 0.0, diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-286))
+
+
 def jacobi_scale(hessian: np.ndarray) -> np.ndarray:
     """Scales that make the diagonal of a positive semidefinite matrix one."""
-    diagonal = np.diagonal(hessian)
-    return 1.0 / np.sqrt(np.maximum(diagonal, 1e-14 * max(float(diagonal.max(initial=0.0)), 1e-300)))
+    return 1.0 / np.sqrt(own_curvature(np.diagonal(hessian)))
 
 
 def free_directions(rows: np.ndarray, multipliers: np.ndarray) -> np.ndarray:

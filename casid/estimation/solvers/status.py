@@ -28,6 +28,10 @@ class Results(Enum):
     )
     NO_MINIMUM = "The gradient vanishes where there is no minimum: start elsewhere."
     NOT_IDENTIFIABLE = "The data do not determine every parameter: fix one, give a prior, or record more."
+    NO_DERIVATIVE = (
+        "A parameter moves the predictions only in jumps, so that its derivative is zero: make the transition smooth, "
+        "or fix it."
+    )
     STOPPED = "A limit was reached before the solution: raise iterations= or seconds=, or start nearer."
     DEPARTED = (
         "The simulation or a parameter ran off: use MultipleShooting() or Collocation(), check start values, units and "
@@ -40,6 +44,7 @@ class Results(Enum):
 _HEADS = {
     Results.ANOTHER_MINIMUM: "another minimum likely",
     Results.NOT_IDENTIFIABLE: "not identifiable",
+    Results.NO_DERIVATIVE: "no derivative",
     Results.STOPPED: "stopped",
     Results.DEPARTED: "departed",
 }
