@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import graphlib
 import importlib
+import inspect
 import subprocess
 import sys
 import tomllib
@@ -18,6 +19,7 @@ from pathlib import Path
 import pytest
 
 import casid
+from casid.above import DONE_BY
 
 REPO = Path(__file__).resolve().parent.parent
 HOUSE = ("casid", "problems", "scripts", "benchmarks")
@@ -25,7 +27,7 @@ MAX_PAIRS = 150  # assignments of two names in one line
 MAX_ARGUMENTS = 7  # of a function, see `arguments_of`
 
 # room -> the rooms it may import from, besides itself. "casid" is the package's front door, casid/__init__.py.
-_CORE = {"errors", "arguments", "signals", "keeping", "criterion", "frames"}
+_CORE = {"errors", "arguments", "signals", "keeping", "criterion", "frames", "above"}
 _DATA = _CORE | {"native", "records"}
 _MODEL = _DATA | {"model"}
 _ENGINE = _MODEL | {"estimation", "filtering", "analysis", "design"}
@@ -38,6 +40,7 @@ LAYERS: dict[str, set[str]] = {
     "signals": {"errors"},
     "criterion": {"errors"},
     "frames": {"errors"},
+    "above": set(),
     "native": {"errors"},
     "records": _CORE,
     "model": _DATA,
@@ -85,23 +88,9 @@ def imported_modules(source: str, package: str = "") -> Iterator[tuple[int, str]
     yield from imports_in(ast.parse(source), package)
 
 
-def hands_over(node: ast.AST) -> bool:
-    """A function that imports another one of casid and returns what that makes: the way up, by which a result is drawn
-    and the file of another simulator read."""
-    if not isinstance(node, ast.FunctionDef):
-        return False
-    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
-    if len(body) != 2 or not isinstance(body[0], ast.ImportFrom) or not isinstance(body[1], ast.Return | ast.Expr):
-        return False
-    return room_of_module(body[0].module or "") is not None and isinstance(body[1].value, ast.Call)
-
-
 def imports_in(tree: ast.Module, package: str) -> Iterator[tuple[int, str]]:
-    """Of a tree, without those by which a function hands over."""
-    up = {one for node in ast.walk(tree) if hands_over(node) for one in ast.walk(node)}
+    """Of a tree."""
     for node in ast.walk(tree):
-        if node in up:
-            continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -176,34 +165,27 @@ def test_every_form_of_import_is_seen(source: str, package: str, expected: str) 
     assert [module for _, module in imported_modules(source, package)] == [expected]
 
 
-def test_modules_are_imported_by_name_by_the_front_door_and_for_extras() -> None:
+def test_modules_are_imported_by_name_by_the_front_door_the_way_up_and_for_extras() -> None:
     files = (path for path in sources("casid") if "import_module(" in path.read_text(encoding="utf-8"))
-    assert {str(path.relative_to(REPO)) for path in files} <= {"casid/__init__.py", "casid/records/foreign.py"}
+    assert {str(path.relative_to(REPO)) for path in files} == {
+        "casid/__init__.py",
+        "casid/above.py",
+        "casid/records/foreign.py",
+    }
 
 
-def test_only_drawing_reading_and_predicting_are_handed_over_to_rooms_above() -> None:
-    above = set[str | None]()
-    for path in sources(*HOUSE):
-        for node in filter(hands_over, ast.walk(tree_of(path))):
-            assert isinstance(node, ast.FunctionDef)
-            modules = [one.module or "" for one in ast.walk(node) if isinstance(one, ast.ImportFrom)]
-            above |= {room_of_module(module) for module in modules} - LAYERS[room_of_file(path)] - {room_of_file(path)}
-    assert above - {"casid"} == {"report", "formats", "filtering"}
-
-
-@pytest.mark.parametrize(
-    ("body", "handed"),
-    [
-        ("from casid.report.page import plot\n    return plot(self)", True),
-        ("from casid.report.page import plot\n    more = 1\n    return plot(self)", False),
-        ("from casid.report.page import plot\n    return 1", False),
-        ("from matplotlib import pyplot\n    return pyplot.plot(self)", False),
-    ],
-)
-def test_a_function_hands_over_if_it_does_nothing_else(body: str, handed: bool) -> None:
-    source = f"def drawn(self):\n    {body}"
-    assert hands_over(ast.parse(source).body[0]) == handed
-    assert [module for _, module in imported_modules(source)] == ([] if handed else [body.split()[1]])
+def test_what_is_asked_of_rooms_above_is_there_and_takes_what_it_is_given() -> None:
+    """Every call of `ask_above` has a line in the table and every line a call; the function has so many arguments."""
+    asked = dict[str, int]()
+    for path in sources("casid"):
+        for node in ast.walk(tree_of(path)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "ask_above":
+                name, *given = node.args
+                asked[ast.literal_eval(name)] = len(given)
+    assert asked.keys() == DONE_BY.keys()
+    for name, count in asked.items():
+        module, _, function = DONE_BY[name].rpartition(".")
+        inspect.signature(getattr(importlib.import_module(module), function)).bind(*range(count))
 
 
 def test_matplotlib_stays_in_the_report() -> None:

@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from casid.above import ask_above
 from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
 from casid.acceptance.parameters import Known, known_by_diagnosis, known_by_file, known_by_fit
@@ -112,9 +113,7 @@ class Handbook:
 
     def plot(self) -> Any:
         """Eigenvalues with their 2-sigma ellipses and trim curves with their 2-sigma bands, a matplotlib figure."""
-        from casid.report.modes_page import plot
-
-        return plot({self.aircraft: self})
+        return ask_above("Handbook.plot", self)
 
     def __str__(self) -> str:
         lines = [f"{self.aircraft}: V = {self.flight['V']:.4g} m/s, rho = {self.flight['rho']:.4g} kg/m3"]

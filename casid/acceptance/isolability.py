@@ -22,6 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy.special import ndtr, ndtri
 
+from casid.above import ask_above
 from casid.acceptance.rehearsal import Rehearsal, further_manoeuvres, rehearsed
 from casid.arguments import names, numbers_by_name, require
 from casid.design.level_flight import TYPICAL_NOISE
@@ -139,14 +140,10 @@ class Isolability:
 
     def plot(self) -> Any:
         """The matrix of confusion, a matplotlib figure."""
-        from casid.report.isolability_page import plot
-
-        return plot(self)
+        return ask_above("Isolability.plot", self)
 
     def __str__(self) -> str:
-        from casid.report.isolability_page import text
-
-        return text(self)
+        return ask_above("Isolability.__str__", self)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of isolability.json; an infinite size is None."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.above import ask_above
 from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
 from casid.acceptance.justification import Findings, Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
@@ -116,15 +117,11 @@ class ProofOfMatch:
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         test that was not flown.
         """
-        from casid.report.match_page import plot
-
-        return plot(self, test)
+        return ask_above("ProofOfMatch.plot", self, test)
 
     def report(self, folder: str | Path) -> None:
         """Write `match.html`, one test per printed page, and `match_figures/*.svg` into a folder, which is made."""
-        from casid.report.match_page import write_match
-
-        write_match(self, folder)
+        ask_above("ProofOfMatch.report", self, folder)
 
     def __str__(self) -> str:
         return "\n".join(_lines(self))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.above import ask_above
 from casid.errors import unknown
 from casid.estimation.fitted import ChannelFit, Estimate, Population, Starts, StateHistory
 from casid.estimation.problem import Problem
@@ -304,9 +305,7 @@ class Fit:
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`. Raises InputError for a
         record that was not fitted.
         """
-        from casid.report.estimate_figures import plot_fit
-
-        return plot_fit(self, record)
+        return ask_above("Fit.plot", self, record)
 
     def predict(self, record: Record | str | Path, *, window_s: float = 5.0) -> Simulation:
         """Open-loop simulation of a record, which the fit may never have seen, with the estimates.
@@ -322,9 +321,7 @@ class Fit:
         window_s
             Time from the start that determines the initial state [s].
         """
-        from casid.filtering.predict import predict
-
-        return predict(self, record, window_s)
+        return ask_above("Fit.predict", self, record, window_s)
 
     def save(self, path: str | Path) -> None:
         """Write it whole into a file, for `casid.load`; see `casid.keeping` for what that is good for."""

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.above import ask_above
 from casid.arguments import a_path, number, one_line
 from casid.errors import InputError
 from casid.frames import brief
@@ -196,9 +197,7 @@ class ResponseComparison:
 
     def plot(self) -> Any:
         """Gain, phase, coherence and mismatch as a matplotlib figure, which pyplot has."""
-        from casid.report.response_figures import plot_comparison
-
-        return plot_comparison(self)
+        return ask_above("ResponseComparison.plot", self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and texts."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from casid.above import ask_above
 from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
 from casid.frames import brief, data_frame
@@ -116,9 +117,7 @@ class FrequencyResponse:
 
     def plot(self) -> Any:
         """Gain, phase and coherence as a matplotlib figure, which pyplot has; low coherence is grey."""
-        from casid.report.response_figures import plot_response
-
-        return plot_response(self)
+        return ask_above("FrequencyResponse.plot", self)
 
     def to_frame(self) -> DataFrame:
         """A pandas data frame, a row for each frequency; needs the extra `pandas`."""

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 import scipy
 
+from casid.above import ask_above
 from casid.arguments import one_line
 from casid.errors import EstimationError, InputError
 from casid.estimation.solvers.status import CONVERGED, Results, Status, out_of_steps
@@ -183,9 +184,7 @@ class ResponseFit:
 
     def plot(self) -> Any:
         """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
-        from casid.report.response_figures import plot
-
-        return plot(self)
+        return ask_above("ResponseFit.plot", self)
 
     def __getitem__(self, name: str) -> ResponseParameter:
         return self.parameters[name]

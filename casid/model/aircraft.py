@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from casid.above import ask_above
 from casid.arguments import Kind, a_path, given, is_path, number, numbers_by_name, one_line, require, sequence, table_of
 from casid.errors import InputError, check_known, unknown
 from casid.frames import brief
@@ -277,9 +278,7 @@ class Aircraft:
         InputError
             For a function or property that cannot be had without JSBSim.
         """
-        from casid.formats.jsbsim.aircraft import fields_of_jsbsim
-
-        return cls(**fields_of_jsbsim(path, held))
+        return cls(**ask_above("Aircraft.from_jsbsim", path, held))
 
     @classmethod
     def from_daveml(
@@ -305,9 +304,7 @@ class Aircraft:
         InputError
             For what cannot be read, an unknown unit, or an input that no record has and that is not held.
         """
-        from casid.formats.daveml.aircraft import fields_of_daveml
-
-        return cls(**fields_of_daveml(aerodynamics, inertia, held))
+        return cls(**ask_above("Aircraft.from_daveml", aerodynamics, inertia, held))
 
     @classmethod
     def read(cls, path: str | Path) -> Aircraft:

@@ -10,6 +10,7 @@ from typing import Any
 
 import tomlkit
 
+from casid.above import ask_above
 from casid.arguments import given, number, numbers_by_name
 from casid.errors import InputError, check_known, nearest
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
@@ -186,20 +187,9 @@ def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     path = beside(folder, text(table[named[0]], f"{where} {named[0]}"), f"{where} {named[0]}")
     held = numbers_by_name(table.get("held", {}), f"{where} held")
     if "daveml" in table:
-        return _of_daveml(path, numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3), held)
-    return _of_jsbsim(path, held, _force_axes(table.get("force_axes", "wind"), where))
-
-
-def _of_daveml(path: Path, cm: tuple[float, ...], held: Mapping[str, float]) -> Aerodynamics:
-    from casid.formats.daveml.aircraft import dave_aerodynamics
-
-    return dave_aerodynamics(path, cm, held)
-
-
-def _of_jsbsim(path: Path, held: Mapping[str, float], axes: str) -> Aerodynamics:
-    from casid.formats.jsbsim.aircraft import aerodynamics_of
-
-    return aerodynamics_of(path, held, axes)
+        cm = numbers(table.get("cm", (0.0, 0.0, 0.0)), f"{where} cm", 3)
+        return ask_above("read_aerodynamics: daveml", path, cm, held)
+    return ask_above("read_aerodynamics: jsbsim", path, held, _force_axes(table.get("force_axes", "wind"), where))
 
 
 def _force_axes(axes: Any, where: str) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import casadi as ca
 import numpy as np
 
+from casid.above import ask_above
 from casid.arguments import given, listed, names, number, numbers_by_name, one_line, require, table_of
 from casid.errors import InputError, check_known
 from casid.model.algebraic import algebraic_states
@@ -236,9 +237,7 @@ class Model:
         >>> slow.parameters
         ('T', 'actuator_lag(u)')
         """
-        from casid.model.with_effects import with_effects
-
-        return with_effects(self, effects)
+        return ask_above("Model.with_effects", self, effects)
 
     def without_histories(self) -> Model:
         """The model that takes records as they are: what effects make of them is an input like any other."""
@@ -257,9 +256,7 @@ class Model:
         values
             Parameters by name, at which histories are made; by default nominal ones.
         """
-        from casid.model.with_effects import ready
-
-        return ready(self, record, values)
+        return ask_above("Model.ready", self, record, values)
 
     @property
     def vectors(self) -> Vectors:

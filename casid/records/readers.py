@@ -14,14 +14,15 @@ import numpy as np
 from casid.arguments import a_path, given, is_path, require
 from casid.errors import InputError, unknown
 from casid.keeping import whole_file
-from casid.records import betaflight, crazyflie, ros
 from casid.records.ardupilot import read_ardupilot
+from casid.records.betaflight import MAGIC as BETAFLIGHT
 from casid.records.betaflight import read_betaflight
 from casid.records.checks import (
     checked_fields,
 )
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
+from casid.records.crazyflie import MAGICS as CRAZYFLIE
 from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
 from casid.records.hdf5 import read_hdf5
@@ -29,6 +30,7 @@ from casid.records.limits import apart
 from casid.records.mat import read_mat
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
+from casid.records.ros import MAGIC as MCAP
 from casid.records.ros import read_mcap
 from casid.records.table import RawTable, read_text
 from casid.signals import RADIAN_LIMITS, unit_of
@@ -61,9 +63,9 @@ FORMATS = (
         begins=(b"\xa3\x95",),
         library=("pymavlink.DFReader", "ardupilot"),
     ),
-    Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(betaflight.MAGIC,)),
-    Format(endings=(".mcap",), read=read_mcap, begins=(ros.MAGIC,)),
-    Format(endings=(".usd",), read=read_crazyflie, begins=crazyflie.MAGICS),
+    Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(BETAFLIGHT,)),
+    Format(endings=(".mcap",), read=read_mcap, begins=(MCAP,)),
+    Format(endings=(".usd",), read=read_crazyflie, begins=CRAZYFLIE),
 )
 
 Span = tuple[float, float] | None  # begin and end of a part [s]

@@ -31,8 +31,9 @@ _SLOW = ("phugoid", "spiral")
 _CURVES = ("delta_e", "alpha", "thrust")
 
 
-def plot(found: Mapping[str, Handbook]) -> Figure:
-    """Eigenvalues and trim curves of aircraft by label, in one figure."""
+def plot(handbook: Handbook) -> Figure:
+    """Eigenvalues and trim curves of an aircraft, in one figure."""
+    found = {handbook.aircraft: handbook}
     with settings():
         figure = window(6.4)
         above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]

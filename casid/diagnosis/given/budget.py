@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from casid.above import ask_above
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.noise import View, expected_error, most_by_chance
 from casid.diagnosis.given.as_given import AsGiven
@@ -78,9 +79,7 @@ class Budget:
 
         Returns a matplotlib figure, which pyplot has: a notebook shows it, and `plt.show()`.
         """
-        from casid.report.budget_figures import plot
-
-        return plot(self)
+        return ask_above("Budget.plot", self)
 
     def worst(self, step: str = "as_given") -> list[str]:
         """The channels by their error after a step, in units of the error of the right model, worst first."""

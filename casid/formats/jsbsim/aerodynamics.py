@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import casadi as ca
 import numpy as np
 
+from casid.above import ask_above
 from casid.errors import InputError
 from casid.formats.file_tables import QUANTITIES, FileTable, Tried, file_tables
 from casid.formats.jsbsim.functions import entries, mark, marked, value_of
@@ -86,9 +87,7 @@ class JsbsimAerodynamics:
 
     def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]) -> str:
         """The `text` of the file with further terms and effects; see `extended_text`."""
-        from casid.formats.jsbsim.write import extended_text
-
-        return extended_text(text, terms, effects, self.axes, self.file_tables)
+        return ask_above("JsbsimAerodynamics.rewritten", text, terms, effects, self.axes, self.file_tables)
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
