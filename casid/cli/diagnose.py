@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from casid.cli.model_file import model_of
-from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, called_by, records_of
 from casid.data_check.check import channels_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
@@ -123,7 +122,7 @@ def diagnose(
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     made_with = provenance() | {"criteria": by.changes}
-    called = _called(records or (str(DEMO / "m*.csv"),), held, maps or [], aircraft or DEMO / "aircraft.toml", out)
+    called = called_by([*(records or (str(DEMO / "m*.csv"),)), *held], maps, aircraft or DEMO / "aircraft.toml", out)
     course = Course(stages=_COURSE, limit=math.inf if seconds is None else seconds / (1.0 - dict(_COURSE)["report"]))
     if system is not None:
         diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by, seconds=seconds)
@@ -164,21 +163,6 @@ def _flight(
     files = [str(file) for file in (*fit_files, *held_files)]
     both = records_of(files, maps, own, span)  # names of two folders differ
     return both[: len(fit_files)], both[len(fit_files) :]
-
-
-def _called(patterns: Sequence[str], held: Sequence[str], maps: Sequence[str], aircraft: Path, out: Path) -> Called:
-    """Return the words by which further commands find the same records and the same file."""
-    records = " ".join(map(shlex.quote, _as_pattern([*patterns, *held])))
-    mapped = " ".join(f"--map {shlex.quote(one)}" for one in maps)
-    return Called(records=f"{records} {mapped}".strip(), aircraft=shlex.quote(str(aircraft)), out=str(out))
-
-
-def _as_pattern(files: Sequence[str]) -> list[str]:
-    """Return one pattern for files that are all of their kind in their folder, which a shell had spelled out."""
-    first = Path(files[0])
-    pattern = first.parent / f"*{first.suffix}"
-    named = {Path(file) for file in files}
-    return [str(pattern)] if len(named) > 1 and named == set(first.parent.glob(pattern.name)) else list(files)
 
 
 def _write(

@@ -249,6 +249,9 @@ class NextStep:
     text: str
     command: str = ""
 
+    def __str__(self) -> str:
+        return f"next: {self.text}" + (f"\n    {self.command}" if self.command else "")
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Document:

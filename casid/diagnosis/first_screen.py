@@ -16,7 +16,9 @@ from casid.design.next_flight import Question, Untold
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.claims import percents, times
 from casid.diagnosis.document import Called, Document, NextStep
+from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
+from casid.model.numbers import digits
 from casid.model.station import Station
 from casid.model.vocabulary import LABELS, title_of
 from casid.signals import SURFACES, label_of
@@ -86,6 +88,8 @@ def _verdict(document: Document) -> str:
         count = len(document.causes)
         named = "the cause" if count == 1 else f"the {count} causes"
         rest = "" if document.verdict == "explained" else ", so that more is missing"
+        if steps.structure > document.criteria.given.refined * max(steps.values, steps.floor):
+            return f"{off}; re-estimated values alone leave {times(steps.values)}, with {named} below {left}{rest}."
         return f"{off}; with {named} below and re-estimated values, {left} is left{rest}."
     if document.verdict == "values wrong":
         return f"{off}; with re-estimated values alone, {left} is left: numbers of the {document.source} are wrong."
@@ -142,9 +146,7 @@ def text(document: Document) -> str:
     if screen.values:
         lines.append(f"values that left their stated uncertainty: {', '.join(screen.values)}")
     lines += [f"worst: {screen.worst}"] if screen.worst else []
-    for one in document.next:
-        lines.append(f"next: {one.text}")
-        lines += [f"    {one.command}"] if one.command else []
+    lines += map(str, document.next)
     lines += ["", *_table(document), ""]
     lines += [f"data, {one.handled}: {one.sentence}" for one in document.data]
     lines += [f"values: {one.sentence}" for one in (*document.factors, *document.contradicted, *document.combinations)]
@@ -178,7 +180,7 @@ def _table(document: Document) -> list[str]:
 
 
 def _ratio(value: float) -> str:
-    return f"{value:.2g}" if math.isfinite(value) and value < 1e4 else "diverges"
+    return digits(value, 2) if math.isfinite(value) else "diverges"
 
 
 # -- what to do next ---------------------------------------------------------------------------------------------------
@@ -245,14 +247,14 @@ def _steps(
             for effect, value in ((first, question.first), (second, question.second))
         )
         yield NextStep(
-            text=f"Fly a manoeuvre that tells {title_of(first)} from {title_of(second)}:",
+            text=f"Fly a manoeuvre that tells {title_of(first)} from {title_of(second)}{_with_trim(aircraft)}:",
             command=f"casid design --aircraft {extended} --separate {asked} --out {called.inside('design')}",
         )
     for plane in ("longitudinal", "lateral") if winged else ():
         names = [one.name for one in unmoved if plane_of(one.name.partition("_")[0]) == plane]
         if names:
             yield NextStep(
-                text=f"Excite {', '.join(names)}, of which these records say less than the file: fly a 3-2-1-1.",
+                text=f"Excite {', '.join(names)}, of which these records say less than the file{_with_trim(aircraft)}:",
                 command=f"casid design --aircraft {extended} --axes {plane} --free {' '.join(names)} "
                 f"--out {called.inside(f'design-{plane}')}",
             )
@@ -260,6 +262,16 @@ def _steps(
         yield NextStep(
             text="Read which causes came nearest, and what refused them:", command=f"casid why {called.folder}"
         )
+
+
+def _with_trim(aircraft: Aircraft | None) -> str:
+    """Return what a design needs of a file that has no flight point; empty if it has one."""
+    trim = {} if aircraft is None else aircraft.trim
+    return (
+        ""
+        if "V" in trim and {"altitude", "rho"} & set(trim)
+        else " (first give extended.toml V and altitude in [trim])"
+    )
 
 
 # what an engineer measures to confirm a cause, by the place where it acts

@@ -279,7 +279,7 @@ def _context(
         "where": ", ".join(document.budget.records),
         "as_given": _multiple(document.budget.together.as_given),
         "left_noise": _multiple(document.budget.together.structure),
-        "steps": document.next,
+        "next": document.next,
         "opening": document.opening,
         "shares": shares(document),
         "claims": claimed,
