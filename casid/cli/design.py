@@ -9,21 +9,27 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of
+import numpy as np
+
+from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of, called_by
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
+from casid.design.flight_card import FlightCard, flight_card
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
 from casid.design.separation import NoManoeuvre, separating_manoeuvre
+from casid.diagnosis.document import NextStep
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of, effect_value
 from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
+from casid.report.card_tables import card_in_words, card_tables
 from casid.report.design_figures import designed_histories, separated
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.result_page import write_result
-from casid.report.words import effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, quantity
+from casid.report.result_page import Answer, write_result
+from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, quantity
+from casid.signals import label_of
 
 SHAPES = {"pulses4": StepInput(pulses=4), "pulses8": StepInput(pulses=8), "multisine": Multisine(lines=8)}
 
@@ -47,8 +53,8 @@ def design(
     """Design the most informative input for the derivatives, or the input that separates two causes.
 
     The aircraft flies level at the trim of its file. Writes the designed manoeuvre and the standard one as records,
-    DIR/design.json with the Cramer-Rao bounds of both, and the page
-    DIR/design.html; with --separate DIR/next_flight.csv.
+    DIR/design.json with the Cramer-Rao bounds of both, DIR/autopilot.csv with the changes of the surfaces from trim,
+    and the page DIR/design.html with a flight card; with --separate DIR/next_flight.csv.
 
     Parameters
     ----------
@@ -94,10 +100,10 @@ def design(
     with whole_folder(out) as folder, progress(quiet=as_json) as stage:
         try:
             if separate is not None:
-                text, said = _separating(file, separate, limits, folder, stage)
+                text, said = _separating(file, separate, limits, (folder, out, aircraft), stage)
             else:
                 experiment = experiment_of(file, axes, limits, free or ())
-                text, said = _telling(experiment, (shape, criterion, seed), folder, stage)
+                text, said = _telling(experiment, (shape, criterion, seed), (folder, out, aircraft), stage)
         except EstimationError as error:
             raise InputError(str(error)) from None
         (folder / "design.json").write_text(text + "\n", encoding="utf-8")
@@ -106,10 +112,14 @@ def design(
 
 
 def _telling(
-    experiment: Experiment, how: tuple[str, str, int], folder: Path, stage: Callable[[str], None]
+    experiment: Experiment, how: tuple[str, str, int], where: tuple[Path, Path, Path], stage: Callable[[str], None]
 ) -> tuple[str, str]:
-    """design.json and the table of the most informative manoeuvre; `how`: shape, criterion, seed."""
+    """design.json and the words of the most informative manoeuvre.
+
+    `how`: shape, criterion, seed; `where`: the folder, its final name, the aircraft file.
+    """
     shape, criterion, seed = how
+    folder = where[0]
     stage("standard 3-2-1-1")
     designs = {"3-2-1-1": standard_3211(experiment, criterion=criterion)}
     stage(f"design: {shape}")
@@ -118,13 +128,48 @@ def _telling(
         write_record(one.record, folder / f"{name}.csv")
     shown = [*experiment.surfaces, *experiment.limits]
     histories = designed_histories("design", {name: one.record for name, one in designs.items()}, shown)
+    ratios = [designs[shape].std[name] / std for name, std in designs["3-2-1-1"].std.items() if std > 0.0]
+    ratio = math.exp(float(np.mean(np.log(ratios)))) if ratios else math.nan
+    card = flight_card(designs[shape].record, experiment)
+    gain = f"1σ of the {len(ratios)} derivatives is on average {digits(ratio, 2)} times that of a standard 3-2-1-1."
+    answer = _with_card(card, gain, shape, where)
     said = table(designs, shape)
-    write_result(folder, "design", f"Designed manoeuvre: {shape}", said, [histories])
-    return json.dumps(document(experiment, designs), indent=1), said
+    tables = card_tables(card)
+    write_result(folder, "design", f"Designed manoeuvre: {shape}", answer, said, [histories], tables=tables)
+    told = document(experiment, designs) | {"card": card.to_dict()}
+    return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}\n\n{said}"
+
+
+def _with_card(card: FlightCard, gain: str, record: str, where: tuple[Path, Path, Path]) -> Answer:
+    """Write the command for an autopilot, and return what the page begins with: what is flown and what it gains."""
+    folder, out, aircraft = where
+    (folder / "autopilot.csv").write_text(card.to_csv(), encoding="utf-8")
+    moved = ", ".join(
+        f"{label_of(name)} by up to {digits(float(np.abs(card.command[:, k]).max()), 2)} {card.units[name]}"
+        for k, name in enumerate(card.inputs, 1)
+    )
+    called = called_by([str(out / f"{record}.csv")], (), aircraft, out)
+    isolate = (
+        f"casid isolate --aircraft {called.aircraft} --manoeuvre {called.records} --out {called.inside('isolate')}"
+    )
+    return Answer(
+        badge="Flight card",
+        sentence=f"From level flight, move {moved}, in {card.duration:.1f} s. {gain}",
+        next=(
+            NextStep(
+                text=f"Fly the card below; an autopilot flies {called.inside('autopilot.csv')}, changes from trim."
+            ),
+            NextStep(text="Before that, see which causes the flight would tell apart:", command=isolate),
+        ),
+    )
 
 
 def _separating(
-    file: Aircraft, separate: Sequence[str], limits: Limits, folder: Path, stage: Callable[[str], None]
+    file: Aircraft,
+    separate: Sequence[str],
+    limits: Limits,
+    where: tuple[Path, Path, Path],
+    stage: Callable[[str], None],
 ) -> tuple[str, str]:
     """design.json and the words of the manoeuvre that separates two causes."""
     if len(separate) != 2:
@@ -140,7 +185,8 @@ def _separating(
     found = separating_manoeuvre(rivals, experiment)
     if isinstance(found, NoManoeuvre):
         raise InputError(f"--separate: {found.reason}")
-    write_record(found.flown, folder / "next_flight.csv")
+    write_record(found.flown, where[0] / "next_flight.csv")
+    card = flight_card(found.flown, experiment)
     told = {
         "schema": "casid.design/1",
         "separate": list(separate),
@@ -154,12 +200,14 @@ def _separating(
         "log_odds": found.separation.log_odds,
         "log_odds_scatter": found.separation.scatter,
         "told_by": dict(found.separation.told),
+        "card": card.to_dict(),
     }
     expected = f"Log likelihood ratio to be expected: {expectation_in_words(found.separation)} from flight to flight."
     said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}"
     title = f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}"
-    write_result(folder, "design", title, said, [separated(found, rivals)])
-    return json.dumps(told, indent=1), said
+    answer = _with_card(card, said, "next_flight", where)
+    write_result(where[0], "design", title, answer, "", [separated(found, rivals)], tables=card_tables(card))
+    return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}"
 
 
 def _in_words(value: EffectValue) -> str:

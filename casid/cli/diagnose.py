@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 import math
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,10 +14,11 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from casid.cli.model_file import model_of
-from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, records_of
+from casid.cli.options import DEMO, AsJson, Axes, Begin, End, Files, Flag, Folder, Maps, called_by, records_of
 from casid.data_check.check import channels_of
 from casid.diagnosis import diagnose as diagnosis_of
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.document import Called
 from casid.diagnosis.given.shape import with_shapes
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
@@ -121,16 +122,17 @@ def diagnose(
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     made_with = provenance() | {"criteria": by.changes}
+    called = called_by([*(records or (str(DEMO / "m*.csv"),)), *held], maps, aircraft or DEMO / "aircraft.toml", out)
     course = Course(stages=_COURSE, limit=math.inf if seconds is None else seconds / (1.0 - dict(_COURSE)["report"]))
     if system is not None:
         diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by, seconds=seconds)
-        _write(diagnosed, _of_system, made_with, out, as_json, course)
+        _write(diagnosed, _of_system, made_with, called, as_json, course)
         return
     file = aircraft or DEMO / "aircraft.toml"
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False, "seconds": seconds}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     results = partial(_of_aircraft, file=file, shapes=shapes)
-    _write(diagnosed, results, made_with, out, as_json, course)
+    _write(diagnosed, results, made_with, called, as_json, course)
 
 
 def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson = False) -> None:
@@ -167,30 +169,27 @@ def _write(
     diagnosed: Callable[..., Diagnosis],
     results: Callable[[Diagnosis, Path], None],
     made_with: Mapping[str, Any],
-    out: Path,
+    called: Called,
     as_json: bool,
     course: Course,
 ) -> None:
     """Run a diagnosis into its folder: the results are there before anything is drawn."""
+    out = Path(called.out)
     with progress(quiet=as_json, course=course) as stage:
         with whole_folder(out) as folder:
-            diagnosis = diagnosed(report=stage)
+            diagnosis = replace(diagnosed(report=stage), called=called)
             diagnosis.write(folder / "diagnosis.json")
             results(diagnosis, folder)
             (folder / "report.html").write_text(unfinished(diagnosis.sentence), encoding="utf-8")
             write_provenance(made_with, folder / "run.json")
         stage("report")
-        started = time.perf_counter()
         with whole_folder(out) as folder:
             failed = write_report(diagnosis, folder, made_with)
-        reported = time.perf_counter() - started
     for one in failed:
         print(f"note: a picture could not be drawn: {one}", file=sys.stderr)
     if as_json:
         print(json.dumps(json.loads((out / "diagnosis.json").read_text(encoding="utf-8")), indent=1))
         return
-    for name, seconds in {**diagnosis.seconds, "report": reported}.items():
-        print(f"{seconds:7.1f} s  {name}")
     print(diagnosis)
     print(f"report: {out / 'report.html'}")
 

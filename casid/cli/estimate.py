@@ -21,9 +21,11 @@ from casid.cli.options import (
     Records,
     Whole,
     aircraft_of,
+    called_by,
     records_of,
     say_idle_effects,
 )
+from casid.diagnosis.document import Called, NextStep
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Automatic,
@@ -39,8 +41,10 @@ from casid.estimation import (
     SingleShooting,
     solve,
 )
+from casid.estimation.usable import NOT_CONVERGED, NOT_IDENTIFIABLE, STRUCTURE_MISSING, USABLE
 from casid.filtering.filter_error import FilterFit
 from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
+from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import moved_coefficients
 from casid.model.flown_records import FlownRecords, axes_of, default_free, flown_records, with_estimates
@@ -50,7 +54,7 @@ from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.result_page import write_result
+from casid.report.result_page import BAD, GOOD, Answer, write_result
 from casid.report.style import Picture
 from casid.signals import SURFACES
 
@@ -123,12 +127,17 @@ def estimate(
         except EstimationError as error:
             raise InputError(str(error)) from None
         stage("figures")
-        text = json.dumps(document(given, applied, fit, found), indent=1)
+        answer = answer_of(fit, called_by(records, maps, aircraft, out))
+        further = {"next": plain(answer.next)}
+        text = json.dumps(document(given, applied, fit, found) | further, indent=1)
         (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
-        write_result(folder, "estimate", f"Estimate of {file.name}", fit, pictures(applied, fit))
-    print(text if as_json else fit)
+        drawn = pictures(applied, fit)
+        below = ("autocorrelation", "correlations")
+        title = f"Estimate of {file.name}"
+        write_result(folder, "estimate", title, answer, fit, drawn, folded=below)
+    print(text if as_json else "\n".join(map(str, (fit, *answer.next))))
 
 
 def _say_left_out(aircraft: Aircraft, records: Sequence[Record]) -> None:
@@ -206,21 +215,51 @@ def document(given: Choices, applied: FlownRecords, fit: Fit, found: FilterFit |
     return fit.to_dict() | further
 
 
+_SENTENCES = {
+    USABLE: "The estimates can be used",
+    STRUCTURE_MISSING: "The model lacks structure; the numbers below are no properties of this aircraft yet",
+    NOT_IDENTIFIABLE: "These data do not determine every parameter",
+    NOT_CONVERGED: "No solution was found that explains these data; the numbers below are no estimates",
+}
+
+
+def answer_of(fit: Fit, called: Called) -> Answer:
+    """Return what an estimate begins with: its verdict, why, and what to do next."""
+    worst = min(fit.channels, key=lambda name: fit.channels[name].R2, default="")
+    least = f", least R2 {fit.channels[worst].R2:.3g} ({worst})" if worst else ""
+    count = f"{len(fit.values)} parameters from {len(fit.problem.records)} records"
+    again = f"{called.records} --aircraft {called.aircraft}"
+    if fit.verdict == USABLE:
+        text = "Fly the estimates beside the file as given, on a record that was not fitted:"
+        command = f"casid simulate RECORD --aircraft {called.aircraft} {called.inside('model.toml')}"
+    elif fit.verdict == NOT_IDENTIFIABLE:
+        text = "See which parameters these records determine, and what to fly for the others:"
+        command = f"casid identifiability {again} --out {called.inside('identifiability')}"
+    else:
+        text = "Find what the model lacks, or what is wrong with the data:"
+        command = f"casid diagnose {again} --out {called.inside('diagnosis')}"
+    return Answer(
+        badge=fit.verdict.capitalize(),
+        sentence=f"{_SENTENCES[fit.verdict]}: {count}{least}.",
+        points=fit.because,
+        next=(NextStep(text=text, command=command),),
+        colour=GOOD if fit.verdict == USABLE else BAD,
+    )
+
+
 def pictures(applied: FlownRecords, fit: Fit) -> list[Picture]:
-    """Correlations, colour of the residuals, estimates beside the file, and histories of every record."""
+    """Estimates beside the file, histories of every record, colour of the residuals, and correlations."""
     names = list(fit.channels)
-    first = applied.records[0].name
-    drawn = [correlations(list(fit.parameters), fit.correlations)]
-    drawn.append(autocorrelations(names, {"residual": fit.residuals[first]}))
     known = [e.prior_std if math.isfinite(e.prior_std) else 0.0 for e in fit.parameters.values()]
     pairs = {"a priori": [(e.prior, std) for e, std in zip(fit.parameters.values(), known, strict=True)]}
     pairs |= {"estimated": [(e.value, e.std) for e in fit.parameters.values()]}
-    drawn.append(estimates(list(fit.parameters), pairs, "a priori"))
+    drawn = [estimates(list(fit.parameters), pairs, "a priori")]
     for record in applied.records:
         predicted = fit.predictions[record.name]
         measured = predicted + fit.residuals[record.name]
         drawn.append(histories(record.name, record.t, names, measured, {"estimated model": predicted}))
-    return drawn
+    residual = {"residual": fit.residuals[applied.records[0].name]}
+    return [*drawn, autocorrelations(names, residual), correlations(list(fit.parameters), fit.correlations)]
 
 
 def _write_model(aircraft: Aircraft, fit: Fit, path: Path, original: Path) -> None:

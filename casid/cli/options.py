@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, Token
 
+from casid.diagnosis.document import Called
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.plausible import impossibilities
@@ -106,3 +108,17 @@ def say_idle_effects(aircraft: Aircraft, records: Sequence[Record]) -> None:
         if effect.records and not here & set(effect.records):
             own = ", ".join(effect.records)
             print(f"note: {effect.kind} of the aircraft file is of {own} alone: it does nothing here", file=sys.stderr)
+
+
+def called_by(files: Sequence[str], maps: Sequence[str] | None, aircraft: Path, out: Path) -> Called:
+    """Return the words by which further commands find the same records and the same aircraft file."""
+    words = [*map(shlex.quote, _as_pattern(files)), *(f"--map {shlex.quote(one)}" for one in maps or [])]
+    return Called(records=" ".join(words), aircraft=shlex.quote(str(aircraft)), out=str(out))
+
+
+def _as_pattern(files: Sequence[str]) -> list[str]:
+    """Return one pattern for files that are all of their kind in their folder, which a shell had spelled out."""
+    first = Path(files[0])
+    pattern = first.parent / f"*{first.suffix}"
+    named = {Path(file) for file in files}
+    return [str(pattern)] if len(named) > 1 and named == set(first.parent.glob(pattern.name)) else list(files)

@@ -7,21 +7,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
 from casid.cli.simulate import fleet
 from casid.errors import InputError
-from casid.frequency.mismatch import MismatchEnvelope, ResponseComparison, compare_responses
+from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.response import FrequencyResponse, frequency_response
 from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.response_figures import bode, bode_mismatch
-from casid.report.result_page import write_result
+from casid.report.result_page import BAD, GOOD, Answer, write_result
 
 Numbers = Annotated[list[float], Parameter(consume_multiple=True, negative="")]
+
+ACCEPTABLE = 100.0  # cost of Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012)
 
 
 def response(
@@ -86,9 +89,10 @@ def response(
         (folder / "response.json").write_text(text + "\n", encoding="utf-8")
         said = "\n\n".join(map(_said, found))
         drawn = [bode(x) if isinstance(x, FrequencyResponse) else bode_mismatch(x) for x in found]
-        write_result(folder, "response", f"Responses to {input}", said, drawn)
+        answer = answer_of(found, input)
+        write_result(folder, "response", f"Responses to {input}", answer, said, drawn)
         write_provenance(made_with, folder / "run.json")
-    print(text if as_json else said)
+    print(text if as_json else f"{answer}\n\n{said}")
 
 
 def document(found: Sequence[FrequencyResponse | ResponseComparison], models: dict[str, LinearModel]) -> dict[str, Any]:
@@ -106,6 +110,50 @@ def document(found: Sequence[FrequencyResponse | ResponseComparison], models: di
             for label, model in models.items()
         },
     }
+
+
+def answer_of(found: Sequence[FrequencyResponse | ResponseComparison], input: str) -> Answer:
+    """Return where the responses can be read, and where and by how much the models differ; the last model first."""
+    flights = [one if isinstance(one, FrequencyResponse) else one.flight for one in found]
+    points = [_readable(one) for one in flights]
+    comparisons = [one for one in found if isinstance(one, ResponseComparison)]
+    labels = list(comparisons[0].mismatches)[::-1] if comparisons else []
+    off = [(label, one.flight, one.mismatches[label]) for label in labels for one in comparisons]
+    if not off:
+        return Answer(badge=f"Response to {input}", sentence=points[0], points=tuple(points[1:]))
+    told = [f"{label}, {flight.output} to {input}: {_off(flight, m)}" for label, flight, m in off]
+    good = all(m.cost <= ACCEPTABLE for label, _, m in off if label == labels[0])
+    return Answer(
+        badge="Within the guideline" if good else "Beyond the guideline",
+        sentence=told[0],
+        points=(*told[1:], *points),
+        colour=GOOD if good else BAD,
+    )
+
+
+def _readable(flight: FrequencyResponse) -> str:
+    """Return the band in which a response can be read, and where its gain is largest."""
+    used = np.flatnonzero(flight.usable)
+    if not len(used):
+        return f"{flight.output}: the coherence is too low at every frequency; nothing can be read."
+    omega = flight.omega[used]
+    peak = used[np.argmax(flight.gain_db[used])]
+    return (
+        f"{flight.output}: readable from {omega[0]:.2g} to {omega[-1]:.2g} rad/s; the gain is largest at "
+        f"{flight.omega[peak]:.2g} rad/s, {flight.gain_db[peak]:.3g} dB."
+    )
+
+
+def _off(flight: FrequencyResponse, found: Mismatch) -> str:
+    """Return where a model differs most from flight, and by how much."""
+    judged = np.flatnonzero(found.judged)
+    if not len(judged):
+        return "not judged at any frequency."
+    k, j = (judged[np.argmax(np.abs(one[judged]))] for one in (found.gain_db, found.phase_deg))
+    return (
+        f"off by up to {found.gain_db[k]:+.2g} dB at {flight.omega[k]:.2g} rad/s and {found.phase_deg[j]:+.2g} deg at "
+        f"{flight.omega[j]:.2g} rad/s; cost {found.cost:.3g}, where at most {ACCEPTABLE:g} is acceptable."
+    )
 
 
 def _said(found: FrequencyResponse | ResponseComparison) -> str:

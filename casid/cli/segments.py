@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,7 +20,7 @@ from casid.records.segments import segments as found_in
 from casid.report.data_pages import segment_figure
 from casid.report.estimate_figures import file_name
 from casid.report.folder import whole_folder
-from casid.report.result_page import write_result
+from casid.report.result_page import BAD, Answer, write_result
 from casid.signals import DEGREE, for_a_person, unit_of
 
 
@@ -49,7 +51,7 @@ def segments(
         with whole_folder(out) as folder:
             _write(records, found, folder)
             (folder / "segments.json").write_text(text + "\n", encoding="utf-8")
-    print(text if as_json else _table(found))
+    print(text if as_json else f"{answer_of(found)}\n\n{_table(found)}")
     return 0 if any(found.values()) else 1
 
 
@@ -64,7 +66,24 @@ def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], fo
             name = f"{file_name(record.name)}_{number}"
             write_record(record.between(one.start, one.stop, name), folder / f"{name}.csv")
     drawn = [segment_figure(record, found[record.name]) for record in records]
-    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", _table(found), drawn)
+    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", answer_of(found), _table(found), drawn)
+
+
+def answer_of(found: Mapping[str, Sequence[Segment]]) -> Answer:
+    """Return how many manoeuvres were found, of which axes, and what to do with them."""
+    every = [one for some in found.values() for one in some]
+    axes = Counter("+".join(one.axes) for one in every)
+    told = ", ".join(f"{count} {name}" for name, count in axes.most_common())
+    logs = f"{len(found)} log{'s' * (len(found) != 1)}"
+    idle = [name for name, some in found.items() if not some]
+    if not every:
+        return Answer(badge="Nothing found", sentence=f"No manoeuvre stands out in {logs}.", colour=BAD)
+    seconds = math.fsum(one.stop - one.start for one in every)
+    return Answer(
+        badge=f"{len(every)} manoeuvres" if len(every) > 1 else "1 manoeuvre",
+        sentence=f"{told}: {seconds:.0f} s of {logs}. Each is a record of its own, LOG_1.csv and so on.",
+        points=tuple(f"{name}: no manoeuvre stands out." for name in idle),
+    )
 
 
 def _table(found: Mapping[str, Sequence[Segment]]) -> str:

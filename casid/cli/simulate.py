@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -32,10 +33,12 @@ from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.result_page import write_result
-from casid.report.style import Picture
+from casid.report.result_page import Answer, write_result
+from casid.report.style import Picture, shown_unit
+from casid.report.words import digits
 from casid.signals import SURFACES, unit_of
 
+FOLLOWED = 0.9  # R2 from which a channel counts as followed; the sentence states it
 WINDOW_S = 5.0  # of the record, to which the initial state is fitted
 
 
@@ -80,8 +83,9 @@ def simulate(
         text = json.dumps({"schema": "casid.simulate/1", "records": results}, indent=1)
         (folder / "simulate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
-        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", table(results), pictures)
-    print(text if as_json else table(results))
+        answer = answer_of(results)
+        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", answer, table(results), pictures)
+    print(text if as_json else f"{answer}\n\n{table(results)}")
 
 
 def _fly_all(
@@ -146,17 +150,56 @@ def picture(record: Record, flown: dict[str, tuple[FlownRecords, np.ndarray]]) -
     return histories(record.name, record.t, names, record.matrix(names), curves, inputs=flew)
 
 
+def answer_of(results: dict[str, dict]) -> Answer:
+    """Return which channels each aircraft file follows, and where it is worst; of the last file first."""
+    labels = list(dict.fromkeys(label for row in results.values() for label in row))
+    told = [_followed(label, results) for label in labels]
+    return Answer(
+        badge=labels[-1],
+        sentence=told[-1],
+        points=tuple(f"{label}: {one}" for label, one in zip(labels[:-1], told, strict=False)),
+    )
+
+
+def _followed(label: str, results: dict[str, dict]) -> str:
+    """Return how many channels a file follows, and its worst one, in the unit of the figure."""
+    rows = {record: row[label] for record, row in results.items() if label in row}
+    lost = [record for record, one in rows.items() if "diverged" in one]
+    cells = [
+        (float(one["R2"]), float(one["rms"]), c, r)
+        for r, row in rows.items()
+        if r not in lost
+        for c, one in row.items()
+    ]
+    cells = [one for one in cells if math.isfinite(one[0])]
+    diverges = f"diverges in {', '.join(lost)}; " if lost else ""
+    if not cells:
+        return f"{diverges}no channel can be compared."
+    least = {channel: min(r2 for r2, _, c, _ in cells if c == channel) for _, _, channel, _ in cells}
+    count = sum(one >= FOLLOWED for one in least.values())
+    r2, rms, channel, record = min(cells)
+    factor, unit = shown_unit(unit_of(channel))
+    size = f"{digits(factor * rms)} {unit}".strip()
+    return (
+        f"{diverges}{count} of {len(least)} channels are followed in every record (R2 at least {FOLLOWED:g}); "
+        f"the worst is {channel} in {record}: R2 {r2:.3g}, r.m.s. error {size}."
+    )
+
+
 def table(results: dict[str, dict]) -> str:
-    """r.m.s. of measured less simulated: for each record a row per channel, in SI, and a column per aircraft."""
+    """r.m.s. of measured less simulated, in the units of the figure, and R2: a row per channel, for each record."""
     lines: list[str] = []
     for record, row in results.items():
         found = {label: one for label, one in row.items() if "diverged" not in one}
-        widths = {label: max(10, len(label)) for label in found}
-        lines += ["", f"{record}: r.m.s. of measured less simulated"]
-        lines.append(f"{'':16}" + "".join(f"  {label:>{width}}" for label, width in widths.items()))
+        heads = [f"r.m.s. {label}" for label in found] + [f"R2 {label}" for label in found]
+        widths = [max(10, len(head)) for head in heads]
+        lines += ["", f"{record}: measured less simulated"]
+        lines.append(f"{'':16}" + "".join(f"  {head:>{width}}" for head, width in zip(heads, widths, strict=True)))
         for channel in dict.fromkeys(c for one in found.values() for c in one):
-            sizes = (f"{one[channel]['rms']:.4g}" if channel in one else "" for one in found.values())
-            cells = (f"  {size:>{width}}" for size, width in zip(sizes, widths.values(), strict=True))
-            lines.append(f"{f'{channel} [{unit_of(channel)}]':16}" + "".join(cells))
+            factor, unit = shown_unit(unit_of(channel))
+            cells = [f"{factor * one[channel]['rms']:.4g}" if channel in one else "" for one in found.values()]
+            cells += [f"{one[channel]['R2']:.4f}" if channel in one else "" for one in found.values()]
+            told = "".join(f"  {cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
+            lines.append(f"{f'{channel} [{unit}]':16}{told}")
         lines += [f"{label}: {one['diverged']}" for label, one in row.items() if "diverged" in one]
     return "\n".join(lines[1:])

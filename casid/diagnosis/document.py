@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -221,12 +222,43 @@ class AxisResponses:
     extended: Mapping[str, np.ndarray]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Called:
+    """How a diagnosis was asked for, as words of a command line."""
+
+    records: str = "RECORD ..."
+    aircraft: str = "FILE"
+    out: str = "OUT"
+
+    @property
+    def folder(self) -> str:
+        """The folder of the results."""
+        return shlex.quote(self.out)
+
+    def inside(self, name: str) -> str:
+        """The path of something in that folder."""
+        return shlex.quote(f"{self.out}/{name}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextStep:
+    """What to do next, and the command that does it; empty where no command does."""
+
+    in_json: ClassVar[str] = "text command"
+
+    text: str
+    command: str = ""
+
+    def __str__(self) -> str:
+        return f"next: {self.text}" + (f"\n    {self.command}" if self.command else "")
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Document:
     """Content of diagnosis.json, and what its page shows."""
 
     in_json: ClassVar[str] = (
-        "verdict sentence not_judged data notes account factors contradicted moved combinations claims records "
+        "verdict sentence next not_judged data notes account factors contradicted moved combinations claims records "
         "held_out_is_new causes minor ranking decisions unexplained shapes explanations believed nothing budget "
         "as_given refitted extended gain parameters=by_name missing smallest_detectable detectable seconds "
         "seconds_of_processor"
@@ -296,6 +328,7 @@ class Document:
     next_flights: NextFlights
     limited: tuple[Untold, ...]
     failed: tuple[str, ...]  # what of this could not be computed, with the error
+    next: tuple[NextStep, ...] = ()  # what to do now, the most useful first
 
     @property
     def of_aeroplane(self) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,12 +16,13 @@ from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
-from casid.diagnosis.document import Document, Explanation, Unexplained
+from casid.diagnosis.document import Called, Document, Explanation, Unexplained
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import ChangedValue, Combination, Parameter
+from casid.diagnosis.first_screen import next_steps, text
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.noise import Following, View, following
@@ -49,7 +50,7 @@ from casid.errors import InputError, noting, unknown
 from casid.frames import data_frame, html_list, html_paragraph, html_table
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
-from casid.model.numbers import digits, with_deviation
+from casid.model.numbers import with_deviation
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -121,6 +122,8 @@ class Diagnosis:
         Probability that nothing that matters is wrong.
     trace
         The decisions on every cause that was considered, see `why` and `why_not`.
+    called
+        How it was asked for, so that the commands of what to do next can be copied.
 
     Examples
     --------
@@ -173,6 +176,7 @@ class Diagnosis:
     entered: Mapping[str, float] = field(default_factory=dict)
     nothing: float | None = None
     trace: Trace = Trace()
+    called: Called = Called()
 
     def claim(self, statement: str) -> Claim:
         """The claim with a statement of `claims`.
@@ -330,7 +334,7 @@ class Diagnosis:
             with noting(failed, "next flight"):
                 next_ones = self.next_flights()
         least = self.criteria.given.from_records
-        return Document(
+        document = Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),
             name=self.diagnosed.name,
             source=self.diagnosed.source,
@@ -362,6 +366,9 @@ class Diagnosis:
             limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
             failed=tuple(failed),
         )
+        unmoved = [one for one in self.untold if one.unmoved(least)] if of_aeroplane else []
+        asked = list(questions(self.causes, self.unexplained, self.rounds))
+        return replace(document, next=next_steps(document, self.causes, asked, unmoved, self.called))
 
     def _simulated(self, figures: bool) -> dict[str, Any]:
         """The simulations by their names; two of one view are one."""
@@ -480,23 +487,7 @@ class Diagnosis:
         return data_frame(rows, "cause")
 
     def __str__(self) -> str:
-        lines = [f"verdict: {self.verdict}", self.sentence]
-        lines += [f"  - data, {one.handled}: {one.sentence}" for one in self.data]
-        lines += [f"  - values: {one.sentence}" for one in (*self.factors, *self.contradicted)]
-        lines += [f"  - moved: {one.sentence}" for one in (*self.moved, *self.combinations)]
-        lines += [
-            f"  - {cause.sentence} ({_sure(cause)}likelihood-ratio statistic {digits(cause.statistic)})"
-            for cause in self.causes
-        ]
-        lines += [f"  - minor: {cause.sentence}" for cause in self.minor]
-        lines += [f"  - not judged: {one.what} ({one.because})" for one in self.not_judged]
-        steps = self.budget.together
-        lines.append(
-            f"error on {', '.join(self.budget.records)}, times the noise: {steps.as_given:.2g} as given, "
-            f"{steps.data_mended:.2g} with the data corrected, {steps.values:.2g} with values re-estimated, "
-            f"{steps.structure:.2g} with the causes added"
-        )
-        return "\n".join(lines)
+        return text(self.document(figures=False))
 
     def to_dict(self) -> dict[str, Any]:
         """The content of diagnosis.json: the document without its curves."""
@@ -521,7 +512,3 @@ class Diagnosis:
 def _freedom(fit: FlightFit) -> int:
     """Number of estimated quantities, with onsets and the strength of turbulence."""
     return len(fit.slots) + sum(len(one.onsets) for one in fit.attached) + bool(fit.noise.coloured)
-
-
-def _sure(cause: Cause) -> str:
-    return "" if cause.probability is None else f"{100.0 * cause.probability:.0f} % probable, "

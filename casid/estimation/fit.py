@@ -18,6 +18,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.remarks import jump_remarks, remarks
 from casid.estimation.solvers.status import Results, Status
 from casid.estimation.uncertainty import Rescaled, Uncertainty
+from casid.estimation.usable import Judgement, judge
 from casid.frames import data_frame, html_list, html_paragraph, html_table, latex_table
 from casid.keeping import plain, save
 
@@ -175,6 +176,21 @@ class Fit:
         """Return True if the point is a checked stationary point that satisfies the constraints."""
         return self.ended.converged
 
+    @cached_property
+    def judgement(self) -> Judgement:
+        """Whether the estimates can be used, and why."""
+        return judge(self)
+
+    @property
+    def verdict(self) -> str:
+        """ "usable", "structure missing", "not identifiable" or "not converged"."""
+        return self.judgement.verdict
+
+    @property
+    def because(self) -> tuple[str, ...]:
+        """The reasons for the verdict; those of "usable" are what to mind."""
+        return self.judgement.because
+
     @property
     def integrator(self) -> str:
         """Return the method of integration, in words; "" where nothing was simulated."""
@@ -275,6 +291,8 @@ class Fit:
         """The content of estimate.json: plain numbers, lists and texts; a number that does not exist is None."""
         return {
             "schema": "casid.estimate/2",
+            "verdict": self.verdict,
+            "because": list(self.because),
             "model": self.problem.model.name,
             "result": self.result.name.lower(),
             "estimator": type(self.problem.cost).__name__,
@@ -297,7 +315,10 @@ class Fit:
         return (*found, *jump_remarks(solved.objective, solved.linear.point.theta))
 
     def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"remarks": self.remarks}  # what they are made of is not kept
+        return self.__dict__ | {
+            "remarks": self.remarks,
+            "judgement": self.judgement,
+        }  # what they are made of is not kept
 
     def plot(self, record: str | None = None) -> Any:
         """Measured and predicted channels of a record, by name; default the first.
@@ -345,8 +366,9 @@ class Fit:
         quality = self.channels.items()
         channels = [[n, f"{c.rms:.4g}", f"{c.R2:.4f}", f"{c.theil:.3f}", str(c.samples)] for n, c in quality]
         return (
-            html_paragraph(head, told)
-            + html_list(self.remarks)
+            html_paragraph(self.verdict, "; ".join(self.because))
+            + html_paragraph(head, told)
+            + html_list(one for one in self.remarks if one not in self.because)
             + html_table(("parameter", *_COLUMNS.values()), cells)
             + html_table(("channel", "rms", "R2", "Theil", "samples"), channels)
         )
@@ -365,15 +387,16 @@ class Fit:
 
     def summary(self) -> str:
         """Status, remarks, estimates and channels as text."""
-        head = (
-            f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
+        head = "\n".join((self.verdict, *(f"  {one}" for one in self.because)))
+        head += (
+            f"\n{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}\n"
             f"{self.status}; {self.iterations} iterations, {self.seconds:.3g} s\n"
             f"ln(likelihood) {self.log_likelihood:.8g}, cost {self.cost:.6g}"
         )
         head += f"\n{self.integrator}" if self.integrator else ""
         head += f"\n{self.starts!r}" if self.starts is not None else ""
         width = max(map(len, self.values), default=len("parameter"))
-        lines = [head, *(f"! {remark}" for remark in self.remarks), ""]
+        lines = [head, *(f"! {remark}" for remark in self.remarks if remark not in self.because), ""]
         lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'Cramer-Rao':>10} {'a priori':>12}"]
         for name, e in self.parameters.items():
             lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_cramer_rao:10.3g} {e.prior:12.6g}")

@@ -49,7 +49,7 @@ def remarks(fit: Any) -> tuple[str, ...]:
         *_start(fit.problem),
         *_channels(fit.channels),
         *readings,
-        *_parameters(fit.problem, fit.parameters),
+        *against_prior(fit.problem, fit.parameters),
     ]
     if not fit.converged:
         return tuple(found)
@@ -180,7 +180,8 @@ def _channels(channels: Mapping[str, ChannelFit]) -> Iterator[str]:
             yield f"{name}: measured as constant; nothing can be learnt from it"
 
 
-def _parameters(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+def against_prior(problem: Problem, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """Parameters of the opposite sign of their a-priori value, or three a-priori deviations from it."""
     known = problem.model.prior_std
     for name, e in parameters.items():
         std = known.get(bare_name(problem.model, name), math.inf)

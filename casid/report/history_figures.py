@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from casid.diagnosis.document import Document, Simulated
+from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
 from casid.report import estimate_figures
 from casid.report.style import (
@@ -30,6 +31,7 @@ from casid.report.style import (
     smooth,
     stacked,
 )
+from casid.report.words import pretty
 from casid.signals import label_of
 
 PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
@@ -261,6 +263,39 @@ def histories(document: Document) -> Picture:
         ),
         alt=f"Time histories of {names} in held-out record {record.name}: measured, simulated by the file as given, "
         f"and by the {document.best}.",
+    )
+
+
+def worst_channel(document: Document) -> Picture | None:
+    """The channel with the largest error as given, in the held-out record where it is worst."""
+    names = document.budget.worst()
+    if not names:
+        return None
+    channel = names[0]
+    before = document.held_out_as_given
+    after = document.held_out_extended
+    i = before.outputs.index(channel)
+    r = worst_record(before, [channel])
+    record = before.records[r]
+    n = len(record)
+    figure, (ax,) = stacked([2.0], WIDE)
+    curves = {AS_GIVEN: before.output[:n, r, i], document.best: after.output[:n, r, i]}
+    draw_channel(ax, channel, record.t, record[channel], curves)
+    inside = [channel_scale(channel)[0] * one[np.isfinite(one)] for one in (record[channel], curves[document.best])]
+    inside = np.concatenate(inside)
+    if len(inside):
+        _follow(ax, float(inside.min()), float(inside.max()))
+    ax.set_xlabel("time t [s]")
+    legend(figure, [ax], 3)
+    label = document.budget.labels.get(channel, channel)
+    return Picture(
+        histories=True,
+        name="worst",
+        figure=figure,
+        title=f"The worst channel: {label} in {record.name}, which no fit has seen",
+        caption=pretty(f"{FirstScreen.of(document).worst}. Open-loop simulation with the recorded inputs."),
+        alt=f"Time history of {label} in {record.name}: measured, by the {AS_GIVEN}, and by the {document.best}.",
+        wide=True,
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from casid.arguments import require
 from casid.diagnosis.document import Document, ReportedCause
+from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.result import Diagnosis
 from casid.errors import noting
 from casid.native.threads import single_threaded
@@ -24,7 +25,7 @@ from casid.report.cause_figures import cause_response, missing_history, onset, s
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
 from casid.report.folder import provenance
-from casid.report.history_figures import PLANES, flown_again, histories, residuals, tracks
+from casid.report.history_figures import flown_again, histories, residuals, tracks, worst_channel
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
 from casid.report.statements import Statement, numbered, statements
@@ -76,14 +77,16 @@ _MOST = 3  # places where something is unexplained that have pictures of their o
 
 
 def pictures(document: Document, failed: list[str] | None = None) -> dict[str, Picture]:
-    """Name -> picture, the one most convincing for this verdict first. Those that cannot be drawn are added to `failed`
+    """Name -> picture, that of the worst channel first. Those that cannot be drawn are added to `failed`
     with the error; without such a list it is raised."""
     ladder_ = partial(ladder, document)
     ambiguity_ = partial(ambiguity, document)
+    worst = partial(worst_channel, document)
     budget_ = partial(budget, document.budget)
     derivatives_ = partial(derivatives, document)
     if not document.of_aeroplane:
         makers = [
+            worst,
             partial(rotors_from_above, document),
             partial(response_of_axes, document),
             budget_,
@@ -94,6 +97,7 @@ def pictures(document: Document, failed: list[str] | None = None) -> dict[str, P
         ]
     else:
         makers = [
+            worst,
             *(partial(_of_cause_numbered, document, n) for n in range(1, 1 + len(document.causes))),
             partial(_of_the_unexplained, document),
             budget_,
@@ -116,19 +120,7 @@ def pictures(document: Document, failed: list[str] | None = None) -> dict[str, P
                 found = make()
                 several = [found] if isinstance(found, Picture) or found is None else list(found)
                 table |= {picture.name: picture for picture in several if picture is not None}
-    lead = _lead(document, table) if document.of_aeroplane else next(iter(table), "")
-    return {name: table[name] for name in dict.fromkeys([lead, *table]) if name in table}
-
-
-def _lead(document: Document, table: dict[str, Picture]) -> str:
-    """Name of the picture that comes first: the channels in engineering units, of the plane in which the error as given
-    is largest."""
-    channels = document.budget.channels
-    error = {
-        f"tracks_{plane}": max((channels[name].as_given for name in names if name in channels), default=0.0)
-        for plane, (_, names) in PLANES.items()
-    }
-    return max((name for name in error if name in table), key=lambda name: error[name], default="histories")
+    return table
 
 
 def _of_cause_numbered(document: Document, number: int) -> Iterator[Picture]:
@@ -165,6 +157,7 @@ def _before_and_after(document: Document):
 # anchor -> title, template, and the figures, in the order of the page
 _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
     {
+        "account": ("Data, values, structure", "account.html", ()),
         "gain": (
             "What it gains",
             "gain.html",
@@ -180,22 +173,13 @@ _SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
         "data": ("Data", "data.html", ("check",)),
         "values": ("Values of the {source}", "values.html", ("rotors", "axes", "derivatives")),
         "envelope": ("What was flown", "envelope.html", ("envelope",)),
-        "next": ("Next flight", "next_flight.html", ("next_flight",)),
+        "flight": ("Next flight", "next_flight.html", ("next_flight",)),
         "numbers": ("Numbers", "numbers.html", ()),
         "unseen": ("What could not be seen with these records", "unseen.html", ()),
         "made": ("How this was made", "made.html", ()),
     }
 )
-_OF_AIRCRAFT = ("data", "envelope", "next")  # sections that no other system has
-
-
-@dataclass(frozen=True, kw_only=True)
-class Headline:
-    """The verdict as it opens the page: the `badge`, the `causes` where there are several, and the sentence."""
-
-    badge: str
-    causes: tuple[str, ...]
-    sentence: str
+_OF_AIRCRAFT = ("data", "envelope", "flight")  # sections that no other system has
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,8 +274,13 @@ def _context(
         "name": document.name,
         "of_aircraft": document.of_aeroplane,
         "colour": COLOURS[document.verdict],
-        "account": document.opening,
-        "headline": _headline(document),
+        "badge": document.verdict.capitalize(),
+        "first": FirstScreen.of(document),
+        "where": ", ".join(document.budget.records),
+        "as_given": _multiple(document.budget.together.as_given),
+        "left_noise": _multiple(document.budget.together.structure),
+        "next": document.next,
+        "opening": document.opening,
         "shares": shares(document),
         "claims": claimed,
         "claim_of": {one.anchor: one for some in claimed.values() for one in some},
@@ -350,20 +339,6 @@ def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, Repor
         "seconds": tables.seconds(document),
         "made_with": tables.made_with(made_with),
     }
-
-
-def _headline(document: Document) -> Headline:
-    """Several causes become a list, and what follows them the sentence."""
-    rest = document.headline
-    told = []
-    for cause in document.causes:
-        if cause.statement in rest:
-            rest = rest.replace(cause.statement, "", 1)
-            told.append(cause.statement)
-    badge = document.verdict.capitalize()
-    if len(told) < 2:
-        return Headline(badge=badge, causes=(), sentence=document.headline)
-    return Headline(badge=badge, causes=tuple(told), sentence=rest.strip())
 
 
 def _facts(document: Document) -> str:

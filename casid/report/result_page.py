@@ -1,21 +1,59 @@
-"""The page of a command: what it prints, and its figures."""
+"""The page of a command: its answer, what to do next, its figures, and what it prints."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
 from pathlib import Path
 
+from casid.diagnosis.document import NextStep
 from casid.report.style import Picture
-from casid.report.templating import drawn_into, figures_of, render
+from casid.report.templating import ReportTable, drawn_into, figures_of, render
+
+GOOD = "#00694E"
+BAD = "#A3122A"
+NEUTRAL = "#005A8F"
 
 
-def write_result(folder: Path, name: str, title: str, said: object, pictures: Iterable[Picture]) -> None:
-    """Write NAME.html with what the command prints, and `figures/*.svg`, into `folder`."""
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """What a page begins with: a sentence under a badge, its reasons, and what to do next."""
+
+    badge: str
+    sentence: str
+    points: tuple[str, ...] = ()
+    next: tuple[NextStep, ...] = ()
+    colour: str = NEUTRAL
+
+    def __str__(self) -> str:
+        lines = [f"{self.badge.lower()}: {self.sentence}", *(f"  - {one}" for one in self.points)]
+        return "\n".join([*lines, *map(str, self.next)])
+
+
+def write_result(
+    folder: Path,
+    name: str,
+    title: str,
+    answer: Answer,
+    said: object,
+    pictures: Iterable[Picture],
+    *,
+    folded: Collection[str] = (),
+    tables: Iterable[ReportTable] = (),
+) -> None:
+    """Write NAME.html and `figures/*.svg` into `folder`.
+
+    The page has the answer, `tables`, the pictures, those `folded` by name below, and what the command prints.
+    """
     drawn = drawn_into(folder / "figures", {picture.name: picture for picture in pictures})
+    figures = figures_of(drawn, {})
     context = {
-        "colour": "#005A8F",
+        "colour": answer.colour,
         "title": title,
+        "answer": answer,
         "said": str(said).strip("\n"),
-        "figures": list(figures_of(drawn, {}).values()),
+        "figures": [one for key, one in figures.items() if key not in folded],
+        "tables": list(tables),
+        "folded": [one for key, one in figures.items() if key in folded],
     }
     (folder / f"{name}.html").write_text(render("result.html", context), encoding="utf-8")

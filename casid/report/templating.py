@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from casid.errors import noting
 from casid.report.interactive import data_of, library, licence
 from casid.report.style import Picture
-from casid.report.words import pretty
+from casid.report.words import pretty, probability_in_words
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +120,7 @@ def render(template: str, context: Mapping[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["pretty"] = pretty
+    environment.filters |= {"pretty": pretty, "probability": probability_in_words}
     used: list[str] = []
 
     def curves(picture: Picture) -> str | None:

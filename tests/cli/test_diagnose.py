@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -83,8 +84,12 @@ def test_whole_run(script_here: Callable, flight: Path, tmp_path: Path) -> None:
     proposed = {name for name in written if name.startswith("next_flight")}  # where something stayed ambiguous
     assert written - proposed == {"diagnosis.json", "extended.toml", "report.html", "report_figures", "run.json"}
     document = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-    assert document["sentence"] in said and str(tmp_path / "out" / "report.html") in said
-    assert all(stage in said for stage in document["seconds"])
+    assert said.count(f"{document['verdict']}: ") == 1 and str(tmp_path / "out" / "report.html") in said
+    assert all(f" s  {stage}" in said for stage in document["seconds"])
+    assert document["next"] and all(one["text"] in said and one["command"] in said for one in document["next"])
+    asked = [words for one in document["next"] if (words := shlex.split(one["command"]))]
+    again = next(words for words in asked if words[1] == "simulate")
+    assert script_here(*again[1:])[0] == 0
     made_with = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
     assert "seed" not in made_with and {"casid", "casadi", "numpy"} <= set(made_with["versions"])
 

@@ -95,6 +95,7 @@ def test_estimates_come_with_their_errors_and_a_model_that_reads_back(folder, sc
     )
     assert status == 0, error
     result = estimated(tmp_path)
+    assert result["verdict"] == "usable" and result["next"][0]["command"].startswith("casid simulate")
     assert result["converged"] and result["axes"] == "longitudinal" and result["records"] == ["m1", "m2"]
     assert set(result["parameters"]) == set(PITCH)
     error = np.array([result["parameters"][n]["value"] - STABLE[n] for n in result["correlation"]["names"]])
@@ -252,11 +253,15 @@ def test_simulate_flies_aircraft_side_by_side(folder, script_here, tmp_path):
     clean = aircraft_model(do328(), axes="longitudinal").outputs
     assert set(clean) <= set(written.channels)
     np.testing.assert_array_equal(written["delta_e"], read_record(folder / "m1.csv")["delta_e"])
-    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2: r.m.s." in said
-    row = next(line.split() for line in said.split("m2: r.m.s.")[1].splitlines() if line.startswith("q [rad/s]"))
-    assert [float(x) for x in row[2:]] == pytest.approx(
-        [result["m2"][a]["q"]["rms"] for a in ("truth", "guess")], rel=1e-3
-    )
+    assert (tmp_path / "figures" / "histories_m1.svg").is_file() and "m2: measured less simulated" in said
+    worst = min((one["R2"], name) for row in result.values() for name, one in row["guess"].items())
+    first = said.splitlines()[0]
+    assert first.startswith("guess: ") and f"R2 {worst[0]:.3g}" in first and worst[1] in first
+    part = said.split("m2: measured less")[1].splitlines()
+    row = next(line.split() for line in part if line.startswith("q [deg/s]"))
+    of = [result["m2"][a]["q"] for a in ("truth", "guess")]
+    told = [*(np.degrees(one["rms"]) for one in of), *(one["R2"] for one in of)]
+    assert [float(x) for x in row[2:]] == pytest.approx(told, rel=1e-3)
 
 
 def test_a_simulation_that_diverges_is_said(folder, run_in_process, tmp_path):

@@ -10,6 +10,7 @@ import subprocess
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from dataclasses import replace
+from html import escape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import pytest
 from small_flight import HIDDEN, NAMES
 
 from casid.diagnosis.document import Document
+from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
@@ -156,21 +158,24 @@ def test_every_figure_has_words_and_a_file_of_its_own(folder: Path, shown: dict[
         assert ElementTree.fromstring(svg).tag.endswith("svg")
 
 
-def test_page_opens_with_account_verdict_and_channels_in_engineering_units(folder: Path, diagnosis: Diagnosis) -> None:
+def test_page_opens_with_verdict_cause_shares_worst_channel_and_what_to_do(folder: Path, document: Document) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
-    at = [pretty(diagnosis.opening), pretty(diagnosis.headline), "<nav", 'id="figure-tracks_', "What it gains</h2>"]
-    assert sorted(page.index(one) for one in at) == [page.index(one) for one in at]
+    screen = FirstScreen.of(document)
+    said = [screen.verdict, *(one.sentence for one in screen.found)]
+    parts = [*map(pretty, said), 'class="bar"', 'id="figure-worst"', 'id="next"', "<details"]
+    assert sorted(parts, key=page.index) == parts
+    opened = page[: page.index("<details")]
+    assert opened.count("<img ") == 1
+    assert all(escape(pretty(one.text)) in opened and escape(one.command) in opened for one in document.next)
 
 
-def test_page_opens_with_data_values_structure_unseen_data_and_what_was_not_judged(
-    folder: Path, diagnosis: Diagnosis
-) -> None:
+def test_page_tells_of_data_values_structure_unseen_data_and_what_was_not_judged(folder: Path) -> None:
     page = (folder / "report.html").read_text(encoding="utf-8")
     heads = [f"<dt>{head}</dt>" for head in ("Data", "Values", "Structure", "By record", "Not judged")]
     at = [page.index(head) for head in heads]
-    first = page.index('id="figure-tracks_')
-    assert at == sorted(at) and at[-1] < first
-    assert "no channel psi" in page[at[-1] : first]
+    end = page.index("</dl>", at[-1])
+    assert at == sorted(at)
+    assert "no channel psi" in page[at[-1] : end]
     assert "Cm: alpha²" in page[at[2] : at[3]]
 
 
@@ -228,6 +233,7 @@ def test_a_name_with_markup_is_only_text(
 # -- in a browser ------------------------------------------------------------------------------------------------------
 
 PROBE = """<script>addEventListener('load', () => { const d = document.documentElement;
+document.querySelectorAll('details').forEach(one => { one.open = true; });
 const seen = i => i.closest('figure.live')?.querySelector('canvas') ?? i;
 d.dataset.images = JSON.stringify(
   [...document.images].map(i => [i.naturalWidth, seen(i).clientWidth, seen(i).clientHeight]));

@@ -1,0 +1,85 @@
+"""The tables of a flight card, for a page and for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from casid.design.flight_card import Expected, FlightCard
+from casid.report.templating import ReportTable, Row
+from casid.report.words import digits, pretty
+from casid.signals import label_of
+
+_NOTHING = 0.005  # of the larger end of a range
+
+
+def card_tables(card: FlightCard) -> list[ReportTable]:
+    """Return the trim, the movements with their times, and the expected motion with its limits."""
+    return [_trim(card), *_movements(card), _expected(card)]
+
+
+def card_in_words(card: FlightCard) -> str:
+    """Return the card as text, a line per row."""
+    return "\n\n".join("\n".join(_lines(table)) for table in card_tables(card) if table.rows)
+
+
+def _lines(table: ReportTable) -> Iterator[str]:
+    cells = [table.head, *(row.cells for row in table.rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(table.head))]
+    yield table.caption
+    for first, *rest in cells:
+        others = (f"{cell:>{width}}" for cell, width in zip(rest, widths[1:], strict=True))
+        yield f"  {first:{widths[0]}}  {'  '.join(others)}".rstrip()
+
+
+def _named(card: FlightCard, name: str) -> str:
+    unit = pretty(card.units[name])
+    label = label_of(name)
+    called = name if label == name else f"{label} {name}"
+    return f"{called} [{unit}]" if unit and unit != "1" else called
+
+
+def _trim(card: FlightCard) -> ReportTable:
+    rows = tuple(Row(cells=(_named(card, name), digits(value))) for name, value in card.trim.items())
+    return ReportTable(head=("before", "value"), rows=rows, caption="Trimmed level flight, held for 5 s", numeric=True)
+
+
+def _movements(card: FlightCard) -> Iterator[ReportTable]:
+    if not card.movements:
+        return
+    rows = tuple(
+        Row(
+            cells=(
+                f"{one.t:.2f}",
+                *(f"{round(one.change[name], 1) + 0.0:+.1f}".replace("-", "−") for name in card.inputs),
+            )
+        )
+        for one in card.movements
+    )
+    yield ReportTable(
+        head=("from t [s]", *(_named(card, name) for name in card.inputs)),
+        rows=rows,
+        caption=f"Move, as changes from trim, each held until the next line; the end is at {card.duration:.1f} s",
+        numeric=True,
+    )
+
+
+def _expected(card: FlightCard) -> ReportTable:
+    rows = tuple(
+        Row(
+            cells=(
+                _named(card, one.channel),
+                f"{_short(one.least, one)} to {_short(one.most, one)}",
+                f"±{digits(one.limit, 2)}" if math.isfinite(one.limit) else "–",
+            ),
+            marked=math.isfinite(one.limit),
+        )
+        for one in card.expected
+    )
+    caption = "What to expect, as changes from trim; end the manoeuvre beyond the limit"
+    return ReportTable(head=("channel", "expected", "limit"), rows=rows, caption=caption, numeric=True)
+
+
+def _short(value: float, of: Expected) -> str:
+    """Return an end of a range; 0 for what is nothing beside the other end."""
+    return "0" if abs(value) < _NOTHING * max(-of.least, of.most) else digits(value, 2)
