@@ -23,7 +23,8 @@ from casid.model.airframe import unsymmetric_moment
 from casid.model.causes import accelerometer_position
 from casid.model.dynamics import standard_density
 from casid.model.path import aerodynamic_parameters, speed_of_sound
-from casid.model.terms import parse_term
+from casid.model.terms import derivative_term, parse_term
+from casid.model.usual_derivatives import USUAL_DERIVATIVES, missing_derivatives
 from casid.records.record import Record
 from casid.signals import GRAVITY, SURFACES, same_unit, si_factor, unit_of
 
@@ -483,6 +484,10 @@ def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[
         size = max(abs(value), abs(given))
         if coefficient in _NEEDED and term != "0" and not any(u in term for u in _UNSTEADY) and size != 0.0:
             table.setdefault(coefficient, []).append((name, term, value, size))
+    for name in missing_derivatives(stated):  # they may be as large as those of other aircraft are
+        coefficient, term = derivative_term(name)
+        if coefficient in table:
+            table[coefficient].append((name, term.name, 0.0, USUAL_DERIVATIVES[name] / (doubted * criteria.derivative)))
     return {
         coefficient: Row(
             names=tuple(name for name, *_ in rows),
@@ -503,10 +508,10 @@ def _value(aircraft: Aircraft, coefficient: str, name: str, term: str) -> float:
 def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteria) -> Iterator[tuple[str, float]]:
     """Yield the terms that healthy instruments add to a coefficient with these slopes, each with its spread."""
     for angle, other in _READ_TOO.items():
-        if angle in slopes and other not in slopes:
+        if slopes.get(angle) and other not in slopes:
             yield other, criteria.upwash * abs(slopes[angle])
     for surface in SURFACES:
-        if surface in slopes:
+        if slopes.get(surface):
             yield f"{surface} rate", criteria.late * abs(slopes[surface])
     if coefficient in _FORCE_ROWS:
         yield from ((f"{coefficient} lever {axis}", 1.0) for axis in "xyz")

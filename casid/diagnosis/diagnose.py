@@ -5,12 +5,12 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, overload
 
 from casid.arguments import number, require
-from casid.data_check.check import channels_of, check
+from casid.data_check.check import DataFindings, channels_of, check
 from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
@@ -20,12 +20,13 @@ from casid.diagnosis.engine.baseline import baseline_in_time
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import of_aircraft
+from casid.diagnosis.flight.flight import Flight, of_aircraft
+from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.gates import odds_against_good_records
-from casid.diagnosis.given.as_given import attached_effects, fly_as_given, fly_recorded
+from casid.diagnosis.given.as_given import AsGiven, attached_effects, error_over_noise, fly_as_given, fly_recorded
 from casid.diagnosis.given.contradicted import FlightValue
-from casid.diagnosis.given.scope import out_of_sight, scope_of, split
+from casid.diagnosis.given.scope import Scope, out_of_sight, scope_of, split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
@@ -44,6 +45,7 @@ from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
 from casid.records.given import given_records, require_flight
 from casid.records.record import Record
+from casid.signals import CHANNELS
 
 
 @single_threaded()
@@ -73,19 +75,17 @@ def diagnose_aircraft(
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
-    stages.begin("reading the records")
-    mended, recorded = (
-        split(both[: len(records)], both[len(records) :], criteria.held_out)
-        for both in (checked.records, checked.recorded)
-    )
+    flown = _flown_as_given(aircraft, checked, len(records), criteria, axes, limit, stages)
+    made_worse = _made_worse(flown, checked)
+    if made_worse:  # of the data: as they stand they are nearer to the simulation
+        believed = (*channels_of(as_recorded, "diagnose: as_recorded"), *made_worse)
+        checked = check((*records, *hold_out), as_line, undo=believed, criteria=criteria.data)
+        flown = _flown_as_given(aircraft, checked, len(records), criteria, axes, limit, stages)
     with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
-        scope = scope_of(aircraft, mended, criteria, axes)
-        known = attached_effects(scope.flight.aircraft, scope.flight.names)
-        flight = replace(with_noise_level(scope.flight, known), limit=limit)
-        stages.begin("simulation as given")
-        given = fly_as_given(flight, scope.held, known)
-        if any(one.handled != "reported" for one in checked.findings):
-            given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
+        scope = flown.scope
+        flight = flown.flight
+        known = flown.known
+        given = flown.given
         report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
         state = search(baseline_in_time(flight, known, stages.begin), stages.begin)
 
@@ -106,6 +106,52 @@ def diagnose_aircraft(
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _FlownAsGiven:
+    """The file flown along the records, as they were checked."""
+
+    scope: Scope
+    flight: Flight
+    known: list[Attached]
+    given: AsGiven
+
+
+def _flown_as_given(
+    aircraft: Aircraft,
+    checked: DataFindings,
+    fitted: int,
+    criteria: Criteria,
+    axes: str | None,
+    limit: TimeLimit,
+    stages: Stages,
+) -> _FlownAsGiven:
+    """Fly the file along the records without faults of the data, and along them as they were recorded; the first
+    `fitted` are those that were given to be fitted."""
+    stages.begin("reading the records")
+    mended, recorded = (
+        split(both[:fitted], both[fitted:], criteria.held_out) for both in (checked.records, checked.recorded)
+    )
+    with named_in_errors(checked.findings, checked.doubts, criteria.numerics.naming.listed):
+        scope = scope_of(aircraft, mended, criteria, axes)
+        known = attached_effects(scope.flight.aircraft, scope.flight.names)
+        flight = replace(with_noise_level(scope.flight, known), limit=limit)
+        stages.begin("simulation as given")
+        given = fly_as_given(flight, scope.held, known)
+        if any(one.handled != "reported" for one in checked.findings):
+            given = replace(given, recorded=fly_recorded(flight, scope.ready(recorded), known))
+    return _FlownAsGiven(scope=scope, flight=flight, known=known, given=given)
+
+
+def _made_worse(flown: _FlownAsGiven, checked: DataFindings) -> tuple[str, ...]:
+    """Channels that were changed although the simulation as given follows them better as they were recorded."""
+    changed = {name for one in checked.findings if one.handled == "corrected" for name in one.target.split("+")}
+    given = flown.given
+    if not changed or given.recorded is None:
+        return ()
+    before, after = (error_over_noise(views) for views in (given.recorded, given.mended))
+    return tuple(sorted(changed & set(CHANNELS))) if after > before else ()
 
 
 @contextmanager

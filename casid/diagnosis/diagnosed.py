@@ -8,6 +8,7 @@ from typing import ClassVar
 from casid.model.aircraft import Aircraft
 from casid.model.effects import effect_of
 from casid.model.system import Model
+from casid.model.usual_derivatives import missing_derivatives
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,7 +35,7 @@ class DiagnosedAircraft:
         terms = {f"{c}_{term}": value for c, row in self.file.terms.items() for term, value in row.items()}
         free = [table for table in self.file.tables if table.free]
         knots = {name: value for table in free for name, value in table.knots.items()}
-        found = {**self.file.derivatives, **terms, **knots}
+        found = {**self.file.derivatives, **missing_derivatives(self.file), **terms, **knots}
         for value in self.file.effects:
             name = effect_of(value).name
             found |= {name: value.value} | {f"{name}.{key}": further for key, further in value.parameters.items()}
@@ -43,7 +44,8 @@ class DiagnosedAircraft:
     @property
     def told(self) -> dict[str, float]:
         """The values whose changes the account names: derivatives, without those at zero angles and rates."""
-        return {name: value for name, value in self.file.derivatives.items() if not name.endswith("_0")}
+        derivatives = {**self.file.derivatives, **missing_derivatives(self.file)}
+        return {name: value for name, value in derivatives.items() if not name.endswith("_0")}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

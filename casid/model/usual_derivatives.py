@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from casid.model.airframe import AXES_COEFFICIENTS, Airframe
+from casid.model.terms import derivative_term
+
 # 1-sigma about zero. 95 % of the aircraft that come with JSBSim are within 1.96 of it, at a lift coefficient of 0.4;
 # computed by `python -m problems.jsbsim.derivative_sizes`.
 USUAL_DERIVATIVES: Mapping[str, float] = MappingProxyType(
@@ -63,3 +66,21 @@ NOTABLE_DERIVATIVES: Mapping[str, float] = MappingProxyType(
         "Cn": 0.02,
     }
 )
+
+
+def missing_derivatives(aircraft: Airframe) -> dict[str, float]:
+    """Derivatives that other aircraft have and this file does not, with their value by it: zero.
+
+    A file without one says that it is zero, and is re-estimated like one that states so. Nothing is missing where a
+    table or aerodynamics of the user may have it.
+    """
+    if not aircraft.winged or aircraft.aerodynamics is not None:
+        return {}
+    tabulated = {table.coefficient for table in aircraft.tables}
+    found = {}
+    for name in USUAL_DERIVATIVES:
+        coefficient, term = derivative_term(name)
+        ours = coefficient in AXES_COEFFICIENTS[aircraft.force_axes] and coefficient not in tabulated
+        if ours and term.factors and name not in aircraft.derivatives:
+            found[name] = 0.0
+    return found

@@ -30,6 +30,7 @@ from casid.model.path import aerodynamic_parameters, coefficient_names
 from casid.model.station import Station, coefficient, control, reading, wind
 from casid.model.system import Model
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, Term, parse_term
+from casid.model.usual_derivatives import missing_derivatives
 from casid.records.noise import pooled_sigma, real_updates
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
 from casid.records.record import Record
@@ -367,7 +368,7 @@ def prepare(
     noise = criteria.noise
     axes = axes or axes_of(records)
     offsets = {f"{c}_0": 0.0 for c in aircraft.coefficients if f"{c}_0" not in aircraft.derivatives}
-    aircraft = aircraft.with_derivatives(offsets)
+    aircraft = aircraft.with_derivatives(offsets | missing_derivatives(aircraft))
     modelled = aircraft_model(aircraft, axes=axes, equations=False).outputs
     moved = (*modelled, *(o for o in INTEGRATED[axes] if o not in _NOT_JUDGED))
     ready = pulled_alike(as_updated(flight_inputs(aircraft, record, axes), moved) for record in records)

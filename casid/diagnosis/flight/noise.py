@@ -492,7 +492,10 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
     """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better."""
     share = held_share(fitted, named=named)
     if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
-        return fitted
+        doubted = fitted.flight.noise_by_fit or is_far(fitted, fitted.criteria.given.fails)
+        if named or not doubted:
+            return fitted
+        share = 1.0  # a simulator that holds its inputs: tried before anything else is called wrong
     flight = of_aircraft(fitted.flight).with_inputs_held(share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted

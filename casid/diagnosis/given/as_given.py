@@ -40,6 +40,12 @@ class AsGiven:
         return (self.recorded or self.mended)[1]
 
 
+def error_over_noise(views: Sequence[View]) -> float:
+    """R.m.s. over channels and simulations of errors in units of the noise; infinite where one departs."""
+    found = [one.rms / view.fit.noise.measurement[name] for view in views for name, one in view.channels.items()]
+    return float(np.sqrt(np.mean(np.square(found)))) if np.isfinite(found).all() else np.inf
+
+
 def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
     """Simulations of the fitted and the held-out records by the unmodified file; `known` are its own effects."""
     both = [flight, flight.with_records(flight.aircraft, held)]

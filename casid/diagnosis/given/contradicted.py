@@ -36,6 +36,7 @@ from casid.model.numbers import with_deviation
 from casid.model.plausible import Doubt, impossibilities, possible
 from casid.model.system import Model
 from casid.model.terms import VARIABLES, derivative_term, parse_term
+from casid.model.usual_derivatives import missing_derivatives
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -313,6 +314,13 @@ def _derivatives(
         if name in flight and flight[name].against(value, margin, criteria):
             one = flight[name].stated
             yield _against(name, term.unit, whole, replace(one, value=one.value + slopes.get(name, 0.0)), margin)
+    for name, value in missing_derivatives(aircraft).items():
+        coefficient, term = derivative_term(name)
+        margin = smallest_stated_std(coefficient, criteria.prior)
+        if name in flight and flight[name].against(value, margin, criteria):
+            one = flight[name].stated
+            says = f"The file has no {name}; flight says {_number(one, term.unit)}."
+            yield replace(_against(name, term.unit, value, one, margin), sentence=says)
 
 
 def _effects(aircraft: Aircraft, flight: Mapping[str, FlightValue], criteria: Criteria) -> Iterator[Contradiction]:

@@ -41,6 +41,7 @@ from casid.model.causes import (
 )
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
+from casid.model.usual_derivatives import missing_derivatives
 from problems.do328 import do328
 
 LATE = Attached(effect=sensor_delay("az"), values={"value": 0.18})
@@ -229,8 +230,10 @@ def test_without_process_noise_the_fit_is_output_error() -> None:
     innovations = fit(flight, (), calm, extent=(30, 1e-9))
     model = aircraft_model(flight.aircraft, outputs=flight.outputs, effects=())
     free = list(innovations.derivatives)
+    usual = {name: flight.prior_std(model, name) for name in missing_derivatives(do328())}
+    model = replace(model, prior_std=usual)
     problem = Problem(
-        model, list(flight.records), free=free, cost=OutputError(), noise=dict(noise.measurement), prior=False
+        model, list(flight.records), free=free, cost=OutputError(), noise=dict(noise.measurement), prior=True
     )
     shooting = solve(problem, MultipleShooting(interval=10), GaussNewton())
     assert shooting.converged
