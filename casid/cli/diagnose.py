@@ -183,8 +183,12 @@ def _write(
             (folder / "report.html").write_text(unfinished(diagnosis.sentence), encoding="utf-8")
             write_provenance(made_with, folder / "run.json")
         stage("report")
-        with whole_folder(out) as folder:
-            failed = write_report(diagnosis, folder, made_with)
+        try:
+            with whole_folder(out) as folder:
+                failed = write_report(diagnosis, folder, made_with)
+        except KeyboardInterrupt:
+            print(f"interrupted; the results are in {out}, without the pictures of the report", file=sys.stderr)
+            raise SystemExit(130) from None
     for one in failed:
         print(f"note: a picture could not be drawn: {one}", file=sys.stderr)
     if as_json:

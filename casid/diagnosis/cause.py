@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -11,6 +12,7 @@ from casid.errors import InputError, nearest, unknown
 from casid.keeping import by_fields, plain
 from casid.model.effect import Effect
 from casid.model.vocabulary import title_of
+from casid.signals import label_of
 
 NAMED = "named"
 IN_A_SET = "in a set"
@@ -197,6 +199,8 @@ class Trace:
     def of(self, cause: str) -> Trace:
         """The decisions of one cause: "actuator_lag(delta_e)", "actuator_lag delta_e", or a kind with all its targets.
 
+        A person's words find it too: "aileron lag" is actuator_lag(delta_a).
+
         Parameters
         ----------
         cause
@@ -211,10 +215,12 @@ class Trace:
         found = [one for one in self.decisions if wanted in (one.cause, one.cause.partition("(")[0])]
         begun = tuple(wanted.removesuffix(")") + mark for mark in ":,")  # a target without its term or variant
         found = found or [one for one in self.decisions if one.cause.startswith(begun)]
+        causes = dict.fromkeys(one.cause for one in self.decisions)
+        by_words = _most_alike(cause, causes) if not found else {}
+        found = found or [one for one in self.decisions if by_words.get(one.cause, 0.0) == 1.0]
         if not found:
-            causes = {one.cause for one in self.decisions}
             kinds = {name.partition("(")[0] for name in causes}  # a list of all causes would fill a screen
-            raise unknown("cause", cause, causes if nearest(cause, causes) else kinds, "why")
+            raise unknown("cause", cause, by_words or (causes if nearest(cause, causes) else kinds), "why")
         return Trace(decisions=tuple(found))
 
     def against(self, cause: str) -> Trace:
@@ -271,6 +277,32 @@ class Trace:
 
     def __repr__(self) -> str:
         return f"<{len(self.decisions)} decisions on {len(self.outcome)} causes; print it for the gates>"
+
+
+# what people say -> the word of a kind or label
+_SAID = {"offset": "bias", "offsets": "bias", "late": "delay", "latency": "delay", "gain": "scale", "wing": "aileron"}
+_EMPTY = frozenset({"a", "an", "and", "at", "in", "of", "on", "the"})
+
+
+def _most_alike(said: str, causes: Iterable[str]) -> dict[str, float]:
+    """Return the causes that have most words of a person in their kind and the labels of their channels, and which part
+    of the words these are."""
+    wanted = [_SAID.get(word, word) for word in _words(said) if word not in _EMPTY]
+    parts = {}
+    for cause in causes:
+        own = {
+            word
+            for name in re.findall(r"\w+", cause)
+            for word in (name.lower(), *_words(name), *_words(label_of(name)))
+        }
+        has = [word in own or (len(word) > 2 and any(one.startswith(word) for one in own)) for word in wanted]
+        parts[cause] = sum(has) / max(len(wanted), 1)
+    most = max(parts.values(), default=0.0)
+    return {cause: part for cause, part in parts.items() if part == most > 0.0}
+
+
+def _words(text: str) -> list[str]:
+    return re.findall(r"[a-z0-9]+", text.lower().replace("_", " "))
 
 
 def _line(one: Decision) -> str:

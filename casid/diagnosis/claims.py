@@ -50,7 +50,7 @@ class Claim:
 def claims_of(facts: Facts) -> tuple[Claim, ...]:
     """The statements that a verdict rests on, each with the reason if it is not made."""
     return (
-        Claim(statement="the simulation as given flies the held-out records", because=not_flown(facts)),
+        Claim(statement="the simulation as given reproduces the held-out records", because=not_flown(facts)),
         Claim(statement="the values of the extended model are what the records say", because=no_values(facts)),
         Claim(statement="nothing that matters is left", because=left_over(facts)),
     )

@@ -59,7 +59,7 @@ def diagnose_aircraft(
     *,
     as_recorded: bool | Sequence[str] = False,
     axes: str | None = None,
-    seconds: float | None = None,
+    limit: TimeLimit,
 ) -> Diagnosis:
     """The diagnosis of an aircraft file; arguments and errors are those of `diagnose`."""
     aircraft = given_aircraft(aircraft, "diagnose")
@@ -69,9 +69,8 @@ def diagnose_aircraft(
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:
-        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, seconds)
+        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, limit)
     stages = Stages(report)
-    limit = TimeLimit(seconds)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
     checked = check((*records, *hold_out), as_line, undo=as_recorded, criteria=criteria.data)
@@ -352,14 +351,14 @@ def diagnose(
     if isinstance(simulation, Model):
         if axes is not None or as_recorded is not False:
             raise InputError("axes and as_recorded are for an aircraft; a Model takes ports, exact and library")
-        return diagnose_system(
-            simulation, records, hold_out, report, criteria, ports=ports, exact=exact, library=library, seconds=seconds
-        )
+        chosen = {"ports": ports, "exact": exact, "library": library}
+        with TimeLimit(seconds).answering(report) as limit:
+            return diagnose_system(simulation, records, hold_out, report, criteria, **chosen, limit=limit)
     if ports is not None or exact or library is not None:
         raise InputError("ports, exact and library are for a Model; an aircraft has the ports of its mass properties")
-    return diagnose_aircraft(
-        simulation, records, hold_out, report, criteria, as_recorded=as_recorded, axes=axes, seconds=seconds
-    )
+    judged_as = {"as_recorded": as_recorded, "axes": axes}
+    with TimeLimit(seconds).answering(report) as limit:
+        return diagnose_aircraft(simulation, records, hold_out, report, criteria, **judged_as, limit=limit)
 
 
 _ARGUMENTS = tuple(name for name in inspect.signature(diagnose).parameters if name != "others")

@@ -68,7 +68,7 @@ def worth_fitting(predicted: float, achieved: float, criteria: Criteria) -> Gate
 
 def cannot_be_flown() -> Gate:
     """State that the model with a cause diverges on a record."""
-    return at_least("records that can be flown with it", 0.0, 1.0)
+    return at_least("records that can be simulated with it", 0.0, 1.0)
 
 
 def no_time_left() -> Gate:

@@ -142,9 +142,9 @@ def flown(facts: Facts) -> str:
     where = ", ".join(facts.budget.records)
     reason = claims.not_flown(facts)
     if reason:
-        return f"The simulation as given does not fly {where}, which no fit has seen: {reason}."
+        return f"The simulation as given does not reproduce {where}, which no fit has seen: {reason}."
     error = times(facts.budget.together.as_given)
-    return f"The simulation as given flies {where}, which no fit has seen, with {error} the noise."
+    return f"The simulation as given reproduces {where}, which no fit has seen, with {error} the noise."
 
 
 def so_far(given: AsGiven, data: Sequence[Finding], most: int) -> str:
@@ -155,7 +155,7 @@ def so_far(given: AsGiven, data: Sequence[Finding], most: int) -> str:
     error = math.sqrt(math.fsum(one**2 for one in ratios.values()) / max(len(ratios), 1))
     worst = sorted(ratios, key=lambda name: -ratios[name])[:2]
     told = ", ".join(f"{name} {times(ratios[name])}" for name in worst)
-    return f"so far: {found}; as given, {', '.join(view.records)} is flown with {times(error)} the noise ({told})"
+    return f"so far: {found}; as given, {', '.join(view.records)} is off by {times(error)} the noise ({told})"
 
 
 def accounted(facts: Facts, account: Sequence[AccountStep]) -> str:

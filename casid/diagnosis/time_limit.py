@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+import signal
+import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from types import FrameType
 
 from casid.native.memory import return_freed_memory
 
@@ -50,10 +53,28 @@ class TimeLimit:
         reason = "the search was interrupted" if self._interrupted else f"the limit of {self._seconds:g} s was reached"
         return f"not tried: {reason}"
 
-    def interrupt(self, say: Callable[[str], None]) -> None:
-        """End what comes first now, at the first Ctrl-C."""
-        self._interrupted = True
-        say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
+    @contextmanager
+    def answering(self, say: Callable[[str], None]) -> Iterator[TimeLimit]:
+        """Begin a block in which the first Ctrl-C asks for the verdict so far, wherever it comes; a second one is
+        answered as before. In a thread that gets no signals, and where Ctrl-C is ignored, nothing changes."""
+        before = signal.getsignal(signal.SIGINT)
+        of_main = threading.current_thread() is threading.main_thread()
+        if not of_main or not callable(before):
+            yield self
+            return
+
+        def interrupted(number: int, frame: FrameType | None) -> None:
+            signal.signal(signal.SIGINT, before)
+            self._interrupted = True
+            with suppress(RuntimeError):  # where it comes while something is printed
+                say("interrupted: the verdict so far follows; Ctrl-C again ends without it")
+
+        signal.signal(signal.SIGINT, interrupted)
+        try:
+            yield self
+        finally:
+            if signal.getsignal(signal.SIGINT) is interrupted:
+                signal.signal(signal.SIGINT, before)
 
     def leaves_out(self, what: str) -> bool:
         """Return True if something must be left out because the time is up, and note it."""

@@ -27,6 +27,8 @@ from casid.model.system import Model
 from casid.native.compiler import BUILDING, Compilable
 from casid.records.record import Record
 
+_HALVINGS = 20  # of a step at a sample
+_AWAY = (0.1, 1.0)  # of the usual size of a state
 _BLOCK = 256  # points per call of a mapped CasADi function: their arrays stay in the processor's cache
 
 
@@ -252,6 +254,51 @@ def at_points(function: Compilable, *arguments: np.ndarray) -> list[np.ndarray]:
         with function.lock:
             function.write(given, [r[first : first + _BLOCK] for r in results])
     return [r[: N * R].reshape(N, R, *r.shape[1:]).swapaxes(2, 3) for r in results]
+
+
+def in_domain(functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """Return (N, R) whether the model has numbers at a sample of X (N, R, nx): its rates and outputs there, their
+    derivatives, and the state one sample later."""
+    W = np.zeros((*batch.live.shape, len(functions.model.disturbances)))
+    after = functions.step(X[:-1], *batch.ends(batch.U), P, W[:-1], W[1:], batch.dt)
+    there = [functions.output(X, batch.U, P, W), *functions.jacobians(X, batch.U, P, W)]
+    values = np.concatenate([one.reshape(*X.shape[:2], -1) for one in there], axis=2)
+    found = np.asarray(np.isfinite(values).all(axis=2))
+    found[:-1] &= np.isfinite(after).all(axis=2) | ~batch.live[1:]
+    return found | ~batch.live
+
+
+def brought_inside(functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray) -> np.ndarray:
+    """Return the motion X (N, R, nx) with samples interpolated at which the model has no numbers. In a record that has
+    no others, states that nothing reads, which stand at zero, are moved from there by a part of their usual size."""
+    found = X.copy()
+    inside = in_domain(functions, batch, P, found)
+    for share in _AWAY:
+        nowhere = np.asarray(~inside.any(axis=0))
+        if not nowhere.any():
+            break
+        unread = nowhere[:, None] & ~X.any(axis=0)
+        found = np.where(unread, share * functions.model.scale_vector(), found)
+        inside = in_domain(functions, batch, P, found)
+    for r in np.flatnonzero(~inside.all(axis=0) & inside.any(axis=0)):
+        at = np.flatnonzero(inside[:, r])
+        for i in range(X.shape[2]):
+            found[:, r, i] = np.interp(np.arange(len(X)), at, found[at, r, i])
+    return found
+
+
+def moved_inside(functions: PointFunctions, batch: Batch, P: np.ndarray, X: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Return the motion X (N, R, nx) after a step, which goes at samples where the model has no numbers after the whole
+    one at most half of the way to where it has none."""
+    length = np.ones((*X.shape[:2], 1))
+    inside = in_domain(functions, batch, P, X + step)
+    for _ in range(_HALVINGS):
+        if inside.all():
+            break
+        length[~inside] *= 0.5
+        inside = in_domain(functions, batch, P, X + length * step)
+    length[~inside] = 0.0
+    return X + np.where(length < 1.0, 0.5 * length, 1.0) * step
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

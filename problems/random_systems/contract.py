@@ -131,7 +131,7 @@ def _words(found: Diagnosis) -> Iterator[str]:
     """The headline names the worst channel; nothing is explained that leaves more than twice the noise."""
     channels, steps = found.budget.channels, found.budget.together
     worst = max(channels, key=lambda name: channels[name].as_given)
-    if "does not fly" in found.opening and found.budget.labels.get(worst, worst) not in found.opening:
+    if "does not reproduce" in found.opening and found.budget.labels.get(worst, worst) not in found.opening:
         yield f"the worst channel {worst} is not named: {found.opening}"
     if found.verdict == "explained" and steps.structure > 2.0 * max(steps.noise, steps.expected):
         yield f"explained, and {steps.structure:.3g} times the noise is left"

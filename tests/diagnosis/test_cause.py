@@ -6,7 +6,8 @@ import re
 
 import pytest
 
-from casid.diagnosis.cause import Cause, Gate
+from casid.diagnosis.cause import Cause, Decision, Gate, Trace
+from casid.errors import InputError
 from casid.model.causes import actuator_lag, aero_term, input_delay
 from casid.model.vocabulary import title_of
 
@@ -32,3 +33,42 @@ def test_what_it_cannot_be_told_from_is_told_by_titles() -> None:
 def test_a_number_without_bound_is_written_in_words(value: float) -> None:
     gate = Gate(gate="gain behind the first", value=value, threshold=1.0, least=False)
     assert all(not {"inf", "-inf", "nan"} & set(re.split(r"[ ,:]+", text)) for text in (str(gate), gate.words))
+
+
+CONSIDERED = tuple(
+    Decision(cause=name, round=1, outcome="refused", gates=())
+    for name in (
+        "actuator_lag(delta_a)",
+        "actuator_lag(delta_e)",
+        "input_delay(delta_r)",
+        "sensor_bias(alpha)",
+        "sensor_lag(V)",
+        "sensor_scale(q)",
+        "aero_term(Cm:alpha^2)",
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("said", "meant"),
+    [
+        ("aileron_lag", {"actuator_lag(delta_a)"}),
+        ("aileron lag", {"actuator_lag(delta_a)"}),
+        ("lag of the elevator", {"actuator_lag(delta_e)"}),
+        ("rudder delay", {"input_delay(delta_r)"}),
+        ("late rudder", {"input_delay(delta_r)"}),
+        ("alpha offset", {"sensor_bias(alpha)"}),
+        ("bias of the angle of attack", {"sensor_bias(alpha)"}),
+        ("pitch rate scale", {"sensor_scale(q)"}),
+        ("airspeed lag", {"sensor_lag(V)"}),
+        ("actuator_lag", {"actuator_lag(delta_a)", "actuator_lag(delta_e)"}),
+        ("actuator_lag delta_e", {"actuator_lag(delta_e)"}),
+    ],
+)
+def test_the_words_of_a_person_find_a_cause(said: str, meant: set[str]) -> None:
+    assert {one.cause for one in Trace(decisions=CONSIDERED).of(said).decisions} == meant
+
+
+def test_a_cause_that_was_not_considered_is_told_with_those_alike() -> None:
+    with pytest.raises(InputError, match=r"input_delay\(delta_r\)"):
+        Trace(decisions=CONSIDERED).of("rudder lug")

@@ -94,8 +94,6 @@ def baseline_in_time(flight: Flight, known: Sequence[Attached], say: Callable[[s
             return baseline_from(calm, found)
     except TimeIsUpError:
         pass
-    except KeyboardInterrupt:
-        limit.interrupt(say)
     if found is None or found.turbulence.named:  # the fit in turbulence takes long
         found = no_kinematics(calm.flight)
         limit.leave_out(_KINEMATICS)

@@ -126,9 +126,6 @@ def search(baseline: Baseline, say: Say) -> State:
                 other = condition(state, say)
         except TimeIsUpError:
             other = None
-        except KeyboardInterrupt:
-            limit.interrupt(say)
-            other = None
         limit.leaves_out(name)
         if other is not None:
             state = _grown(dropped(carried(other, state)), say)
@@ -180,13 +177,8 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
     for _ in range(len(state.rounds), numerics.rounds):
         if state.rounds and limit.leaves_out(_FURTHER):
             break
-        try:
-            say(f"naming, round {len(state.rounds) + 1}")
-            state = _after_round(accepted, added(state, catalogue))
-        except KeyboardInterrupt:
-            limit.interrupt(say)
-            limit.leaves_out(_FURTHER)
-            break
+        say(f"naming, round {len(state.rounds) + 1}")
+        state = _after_round(accepted, added(state, catalogue))
         if not state.rounds[-1].named:
             break
         if _passes(accepted, state):

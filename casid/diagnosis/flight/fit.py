@@ -30,7 +30,7 @@ from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.errors import InputError
 from casid.estimation.solvers.search import longest, rises_from_the_start
-from casid.filtering.innovations import NoiseModel
+from casid.filtering.innovations import NoiseModel, brought_inside, moved_inside
 from casid.filtering.kalman import residual_about
 
 
@@ -234,8 +234,8 @@ def _flown(work: Work, attached: tuple[Attached, ...], values: np.ndarray, motio
         return _Point.of(found)
     except np.linalg.LinAlgError as error:
         raise InputError(
-            f"'{work.flight.title}' diverges along the records, so that nothing can be compared; check the "
-            "units and signs of its derivatives, of its mass properties and of the records' channels"
+            f"'{work.flight.title}' diverges along the records or leaves the range in which it has numbers, so that "
+            "nothing can be compared; check the units and signs of its values and of the records' channels"
         ) from error
 
 
@@ -322,8 +322,11 @@ def _start_motion(work: Work, attached: tuple[Attached, ...], start: FlightFit |
         inputs=np.zeros((*shape, len(acting.inputs))),
     )
     if start is None or start.flight.records is not work.flight.records:
+        P = work.parameters(values, attached)
+        still = replace(still, X=brought_inside(work.functions, work.batch, P, still.X))
         measured = _flown(work, attached, values, still).fit
-        return still.moved(smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured)))
+        step = smoothed(measured, *residual_about(measured.linear, measured.acting, still.coloured))
+        return replace(still.moved(step), X=moved_inside(work.functions, work.batch, P, still.X, step.X))
     before = start.motion
     same = tuple(start.acting.coloured) == tuple(acting.coloured)
     found = Motion(

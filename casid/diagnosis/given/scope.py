@@ -422,7 +422,7 @@ def split(
     for held in hold_out:
         if twin := repeated(held, records):
             raise InputError(
-                f"held-out record '{held.name}' has the samples of '{twin}', which is fitted; hold out another flight, "
+                f"held-out record '{held.name}' has the samples of '{twin}', which is fitted; hold out another record, "
                 "or none"
             )
     if hold_out:

@@ -56,7 +56,7 @@ def diagnose_system(
     ports: Sequence[Port] | None = None,
     exact: Sequence[str] = (),
     library: Library | None = None,
-    seconds: float | None = None,
+    limit: TimeLimit | None = None,
 ) -> Diagnosis:
     """The diagnosis of a system; arguments and errors are those of `diagnose`.
 
@@ -70,7 +70,7 @@ def diagnose_system(
     if model.events:
         raise InputError(f"diagnose: model '{model.name}' has events, which are not taken here; give one without")
     stages = Stages(report)
-    limit = TimeLimit(seconds)
+    limit = limit or TimeLimit()
     stages.begin("reading the records")
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)
@@ -104,14 +104,13 @@ def diagnose_rotorcraft(
     report: Callable[[str], None],
     criteria: Criteria,
     extended: ExtendedBy,
-    seconds: float | None,
+    limit: TimeLimit,
 ) -> Diagnosis:
     """Diagnose an aircraft with rotors; `extended` makes its file of a fit, the named and the minor causes.
 
     Raises InputError for records that lack an input of a rotor, and for channels that no record has.
     """
     stages = Stages(report)
-    limit = TimeLimit(seconds)
     stages.begin("reading the records")
     rotors = aircraft.rotors
     assert rotors is not None

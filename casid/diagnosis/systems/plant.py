@@ -27,8 +27,10 @@ from casid.filtering.innovations import (
     NoiseModel,
     PointFunctions,
     at_points,
+    brought_inside,
     linearise,
     make_batch,
+    moved_inside,
     padded,
 )
 from casid.filtering.kalman import kalman_filter, residual_column
@@ -281,7 +283,7 @@ def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float],
     for record in records:
         batch = make_batch(wide, [record])
         P = model.nominal_vector()[None]
-        X = model.guess(record)[:, None]
+        X = brought_inside(functions, batch, P, model.guess(record)[:, None])
         sizes = np.std(rates(X[:, 0].T, batch.U[:, 0].T, P[0], np.zeros(len(model.disturbances))).full(), axis=1)
         white = {f"f_{name}": float(size) for name, size in zip(model.states, sizes, strict=True) if size > 0.0}
         try:
@@ -289,7 +291,8 @@ def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float],
                 for _ in range(times):
                     linear = linearise(functions, batch, P, X)
                     smoother = kalman_filter(linear, NoiseModel(measurement=noise, white=white))
-                    X = X + smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
+                    step = smoother.smooth(*residual_column(linear))[0][..., : X.shape[2]]
+                    X = moved_inside(functions, batch, P, X, step)
         except np.linalg.LinAlgError:
             continue
         if np.isfinite(X).all():
