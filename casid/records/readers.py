@@ -32,6 +32,8 @@ from casid.records.px4 import read_ulog
 from casid.records.record import Record
 from casid.records.ros import MAGIC as MCAP
 from casid.records.ros import read_mcap
+from casid.records.ros_bags import MAGIC as ROS1
+from casid.records.ros_bags import read_ros_bag
 from casid.records.table import RawTable, read_text
 from casid.signals import RADIAN_LIMITS, unit_of
 
@@ -65,6 +67,7 @@ FORMATS = (
     ),
     Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(BETAFLIGHT,)),
     Format(endings=(".mcap",), read=read_mcap, begins=(MCAP,)),
+    Format(endings=(".bag", ".db3"), read=read_ros_bag, begins=(ROS1,), library=("rosbags.highlevel", "rosbags")),
     Format(endings=(".usd",), read=read_crazyflie, begins=CRAZYFLIE),
 )
 
