@@ -21,6 +21,7 @@ Series = tuple[np.ndarray, np.ndarray]  # stamps [s] and values
 
 _MEASURED = frozenset(CHANNELS) - frozenset(INPUTS) - {"t", "throttle"}
 _SAME_RATE = 0.9  # of the clock's samples, from which a channel has its rate
+EARTH = 6.371e6  # m: mean radius
 _GAP = 5.0  # median steps of a series: a longer pause stays a gap
 _PART = 0.5  # of the log that an input must cover
 

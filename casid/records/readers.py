@@ -14,6 +14,7 @@ import numpy as np
 from casid.arguments import a_path, given, is_path, require
 from casid.errors import InputError
 from casid.keeping import whole_file
+from casid.records.ardupilot import TEXT as DATAFLASH_TEXT
 from casid.records.ardupilot import read_ardupilot
 from casid.records.betaflight import MAGIC as BETAFLIGHT
 from casid.records.betaflight import read_betaflight
@@ -26,6 +27,7 @@ from casid.records.crazyflie import MAGICS as CRAZYFLIE
 from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
 from casid.records.hdf5 import read_hdf5
+from casid.records.igc import read_igc
 from casid.records.limits import apart
 from casid.records.mat import read_mat
 from casid.records.px4 import read_ulog
@@ -35,6 +37,7 @@ from casid.records.ros import read_mcap
 from casid.records.ros_bags import MAGIC as ROS1
 from casid.records.ros_bags import read_ros_bag
 from casid.records.table import RawTable, read_text
+from casid.records.tlog import read_tlog
 from casid.signals import RADIAN_LIMITS, unit_of
 
 
@@ -51,7 +54,7 @@ class Format:
 
 
 FORMATS = (
-    Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat"), read=lambda path, variable, time: read_text(path)),
+    Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat", ".log"), read=lambda path, variable, time: read_text(path)),
     Format(endings=(".mat",), read=read_mat),
     Format(endings=(".npz",), read=read_npz),
     Format(endings=(".parquet",), read=read_parquet, begins=(b"PAR1",)),
@@ -62,12 +65,14 @@ FORMATS = (
     Format(
         endings=(".bin",),
         read=read_ardupilot,
-        begins=(b"\xa3\x95",),
+        begins=(b"\xa3\x95", DATAFLASH_TEXT),
         library=("pymavlink.DFReader", "ardupilot"),
     ),
+    Format(endings=(".tlog",), read=read_tlog, library=("pymavlink.mavutil", "ardupilot")),
     Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(BETAFLIGHT,)),
     Format(endings=(".mcap",), read=read_mcap, begins=(MCAP,)),
     Format(endings=(".bag", ".db3"), read=read_ros_bag, begins=(ROS1,), library=("rosbags.highlevel", "rosbags")),
+    Format(endings=(".igc",), read=read_igc),
     Format(endings=(".usd",), read=read_crazyflie, begins=CRAZYFLIE),
 )
 
