@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from casid.records.clock import LONGEST_STEP, UNITS, from_first, on_one_clock
 from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of
 from casid.records.noise import time_scale
+from casid.records.quaternions import ANGLES, with_attitude
 from casid.records.table import RawTable, rows_of
 from casid.signals import (
     CHANNELS,
@@ -240,6 +242,10 @@ def checked_fields(
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
+    channels, turned, said = with_attitude(t, channels) if not own else (channels, "", "")
+    notes += [said] if said else []
+    places = {**columns.places, **(dict.fromkeys(ANGLES, turned) if turned else {})}
+    read = {**columns.contents.read, **(dict.fromkeys(ANGLES, turned) if turned else {})}
     empty = list[str]()
     still = table.grounded
     aircraft = any(map(is_control, channels)) and not own
@@ -247,7 +253,7 @@ def checked_fields(
     for name in list(channels):
         if name in CHANNELS and name not in own:
             limited = aircraft and name not in columns.stated
-            check_channel(name, channels[name], table.place, columns.places[name], limited)
+            check_channel(name, channels[name], table.place, places[name], limited)
             channels[name], grounded = airborne(name, channels[name])
             notes += grounded
             still = still or (bool(grounded) and not hovers and np.isnan(channels[name]).all())
@@ -274,7 +280,7 @@ def checked_fields(
         "empty": tuple(empty),
         "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
-        "contents": columns.contents,
+        "contents": replace(columns.contents, read=read),
     }
 
 
