@@ -1,4 +1,4 @@
-"""ArduPilot DataFlash logs of planes, copters and VTOL (.bin): what is measured, and what the autopilot estimates.
+"""ArduPilot DataFlash logs of planes, copters and VTOL (.bin, .log): what is measured, and what the filter estimates.
 
 Messages and fields as in "Onboard Message Log Messages" of the ArduPilot documentation: IMU, ATT, XKQ, ARSP, BARO,
 GPS, XKF2, AOA, BAT, AETR, RCOU, EV, STAT and PARM. Body axes point forward, right and down, as here.
@@ -16,11 +16,13 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.foreign import library, loaded
-from casid.records.log import Series, attitude, lost, of_log
+from casid.records.log import EARTH, Series, attitude, lost, of_log
 from casid.records.table import RawTable
 
 _WANTED = ("IMU", "ATT", "XKQ", "NKQ", "ARSP", "BARO", "GPS", "XKF2", "NKF2", "AOA", "AETR", "RCOU", "PARM")
 _WANTED += ("BAT", "CURR", "EV", "STAT")
+_OF_THE_LOG = ("FMT", "FMTU", "UNIT", "MULT", "MSG", "VER")  # which describe the log itself
+TEXT = b"FMT,"
 _INSTANCE = ("I", "C", "Instance", "Inst")  # fields that number sensors and filters; the first one counts
 _FUNCTIONS = {4: "delta_a_command", 19: "delta_e_command", 21: "delta_r_command", 70: "throttle"}  # SERVOn_FUNCTION
 _FUNCTIONS |= {33 + i: f"m{i + 1}" for i in range(8)} | {82 + i: f"m{i + 9}" for i in range(4)}
@@ -29,43 +31,68 @@ _LANDED = 18
 _NOT_LANDED = 28
 _BOTH = (_LANDED, _NOT_LANDED)
 _FULL = 4500.0  # of AETR: a surface command at its end
-_EARTH = 6.371e6  # m: mean radius
 _SEA_LEVEL = 101325.0  # Pa
 
 
 def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
-    """Table of a DataFlash log on the clock of its inertial unit; needs the extra `ardupilot`. Surfaces are normalised
-    commands, motors ``m1``, ``m2`` ..., as in `read_ulog`. `notes` list what is an estimate of the autopilot and what
-    is lost."""
+    """Table of a DataFlash log, binary or as text, on the clock of its inertial unit; needs the extra `ardupilot`.
+    Surfaces are normalised commands, motors ``m1``, ``m2`` ..., as in `read_ulog`. `notes` say what is an estimate of
+    the autopilot and what is lost."""
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
     def load() -> dict[str, Any]:
         if path.stat().st_size == 0:
             raise ValueError("the file is empty")
+        with path.open("rb") as file:
+            kind = reader.DFReader_text if file.read(len(TEXT)) == TEXT else reader.DFReader_binary
         rows: dict[str, list[dict[str, Any]]] = {}
-        log = reader.DFReader_binary.__new__(reader.DFReader_binary)
+        unread: dict[str, str] = {}
+        log = kind.__new__(kind)
         try:
             with redirect_stdout(StringIO()), redirect_stderr(StringIO()):  # where it prints damaged messages
                 log.__init__(str(path), zero_time_base=True)
                 while (message := log.recv_match(type=list(_WANTED))) is not None:
                     fields = message.to_dict()
-                    if all(not fields.get(name) for name in _INSTANCE):
+                    others = [name for name in _INSTANCE if fields.get(name)]
+                    if not others:
                         rows.setdefault(message.get_type(), []).append(fields)
+                        continue
+                    unread[f"{message.get_type()}[{fields[others[0]]}]"] = "of another unit than the first"
+            unread |= _of_no_channel(log)
         finally:  # it leaves the file open, also where it fails
             for opened in ("data_map", "filehandle"):
                 if hasattr(log, opened):
                     getattr(log, opened).close()
-        return rows
+        return {"rows": rows, "unread": unread}
 
-    rows = loaded(path, load)
+    read = loaded(path, load)
+    return table_of_messages(path, read["rows"], read["unread"])
+
+
+def _of_no_channel(log: Any) -> dict[str, str]:
+    """Messages that the log has and of which no channel is made."""
+    counts = log.counts if isinstance(log.counts, dict) else dict(enumerate(log.counts))
+    names = {key if isinstance(key, str) else log.formats[key].name for key, count in counts.items() if count}
+    skipped = sorted(names - {*_WANTED, *_OF_THE_LOG})
+    return dict.fromkeys(skipped, "no channel is made of this message")
+
+
+def table_of_messages(
+    path: Path,
+    rows: Mapping[str, list[dict[str, Any]]],
+    unread: Mapping[str, str],
+    notes: tuple[str, ...] = (),
+    log: str = "an ArduPilot log",
+) -> RawTable:
+    """Table of messages as DataFlash names them and their fields. Raises InputError where none is of a motion."""
     found = dict[str, Series]()
-    notes = list[str]()
+    said = list[str]()
     for part in (_inertial, _attitude, _barometer, _ground, _air, _battery, _inputs):
-        part(rows, found, notes)
+        part(rows, found, said)
     if not {"p", "phi"} & found.keys():
         held = ", ".join(sorted(rows))
         raise InputError(f"{path}: no messages of an aircraft's motion; expected IMU or ATT, among {held or 'none'}")
-    return of_log(path, found, _flying(rows), (*notes, *lost(found)))
+    return of_log(path, found, _flying(rows), (f"{log} of a {said[0]}", *said[1:], *notes, *lost(found)), unread)
 
 
 def _columns(rows: Mapping[str, list[dict[str, Any]]], message: str, *fields: str) -> tuple[np.ndarray, ...] | None:
@@ -79,9 +106,9 @@ def _columns(rows: Mapping[str, list[dict[str, Any]]], message: str, *fields: st
 
 
 def _inertial(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    names = {"p": "GyrX", "q": "GyrY", "r": "GyrZ", "ax": "AccX", "ay": "AccY", "az": "AccZ"}
-    if (read := _columns(rows, "IMU", *names.values())) is not None:
-        found |= {name: (read[0], values) for name, values in zip(names, read[1:], strict=True)}
+    for names in ({"p": "GyrX", "q": "GyrY", "r": "GyrZ"}, {"ax": "AccX", "ay": "AccY", "az": "AccZ"}):
+        if (read := _columns(rows, "IMU", *names.values())) is not None:
+            found |= {name: (read[0], values) for name, values in zip(names, read[1:], strict=True)}
 
 
 def _attitude(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
@@ -109,8 +136,8 @@ def _ground(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
     if (read := _columns(rows, "GPS", "Lat", "Lng")) is not None:
         latitude = np.radians(read[1])
         longitude = np.radians(read[2])
-        found["north"] = read[0], _EARTH * (latitude - latitude[0])
-        found["east"] = read[0], _EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
+        found["north"] = read[0], EARTH * (latitude - latitude[0])
+        found["east"] = read[0], EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
     for message in ("XKF2", "NKF2"):
         if (read := _columns(rows, message, "VWN", "VWE")) is not None:
             found |= {"wind_north": (read[0], read[1]), "wind_east": (read[0], read[2])}
@@ -149,7 +176,7 @@ def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
         found |= {name: (t, values / _FULL) for name, values in commands.items()} | {"throttle": (t, throttle / 100.0)}
     surfaces = any(name.endswith("_command") for name in found)
     kind = "VTOL" if rotors and surfaces else "multirotor" if rotors else "plane"
-    notes.insert(0, f"an ArduPilot log of a {kind}")
+    notes.insert(0, kind)
 
 
 def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:
@@ -167,6 +194,8 @@ def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[
     for n in range(1, 17):
         name = _FUNCTIONS.get(int(parameters.get(f"SERVO{n}_FUNCTION", 0)))
         read = _columns(rows, "RCOU", f"C{n}")
+        if read is not None and (name is None or name in found) and np.ptp(read[1]) > 0.0:
+            found[f"output_{n}"] = read[0], read[1]  # a pulse width [us] of what nobody says what it moves
         if name is None or name in found or read is None:
             continue
         motor = name.startswith("m")

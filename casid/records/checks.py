@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from casid.errors import InputError
-from casid.records.clock import from_first, on_one_clock
+from casid.records.clock import LONGEST_STEP, UNITS, from_first, on_one_clock
 from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of
 from casid.records.noise import time_scale
+from casid.records.quaternions import ANGLES, with_attitude
 from casid.records.table import RawTable, rows_of
 from casid.signals import (
     CHANNELS,
@@ -42,6 +44,7 @@ _JITTER = 0.01
 _GAP = 1.5
 _MANY_MISSING = 0.2
 _SLOW = 0.5  # s
+_USUAL_STEP = 0.02  # s
 
 _OF_WINGS = (*SURFACES, *(f"{surface}_command" for surface in SURFACES))
 
@@ -65,6 +68,19 @@ def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraf
         raise InputError(
             f"{source}: {len(t)} samples are too few to identify anything; expected at least {MIN_SAMPLES}"
         )
+
+
+def _check_unit_of_time(t: np.ndarray, column: str, source: str) -> None:
+    """Raise InputError, which asks for the unit, where steps in s are longer than any measurement's."""
+    steps = np.diff(t[np.isfinite(t)])
+    step = float(np.median(steps)) if len(steps) else 0.0
+    if step < LONGEST_STEP:
+        return
+    unit = min(UNITS, key=lambda one: abs(np.log(step * UNITS[one] / _USUAL_STEP)))
+    raise InputError(
+        f"{source}: {column}: its steps are {step:.6g}, and no unit is stated; in {unit} they are "
+        f"{step * UNITS[unit]:.4g} s: write the header as 't [{unit}]', or --map t=COLUMN:{unit}; in s, as 't [s]'"
+    )
 
 
 def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str) -> None:
@@ -219,11 +235,17 @@ def checked_fields(
             "steady rate of 50 Hz are --map t=row*0.02"
         )
     t, counted = from_first(channels.pop("t"), "t" in columns.stated)
+    if not own and "t" not in columns.stated and not counted:
+        _check_unit_of_time(t, columns.places["t"], table.source)
     if between is not None:
         table, t, channels = _part(table, t, channels, between)
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
     check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
+    channels, turned, said = with_attitude(t, channels) if not own else (channels, "", "")
+    notes += [said] if said else []
+    places = {**columns.places, **(dict.fromkeys(ANGLES, turned) if turned else {})}
+    read = {**columns.contents.read, **(dict.fromkeys(ANGLES, turned) if turned else {})}
     empty = list[str]()
     still = table.grounded
     aircraft = any(map(is_control, channels)) and not own
@@ -231,7 +253,7 @@ def checked_fields(
     for name in list(channels):
         if name in CHANNELS and name not in own:
             limited = aircraft and name not in columns.stated
-            check_channel(name, channels[name], table.place, columns.places[name], limited)
+            check_channel(name, channels[name], table.place, places[name], limited)
             channels[name], grounded = airborne(name, channels[name])
             notes += grounded
             still = still or (bool(grounded) and not hovers and np.isnan(channels[name]).all())
@@ -258,7 +280,7 @@ def checked_fields(
         "empty": tuple(empty),
         "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
-        "contents": columns.contents,
+        "contents": replace(columns.contents, read=read),
     }
 
 

@@ -29,8 +29,8 @@ _STAMPS = tuple(
 )
 # a number is a date where it gives a time from 1990 to 2100 in one of these units [s], at steps of a measurement
 _EPOCH = (6.3e8, 4.1e9)
-_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-_LONGEST_STEP = 100.0  # s
+UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+LONGEST_STEP = 100.0  # s
 
 
 def seconds_of(cell: str, day_first: bool = False) -> float | None:
@@ -102,8 +102,8 @@ def from_first(t: np.ndarray, stated: bool) -> tuple[np.ndarray, str]:
     if not np.isfinite(t).all() or len(t) < 2:
         return t, ""
     step = float(np.median(np.diff(t)))
-    for unit, factor in (_UNITS if not stated else {"s": 1.0}).items():
-        if _EPOCH[0] < t[0] * factor < _EPOCH[1] and step * factor < _LONGEST_STEP:
+    for unit, factor in (UNITS if not stated else {"s": 1.0}).items():
+        if _EPOCH[0] < t[0] * factor < _EPOCH[1] and step * factor < LONGEST_STEP:
             began = datetime.fromtimestamp(float(t[0]) * factor, UTC).isoformat(timespec="milliseconds")
             known = "" if unit == "s" else f" (its stamps are {unit} since 1970)"
             return (t - t[0]) * factor, f"time is counted from its first sample, {began}{known}"

@@ -77,7 +77,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     time = None if known & {"t", *own} else _time(table, headers, rest)
     unread = dict(table.unread)
     unread |= _of_one_name(table, headers, rest, known={*CHANNELS, *own}, time=time, taken=channels)
-    rest = [i for i in rest if table.path(i) not in unread]
+    rest = [i for i in rest if _place(table, headers, i) not in unread]
     slips: dict[str, str] = {}
     extras: list[int] = []
     leaves = [headers[i].leaf for i in rest]
@@ -87,7 +87,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
             notes.append(f"{table.column(index)} is taken as t, the time")
             name = "t"
         if headers[index].leaf in channels:
-            unread[table.path(index)] = f"the column map takes '{headers[index].leaf}' from elsewhere"
+            unread[_place(table, headers, index)] = f"the column map takes '{headers[index].leaf}' from elsewhere"
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
             stated |= {name: headers[index].unit} if headers[index].unit else {}
@@ -104,14 +104,14 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     for index in extras:
         name = headers[index].name
         if index in table.text and np.isnan(table.values[:, index]).all():
-            unread[table.path(index)] = "text"
+            unread[_place(table, headers, index)] = "text"
             continue
         try:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
             how[name] = _how(table, index, headers[index].unit, name)
         except InputError as error:
             why = str(error).removeprefix(f"{table.source}: ").removeprefix(f"{table.column(index)}: ")
-            unread[table.path(index)] = why
+            unread[_place(table, headers, index)] = why
     _check_unread(table, channels, {*CHANNELS, *own})
     notes += _of_extras(
         [name for i in extras if (name := headers[i].name) in channels and not is_control(name)], absent
@@ -194,8 +194,8 @@ def _of_one_name(
             if headers[one].unit == headers[other].unit and np.array_equal(
                 *table.values.T[[one, other]], equal_nan=True
             ):
-                same[table.path(other)] = f"the same as '{table.path(one)}'"
-        if any(table.path(other) not in same for other in others):
+                same[_place(table, headers, other)] = f"the same as '{_place(table, headers, one)}'"
+        if any(_place(table, headers, other) not in same for other in others):
             asked.append(("t" if is_time else leaf, indices))
     if asked:
         named = [(leaf, [f"'{headers[i].name}'" for i in found]) for leaf, found in asked[:_ASKED]]
@@ -206,6 +206,12 @@ def _of_one_name(
         group = ', or variable = "GROUP" in a column map' if table.paths else ""
         raise InputError(f"{table.source}: {said}{more} say which is meant: {write}, or {other}{group}")
     return same
+
+
+def _place(table: RawTable, headers: Sequence[Header], index: int) -> str:
+    """By which a map names a column, unlike every other one."""
+    leaves = [header.leaf for header in headers]
+    return headers[index].name if leaves.count(headers[index].leaf) > 1 else table.path(index)
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -221,7 +227,7 @@ def _how(table: RawTable, index: int, unit: str | None, channel: str) -> str:
     """Where a channel stands, its unit, and what was made of its numbers."""
     made = f"; {table.how[index]}" if index in table.how else ""
     if unit:
-        factor = si_factor(unit, channel)
+        factor = _factor(unit, channel)
         return f"{table.column(index)}{made}; [{unit}]" + (f", times {factor:.10g}" if factor != 1.0 else "")
     assumed = unit_of(channel)
     return f"{table.column(index)}{made}" + (f"; in {assumed}, as no unit is stated" if assumed else "; as it stands")
@@ -369,7 +375,13 @@ def _converted(table: RawTable, headers: Sequence[Header], index: int, channel: 
             f"{table.place(infinite[0])}, {table.column(index)}: the value is infinite; "
             "repair it, or leave the cell empty if the sample is missing"
         )
-    return values * (si_factor(unit, channel, where) if unit else 1.0)
+    return values * (_factor(unit, channel, where) if unit else 1.0)
+
+
+def _factor(unit: str, channel: str, where: str = "") -> float:
+    """As `si_factor`; g is a gram of a mass that casid does not know."""
+    gram = unit == "g" and channel not in CHANNELS and "mass" in channel.lower()
+    return 1e-3 if gram else si_factor(unit, channel, where)
 
 
 def _same_letters(name: str, channel: str) -> bool:

@@ -24,6 +24,7 @@ NUMBER = re.compile(
 )
 _MISSING = re.compile(r"n/?a|null|none|-*|\**|#n/a|nodata|no data", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?", re.ASCII)  # where decimals have a comma
 _SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _HOLD = re.compile(r"[#%]\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
 _DELIMITERS = ",;\t| "  # a blank: any blanks
@@ -66,7 +67,7 @@ def layout_of(lines: Sequence[str]) -> Layout | None:
     _, width, _, delimiter, first, comma = max(found, key=lambda one: one[:3])
     open_end = not cells_of(head[first], delimiter)[-1]  # a separator behind the last column, or an empty cell
     names, used = _names_above(head, delimiter, first, width, open_end)
-    above = [i for i in range(first) if i not in used and head[i].strip() and not _is_comment(head[i])]
+    above = [i for i in range(first) if i not in used and head[i].strip() and not is_comment(head[i])]
     above = [i for i in above if not _SEPARATOR.fullmatch(head[i])]
     return Layout(
         delimiter="" if delimiter == " " else delimiter,
@@ -91,7 +92,17 @@ def cells_of(line: str, delimiter: str) -> list[str]:
         return [line]
 
 
-def _is_comment(line: str) -> bool:
+def of_commas(cell: str) -> str:
+    """Return a cell of a text whose decimals have a comma as one with a point; a number with a point that does not part
+    thousands is none then."""
+    if "." not in cell:
+        return cell.replace(",", ".")
+    if _THOUSANDS.fullmatch(cell):
+        return cell.replace(".", "").replace(",", ".")
+    return f"{cell} (a point, beside commas)" if NUMBER.fullmatch(cell) else cell.replace(",", ".")
+
+
+def is_comment(line: str) -> bool:
     return line.startswith(("#", "%"))
 
 
@@ -111,26 +122,27 @@ def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str
             named = any(not a and b and c for a, b, c in zip(*data, one, strict=True))
             if min(shares) <= _MOSTLY or (named and i == 0) or (strict and not (data[0][0] and data[1][0] and one[0])):
                 continue
-            if any(NUMBER.fullmatch(cell.replace(",", ".") if comma else cell) for cell in one):
+            if any(NUMBER.fullmatch(of_commas(cell) if comma else cell) for cell in one):
                 return sum(shares) / 2.0, len(one), -_DELIMITERS.find(delimiter), delimiter, i, comma
     return None
 
 
 def _pairs(lines: Sequence[str]) -> Iterator[tuple[tuple[int, str], tuple[int, str]]]:
     """Neighbouring lines that are neither empty nor comments; the last one stands beside itself where it is alone."""
-    full = [(i, line) for i, line in enumerate(lines) if line.strip() and not _is_comment(line)]
+    full = [(i, line) for i, line in enumerate(lines) if line.strip() and not is_comment(line)]
     for k, one in enumerate(full):
         yield one, full[k + 1] if k + 1 < len(full) else one
 
 
 def _commas(cells: Sequence[str]) -> bool:
-    """Tell whether decimals have a comma: a cell has one, and none has a point."""
+    """Tell whether decimals have a comma: a cell has one, and none has a point, but for thousands."""
     comma = any(_DECIMAL_COMMA.fullmatch(cell) for cell in cells)
-    return comma and not any("." in cell and NUMBER.fullmatch(cell) for cell in cells)
+    points = (cell for cell in cells if "." in cell and NUMBER.fullmatch(cell))
+    return comma and all(_THOUSANDS.fullmatch(cell) for cell in points)
 
 
 def _is_data(cell: str, comma: bool) -> bool:
-    cell = cell.replace(",", ".") if comma else cell
+    cell = of_commas(cell) if comma else cell
     return number_of(cell) is not None or seconds_of(cell) is not None
 
 
@@ -146,9 +158,11 @@ def _names_above(
             continue
         if _SEPARATOR.fullmatch(line) or _HOLD.fullmatch(line.strip()):
             break
-        cells = cells_of(line.lstrip("#% ") if _is_comment(line) else line, delimiter)
+        cells = cells_of(line.lstrip("#% ") if is_comment(line) else line, delimiter)
         cells = cells[:-1] if len(cells) == width + 1 and cells[-1].lower() in ("", "comment") else cells
         cells = [*cells, ""] if len(cells) == width - 1 and open_end else cells
+        if is_comment(line) and len(cells) != width:
+            continue
         if len(cells) != width or len(candidates) == _NAMING:
             break
         candidates.append((i, cells))

@@ -14,6 +14,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.checks import INPUTS, LONG_GAP, MIN_DURATION
+from casid.records.quaternions import euler_angles
 from casid.records.table import RawTable
 from casid.signals import CHANNELS, is_control, unit_of
 
@@ -21,6 +22,7 @@ Series = tuple[np.ndarray, np.ndarray]  # stamps [s] and values
 
 _MEASURED = frozenset(CHANNELS) - frozenset(INPUTS) - {"t", "throttle"}
 _SAME_RATE = 0.9  # of the clock's samples, from which a channel has its rate
+EARTH = 6.371e6  # m: mean radius
 _GAP = 5.0  # median steps of a series: a longer pause stays a gap
 _PART = 0.5  # of the log that an input must cover
 
@@ -195,15 +197,6 @@ def first_of(sources: Iterable[Callable[[], dict[str, Series] | None]]) -> dict[
     """Return, of several sources of the same channels, the first of those with the most samples."""
     found = [one for source in sources if (one := source())]
     return max(found, key=lambda one: max(len(stamps) for stamps, _ in one.values()), default={})
-
-
-def euler_angles(quaternion: np.ndarray) -> np.ndarray:
-    """(N, 3) 3-2-1 Euler angles phi, theta, psi [rad] of (N, 4) unit quaternions w, x, y, z from body to earth axes."""
-    w, x, y, z = quaternion.T
-    phi = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    theta = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    psi = np.unwrap(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
-    return np.stack([phi, theta, psi], axis=1)
 
 
 def attitude(stamps: np.ndarray, quaternion: np.ndarray) -> dict[str, Series]:

@@ -183,6 +183,29 @@ LOGGERS = (
         },
     ),
     Logger(
+        name="OpenRocket",  # of its angles and its rates the signs are not those of an aircraft
+        signs=("Time", "Altitude", "Vertical velocity"),
+        columns={
+            "t": "Time",
+            "altitude": ("Altitude above sea level", "Altitude"),
+            "v_down": "Vertical velocity*-1",
+            "thrust": "Thrust",
+            "mach": "Mach number",
+        },
+    ),
+    Logger(
+        name="Altus Metrum",
+        signs=("serial", "flight", "call", "time", "state_name"),
+        columns={
+            "t": "time:s",
+            "altitude": "altitude:m",
+            "p": "gyro_roll:deg/s",
+            "q": "gyro_pitch:deg/s",
+            "r": "gyro_yaw:deg/s",
+            "battery": "battery_voltage:V",
+        },
+    ),
+    Logger(
         name="Betaflight (blackbox_decode)",
         signs=("loopIteration", "time", "gyroADC[0]"),
         columns={

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from casid.arguments import a_path, given, is_path, require
-from casid.errors import InputError, unknown
+from casid.errors import InputError
 from casid.keeping import whole_file
+from casid.records.ardupilot import TEXT as DATAFLASH_TEXT
 from casid.records.ardupilot import read_ardupilot
 from casid.records.betaflight import MAGIC as BETAFLIGHT
 from casid.records.betaflight import read_betaflight
@@ -26,13 +27,17 @@ from casid.records.crazyflie import MAGICS as CRAZYFLIE
 from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
 from casid.records.hdf5 import read_hdf5
+from casid.records.igc import read_igc
 from casid.records.limits import apart
 from casid.records.mat import read_mat
 from casid.records.px4 import read_ulog
 from casid.records.record import Record
 from casid.records.ros import MAGIC as MCAP
 from casid.records.ros import read_mcap
+from casid.records.ros_bags import MAGIC as ROS1
+from casid.records.ros_bags import read_ros_bag
 from casid.records.table import RawTable, read_text
+from casid.records.tlog import read_tlog
 from casid.signals import RADIAN_LIMITS, unit_of
 
 
@@ -49,7 +54,7 @@ class Format:
 
 
 FORMATS = (
-    Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat"), read=lambda path, variable, time: read_text(path)),
+    Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat", ".log"), read=lambda path, variable, time: read_text(path)),
     Format(endings=(".mat",), read=read_mat),
     Format(endings=(".npz",), read=read_npz),
     Format(endings=(".parquet",), read=read_parquet, begins=(b"PAR1",)),
@@ -60,13 +65,35 @@ FORMATS = (
     Format(
         endings=(".bin",),
         read=read_ardupilot,
-        begins=(b"\xa3\x95",),
+        begins=(b"\xa3\x95", DATAFLASH_TEXT),
         library=("pymavlink.DFReader", "ardupilot"),
     ),
+    Format(endings=(".tlog",), read=read_tlog, library=("pymavlink.mavutil", "ardupilot")),
     Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(BETAFLIGHT,)),
     Format(endings=(".mcap",), read=read_mcap, begins=(MCAP,)),
+    Format(endings=(".bag", ".db3"), read=read_ros_bag, begins=(ROS1,), library=("rosbags.highlevel", "rosbags")),
+    Format(endings=(".igc",), read=read_igc),
     Format(endings=(".usd",), read=read_crazyflie, begins=CRAZYFLIE),
 )
+
+# endings of files that are not read -> what makes one of them that is
+_CONVERTED = {
+    ".rlog": "convert it with logreader of openpilot, to CSV",
+    ".xls": "save it as .xlsx",
+    ".ods": "save it as .xlsx or CSV",
+    ".mf3": "convert it with asammdf: MDF('FILE').convert('4.10').save('FILE.mf4')",
+    ".mdf": "convert it with asammdf: MDF('FILE').convert('4.10').save('FILE.mf4')",
+    ".tdms": "convert it with nptdms: TdmsFile.read('FILE').as_dataframe().to_csv('FILE.csv')",
+    ".pkl": "a pickle may run code; write it with pandas: to_csv or to_parquet",
+    ".feather": "write it with pandas: read_feather('FILE').to_parquet('FILE.parquet')",
+    ".json": "write a table: pandas.read_json('FILE').to_csv('FILE.csv')",
+    ".nc": "netCDF 4 is HDF5: rename it to .h5; of netCDF 3, nccopy -k nc4 FILE FILE.h5 makes one",
+    ".gpx": "convert it with gpsbabel, to unicsv",
+    ".kml": "convert it with gpsbabel, to unicsv",
+    ".px4log": "convert it with sdlog2_dump.py of PX4, to CSV",
+    ".slx": "run the model, and save its signals as .mat",
+    ".fig": "save its data as .mat",
+}
 
 Span = tuple[float, float] | None  # begin and end of a part [s]
 
@@ -287,7 +314,9 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     found = [one for one in FORMATS if one.begins and head.startswith(one.begins)]
     found += [one for one in FORMATS if ending in one.endings]
     if not found:
-        raise unknown("file type", ending, [e for one in FORMATS for e in one.endings], str(path))
+        how = _CONVERTED.get(ending, "save it as CSV, or as another of these")
+        known = ", ".join(e for one in FORMATS for e in one.endings)
+        raise InputError(f"{path}: files of '{ending}' are not read: {how}; read are {known}")
     if path.suffix.lower() == ".gz" and found[0] is not FORMATS[0]:
         raise InputError(f"{path}: is packed, and only text is read packed; unpack it: gunzip {path}")
     terms = column_map.columns.get("t", ())

@@ -1,4 +1,4 @@
-"""ROS 2 bags in MCAP: messages of inertial units, odometry and actuators, and PX4's own topics.
+"""Bags of ROS in MCAP, and the channels of any bag: inertial units, odometry, actuators, and PX4's own topics.
 
 ROS has body axes forward, left and up, and earth axes east, north and up (REP 103); what is known is turned into those
 of casid. Numbers of other messages keep the name of their topic and field, for a column map.
@@ -7,6 +7,7 @@ of casid. Numbers of other messages keep the name of their topic and field, for 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -33,8 +34,9 @@ _BODY |= {"ax": ("linear_acceleration.x", 1.0), "ay": ("linear_acceleration.y", 
 _BODY |= {"az": ("linear_acceleration.z", -1.0)}
 _PLACE = {"north": ("pose.pose.position.y", 1.0), "east": ("pose.pose.position.x", 1.0)}
 _PLACE |= {"altitude": ("pose.pose.position.z", 1.0)}
-_KNOWN = {_IMU: _BODY, _ODOMETRY: _PLACE}
-_TURNED = {_IMU: "orientation", _ODOMETRY: "pose.pose.orientation"}
+_POSE = "geometry_msgs/msg/PoseStamped"
+_KNOWN = {_IMU: _BODY, _ODOMETRY: _PLACE, _POSE: {c: (f.removeprefix("pose."), k) for c, (f, k) in _PLACE.items()}}
+_TURNED = {_IMU: "orientation", _ODOMETRY: "pose.pose.orientation", _POSE: "pose.orientation"}
 
 
 def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
@@ -58,21 +60,29 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
         return {"topics": topics, "notes": ("the bag is cut off or damaged: what comes after that is left out",)}
 
     read = loaded(path, load)
-    topics = read["topics"]
-    damaged = read["notes"]
+    return table_of_topics(path, read["topics"], ("a ROS 2 bag", *read["notes"]), {})
+
+
+def table_of_topics(
+    path: Path, topics: Mapping[str, tuple[str, list[dict[str, float]]]], notes: tuple[str, ...], unread: dict[str, str]
+) -> RawTable:
+    """Table of topics, each with its kind and the numbers of its messages; `unread` are topics that are not read."""
     for _, rows in topics.values():
         rows.sort(key=itemgetter("log_time"))
     of_px4 = {(topic.rsplit("/", 1)[-1], 0): _columns(rows) for topic, (kind, rows) in topics.items() if _is_px4(kind)}
     of_px4 = {key: one for key, one in of_px4.items() if "timestamp" in one}
-    series, notes = of_topics(of_px4) if of_px4 else ({}, ("a ROS 2 bag",))
-    notes = (*notes, *damaged)
+    series, said = of_topics(of_px4) if of_px4 else ({}, ())
+    notes = (*said, *notes[1:]) if of_px4 else notes
     for topic, (kind, rows) in topics.items():
-        if not _is_px4(kind):
-            series |= _of_messages(topic, kind, _columns(rows), series)
+        found = {} if _is_px4(kind) else _of_messages(topic, kind, _columns(rows), series)
+        if not found and not _is_px4(kind):
+            unread[topic] = f"no numbers in {kind}"
+        series |= found
     if not series:
         raise InputError(f"{path}: no message with numbers; the bag has {', '.join(topics) or 'nothing'}")
     notes = notes if of_px4 else (*notes, *lost(series))
-    return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes)
+    unread |= dict.fromkeys(list(series)[_COLUMNS:], f"beyond the first {_COLUMNS} columns")
+    return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes, unread)
 
 
 def _messages(reader: Any) -> tuple[dict[str, Any], Exception | None]:
@@ -81,7 +91,7 @@ def _messages(reader: Any) -> tuple[dict[str, Any], Exception | None]:
     try:
         for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             rows = topics.setdefault(channel.topic, (schema.name, []))[1]
-            rows.append({"log_time": message.log_time * 1e-9, **dict(_numbers(decoded))})
+            rows.append({"log_time": message.log_time * 1e-9, **dict(numbers_of(decoded))})
     except Exception as error:  # of the library, whatever the damage makes of it
         return topics, error
     return topics, None
@@ -91,17 +101,18 @@ def _is_px4(kind: str) -> bool:
     return kind.startswith("px4_msgs/")
 
 
-def _numbers(message: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
+def numbers_of(message: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, float]]:
     """Numbers of a message by the name of their field, `angular_velocity.x`, `control[0]`."""
     if isinstance(message, (bool, int, float)):
         yield name, float(message)
     elif isinstance(message, (list, tuple, np.ndarray)) and 0 < len(message) <= _ELEMENTS:
         for i, one in enumerate(message):
-            yield from _numbers(one, f"{name}[{i}]", depth + 1)
+            yield from numbers_of(one, f"{name}[{i}]", depth + 1)
     elif depth < _DEPTH:
-        for field in getattr(message, "__slots__", ()):
+        named = [one.name for one in fields(message)] if is_dataclass(message) else getattr(message, "__slots__", ())
+        for field in named:
             inner = f"{name}.{field}" if name else field
-            yield from _numbers(getattr(message, field), inner, depth + 1)
+            yield from numbers_of(getattr(message, field), inner, depth + 1)
 
 
 def _columns(rows: list[dict[str, float]]) -> dict[str, np.ndarray]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.clock import clock_of
-from casid.records.layout import NUMBER, Layout, layout_of, number_of
+from casid.records.layout import NUMBER, Layout, is_comment, layout_of, number_of, of_commas
 from casid.records.limits import read_bytes
 
 _MARKS = {"utf-8": b"\xef\xbb\xbf", "utf-32": b"\xff\xfe\0\0", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}
@@ -115,11 +115,12 @@ def read_text(path: Path) -> RawTable:
     """Table of a text file: columns parted by commas, semicolons, tabs, bars or blanks, decimal points or commas, in
     UTF-8, UTF-16 or an encoding of one byte, below any preamble; see `layout`. A last row that is cut short is left
     out, and said."""
-    raw = read_bytes(path)
+    raw, cut = _whole(read_bytes(path))
     quick = _plain_table(path, raw)
     if quick is not None:
-        return quick
+        return replace(quick, notes=cut)
     content, notes = _decoded(path, raw)
+    notes += cut
     lines = content.split("\n")
     layout = layout_of(lines)
     if layout is None:
@@ -127,6 +128,20 @@ def read_text(path: Path) -> RawTable:
     if layout.above:
         notes += (f"{layout.above} lines above the numbers are no names and no units, and are left out",)
     return _numbers(path, lines, layout, notes)
+
+
+_CUT_EXPONENT = re.compile(rb"\d[eEdD][+-]?\d?")
+_SHORT_EXPONENT = re.compile(rb"\d[eEdD][+-]?\d(?=[,;\t |\r\n])")
+
+
+def _whole(raw: bytes) -> tuple[bytes, tuple[str, ...]]:
+    """The bytes without a last row that ends within an exponent, and what is said of it."""
+    at = raw.rfind(b"\n") + 1
+    cell = re.split(rb"[,;\t |]", raw[at:])[-1]
+    end = _CUT_EXPONENT.search(cell)
+    if end is None or end.end() != len(cell) or _SHORT_EXPONENT.search(raw):
+        return raw, ()
+    return raw[:at], (f"the last row is cut off within its last number, {cell.decode('ascii', 'replace')}; left out",)
 
 
 def _plain_table(path: Path, raw: bytes) -> RawTable | None:
@@ -190,6 +205,9 @@ def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...
     words = dict[int, list[tuple[int, str]]]()
     while lines and not lines[-1].strip():
         del lines[-1]
+    between = sum(map(is_comment, lines[layout.first :]))
+    if between:
+        notes += (f"{between} comments between the rows are left out",)
     for line, cells in _rows(path, lines, layout):
         if len(cells) == layout.width + 1 and not cells[-1].strip():
             del cells[-1]
@@ -235,15 +253,15 @@ def _numbers(path: Path, lines: list[str], layout: Layout, notes: tuple[str, ...
 
 def _rows(path: Path, lines: list[str], layout: Layout) -> Iterator[tuple[int, list[str]]]:
     """Number of the line and cells of each row, empty lines and comments left out."""
-    body = lines[layout.first :]
-    if layout.comma:
-        body = [line.replace(",", ".") for line in body]
+    body = ["" if is_comment(line) else line for line in lines[layout.first :]]
     if not layout.delimiter:
         rows = ((layout.first + k + 1, line.split()) for k, line in enumerate(body))
     else:
         reader = csv.reader(body, delimiter=layout.delimiter, skipinitialspace=True, strict=True)
         rows = _read(path, reader, layout.first)
-    yield from ((line, cells) for line, cells in rows if (len(cells) > 1 or "".join(cells).strip()))
+    for line, cells in rows:
+        if len(cells) > 1 or "".join(cells).strip():
+            yield line, [of_commas(cell.strip()) for cell in cells] if layout.comma else cells
 
 
 def _read(path: Path, reader: Any, skipped: int) -> Iterator[tuple[int, list[str]]]:

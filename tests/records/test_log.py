@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from records.test_formats import flown_log
 
-from casid.records.log import euler_angles, of_log
+from casid.records.log import of_log
+from casid.records.quaternions import euler_angles
 from casid.records.readers import read_record
 
 

@@ -348,3 +348,102 @@ def test_check_lists_what_was_read_and_what_was_not(tmp_path: Path) -> None:
     record = cs.read_record(hdf5(tmp_path / "m.h5", t=T, delta_e=WAVE, q=WAVE, mode=np.array([b"up"] * N)))
     found = cs.check(record).to_dict()["contents"]["m"]
     assert set(found["read"]) == {"t", "delta_e", "q"} and found["unread"] == {"/mode": "text"}
+
+
+ROWS = [f"{t:.2f};{1000.0 * d:.3f};{d:.6f}" for t, d in zip(T, WAVE, strict=True)]
+
+
+def text(path: Path, head: str, rows: list[str], end: str = "\n") -> Path:
+    path.write_text("\n".join([head, *rows]) + end, encoding="utf-8")
+    return path
+
+
+@given(whole=st.lists(st.integers(900, 2_500_000), min_size=N, max_size=N))
+@settings(max_examples=30, derandomize=True, deadline=None, suppress_health_check=list(HealthCheck))
+def test_points_between_thousands_are_read_where_decimals_have_a_comma(whole: list[int], tmp_path: Path) -> None:
+    """999 is followed by 1.000, as Excel writes it in German."""
+    rows = [
+        f"{t:.2f};{d:.6f}".replace(".", ",") + f";{n:,}".replace(",", ".")
+        for t, d, n in zip(T, WAVE, whole, strict=True)
+    ]
+    record = cs.read_record(text(tmp_path / "m.csv", "t;delta_e;rounds", rows))
+    np.testing.assert_array_equal(record["rounds"], whole)
+
+
+def test_a_decimal_point_beside_decimal_commas_is_refused(tmp_path: Path) -> None:
+    rows = [row.replace(".", ",") for row in ROWS]
+    rows[7] = rows[7].rpartition(",")[0] + ".02"
+    with pytest.raises(InputError, match="row 8 .*is not a number"):
+        cs.read_record(text(tmp_path / "m.csv", "t;x;delta_e", rows))
+
+
+@pytest.mark.parametrize("kept", ["e", "e-", "e-0"])
+def test_a_last_number_that_ends_in_its_exponent_is_left_out(tmp_path: Path, kept: str) -> None:
+    rows = [f"{t:.2f},{d:.4e}" for t, d in zip(T, WAVE, strict=True)]
+    rows[-1] = rows[-1].rpartition("e")[0] + kept
+    record = cs.read_record(text(tmp_path / "m.csv", "t,delta_e", rows, end=""))
+    assert len(record) == N - 1 and any("cut off" in note for note in record.notes)
+    np.testing.assert_allclose(record["delta_e"], WAVE[:-1], rtol=1e-4)
+
+
+def test_exponents_of_one_digit_are_whole(tmp_path: Path) -> None:
+    rows = [f"{t:.2f},{100.0 * d:.4f}e-2" for t, d in zip(T, WAVE, strict=True)]
+    assert len(cs.read_record(text(tmp_path / "m.csv", "t,delta_e", rows, end=""))) == N
+
+
+def test_comments_between_rows_are_no_rows(tmp_path: Path) -> None:
+    rows = ["# Event LAUNCH occurred at t=0 seconds", *ROWS[:9], "% a remark; of two cells", *ROWS[9:], "# the end"]
+    record = cs.read_record(text(tmp_path / "m.csv", "# t;x;delta_e", rows))
+    np.testing.assert_allclose(record["delta_e"], WAVE, atol=1e-6)
+
+
+def test_columns_with_names_are_mapped_by_number(tmp_path: Path) -> None:
+    record = cs.read_record(text(tmp_path / "m.csv", "t;x;y", ROWS), {"delta_e": 3})
+    np.testing.assert_allclose(record["delta_e"], WAVE, atol=1e-6)
+
+
+@pytest.mark.parametrize(("ticks", "unit"), [(1e6, "us"), (1e9, "ns")])
+def test_a_time_without_unit_that_cannot_be_in_seconds_is_a_question(tmp_path: Path, ticks: float, unit: str) -> None:
+    rows = [f"{ticks * t:.0f},{d:.6f}" for t, d in zip(T, WAVE, strict=True)]
+    path = text(tmp_path / "m.csv", "timestamp,delta_e", rows)
+    with pytest.raises(InputError, match=f"--map t=COLUMN:{unit}"):
+        cs.read_record(path)
+    np.testing.assert_allclose(cs.read_record(path, {"t": f"timestamp:{unit}"}).t, T, atol=1e-9)
+
+
+OPENROCKET = """# Simulation 1 (Up to date)
+# Time (s),Altitude (m),Vertical velocity (m/s),Mass (g),Thrust (N),Roll rate (\u00b0/s)
+# Event LAUNCH occurred at t=0 seconds
+"""
+
+
+def test_openrocket(tmp_path: Path) -> None:
+    rows = [f"{t:.3f},{10.0 * t:.4f},{2.0 + t:.4f},900.0,60.0,{5.0 * d:.6f}" for t, d in zip(T, WAVE, strict=True)]
+    rows.insert(40, "# Event BURNOUT occurred at t=2 seconds")
+    path = text(tmp_path / "m.csv", OPENROCKET.rstrip(), rows)
+    record = cs.read_record(path, {"p": "Roll rate"})
+    np.testing.assert_allclose(record["v_down"], -2.0 - T)
+    np.testing.assert_allclose(record["p"], np.radians(5.0 * WAVE), atol=1e-7)
+    np.testing.assert_allclose(record["Mass"], 0.9)
+
+
+def test_altus_metrum(tmp_path: Path) -> None:
+    """Two columns are called altitude: of the barometer, then of the GPS."""
+    head = "#version,serial,flight,call,time,state,state_name,altitude,gyro_roll,gyro_pitch,gyro_yaw,altitude"
+    rows = [
+        f"6, 1, 3,CALL, {t - 1.0:.2f}, 3, boost, {1330.0 + t:.2f}, {d:.6f}, 0.5, 1.0, 1394.0"
+        for t, d in zip(T, WAVE, strict=True)
+    ]
+    record = cs.read_record(text(tmp_path / "m.csv", head, rows))
+    np.testing.assert_allclose(record.t, T - 1.0)
+    np.testing.assert_allclose(record["altitude"], 1330.0 + T)
+    np.testing.assert_allclose(record["p"], np.radians(WAVE), atol=1e-7)
+    assert set(record.contents.unread) == {"altitude#2", "call", "state_name"}
+
+
+@pytest.mark.parametrize("ending", [".rlog", ".xls", ".nc", ".any", ".tdms"])
+def test_a_kind_that_is_not_read_says_what_to_do(tmp_path: Path, ending: str) -> None:
+    (tmp_path / f"m{ending}").write_bytes(b"?")
+    with pytest.raises(InputError, match="are not read: .*(convert|save|rename)") as caught:
+        cs.read_record(tmp_path / f"m{ending}")
+    assert "did you mean" not in str(caught.value)
