@@ -1,4 +1,4 @@
-"""What a value asks of modules above its own: that a result is drawn, a fit predicted, a model extended, a file read.
+"""Load what a value needs of modules above its own: a figure, a prediction, an extended model, a file that is read.
 
 One table of names, by which a module is loaded at its first use. No room imports one above it, not even inside a
 function; `tests/test_house.py` compares this table with the calls.

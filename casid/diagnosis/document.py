@@ -224,7 +224,7 @@ class AxisResponses:
 
 @dataclass(frozen=True, kw_only=True)
 class Called:
-    """How a diagnosis was asked for, as words of a command line."""
+    """Command line of a diagnosis, as words."""
 
     records: str = "RECORD ..."
     aircraft: str = "FILE"
@@ -242,7 +242,7 @@ class Called:
 
 @dataclass(frozen=True, kw_only=True)
 class NextStep:
-    """What to do next, and the command that does it; empty where no command does."""
+    """Next step, and the command that does it; empty where no command does."""
 
     in_json: ClassVar[str] = "text command"
 

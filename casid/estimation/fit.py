@@ -178,7 +178,7 @@ class Fit:
 
     @cached_property
     def judgement(self) -> Judgement:
-        """Whether the estimates can be used, and why."""
+        """Judgement whether the estimates can be used, with the reasons."""
         return judge(self)
 
     @property

@@ -98,7 +98,7 @@ def _first_reach(problem: Problem, name: str) -> float:
 
 
 def _allowed(fit: Fit, name: str) -> float:
-    """By how much an estimate may move at the end."""
+    """Return how much an estimate may move at the end."""
     std = fit.parameters[name].std_cramer_rao
     return max(_SETTLED * std if np.isfinite(std) else 0.0, _ROUNDED * abs(fit.values[name]))
 

@@ -113,7 +113,7 @@ def _jumping(problem: Problem, errors: Uncertainty) -> list[str]:
 
 
 def _moves(errors: Uncertainty, point: Point, theta: np.ndarray) -> tuple[bool, np.ndarray]:
-    """Whether other parameters move the predictions, and the diagonal of the information there."""
+    """Return True if other parameters move the predictions, and the diagonal of the information there."""
     objective = errors.objective
     try:
         value = objective.value(replace(point, theta=theta), errors.value.noise)

@@ -1,4 +1,4 @@
-"""Whether the estimates of a fit can be used, in one word, and why."""
+"""Judge in one word whether the estimates of a fit can be used, with the reasons."""
 
 from __future__ import annotations
 

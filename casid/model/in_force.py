@@ -134,7 +134,7 @@ def is_slow_instrument(effect: Effect) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class History:
-    """What an effect makes of a record and of its sizes, at stations of a model."""
+    """Time histories that an effect makes of a record and of its sizes, at stations of a model."""
 
     of: InForce
     stations: tuple[str, ...]

@@ -39,7 +39,7 @@ def with_slopes(
 
 
 def larger(x: Any, least: float) -> Any:
-    """Of x, real or complex, and a number the larger one."""
+    """Return the larger one of x, real or complex, and a number."""
     return np.where(np.real(x) > least, x, least)[()]
 
 

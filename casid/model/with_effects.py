@@ -397,7 +397,7 @@ class Draft:
         if channel in self.model.outputs:
             i = self.model.outputs.index(channel)
             self.h[i] = read(self.h[i])
-        else:
+        elif channel in self.model.inputs:  # else of an instrument of an aircraft that this system does not have
             i = self.model.inputs.index(channel)
             self.u[i] = true(self.u[i])
 

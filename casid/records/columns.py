@@ -224,7 +224,7 @@ def _quoted(name: str) -> str:
 
 
 def _how(table: RawTable, index: int, unit: str | None, channel: str) -> str:
-    """Where a channel stands, its unit, and what was made of its numbers."""
+    """Describe where a channel is in the file, its unit, and the conversion of its numbers."""
     made = f"; {table.how[index]}" if index in table.how else ""
     if unit:
         factor = _factor(unit, channel)

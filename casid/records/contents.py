@@ -1,4 +1,4 @@
-"""What was read of a file, how, and what was not."""
+"""List what was read of a file, how, and what was not."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _MOST = 12  # names in a note
 
 @dataclass(frozen=True, kw_only=True)
 class Contents:
-    """What was read of a file, how, and what was not, with the reason.
+    """Content of a file: what was read and how, and what was not, with the reason.
 
     Attributes
     ----------

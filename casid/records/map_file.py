@@ -83,7 +83,7 @@ def _written(lines: Mapping[str, tuple[list[str], str]]) -> list[str]:
 
 
 def _rest(table: RawTable, headers: list[Header], used: set[str | int]) -> list[str]:
-    """What the columns hold that no line uses."""
+    """List the columns that no line uses, with their ranges."""
     lines = ["", "# Columns that no line above uses, from least to most:"]
     for index in range(table.values.shape[1]):
         name = headers[index].name if headers else str(index + 1)

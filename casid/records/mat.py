@@ -48,7 +48,7 @@ def read_mat(path: Path, variable: str | None, time: str) -> RawTable:
 
 
 def _items(value: Any, path: str, name: str, rates: dict[str, float]) -> list[Item]:
-    """What a variable holds, under "group.field"; adds the rate [Hz] of a signal to `rates`."""
+    """List the content of a variable, under "group.field"; adds the rate [Hz] of a signal to `rates`."""
     fields = _fields(value)
     if fields is None or path.count(".") > _DEEPEST:
         many = getattr(getattr(value, "dtype", None), "names", None)

@@ -96,7 +96,7 @@ class RawTable:
         return f"column '{self.path(index)}'" if self.names else f"column {index + 1}"
 
     def path(self, index: int) -> str:
-        """By which a map names a column, also one of several of one name."""
+        """Return the name by which a map finds a column, also one of several of one name."""
         return self.paths[index] if self.paths else self.names[index] if self.names else str(index + 1)
 
 

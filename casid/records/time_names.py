@@ -16,7 +16,8 @@ _ENDS |= {"us": "us", "ms": "ms", "ns": "ns", "s": "s"}
 
 
 def time_named(name: str) -> tuple[int, str] | None:
-    """How unlikely a name is that of the time, from 0, and the unit in it, "us" of `TimeUS`; None of another name."""
+    """Return how unlikely a name is that of the time, from 0, and the unit in it, "us" of `TimeUS`; None for another
+    name."""
     plain = re.sub(r"[\W_]", "", name).lower()
     if plain in _TIMES:
         return _TIMES.index(plain), ""

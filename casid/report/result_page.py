@@ -17,7 +17,7 @@ NEUTRAL = "#005A8F"
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What a page begins with: a sentence under a badge, its reasons, and what to do next."""
+    """Beginning of a page: a sentence under a badge, its reasons, and what to do next."""
 
     badge: str
     sentence: str

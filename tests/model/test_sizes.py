@@ -199,6 +199,26 @@ def test_a_size_is_found_at_a_port_of_any_model(hidden: cs.EffectValue, start: f
     assert written.shape == (len(T), 2)
 
 
+@pytest.mark.parametrize("kind", ["sensor_bias", "sensor_scale", "sensor_delay", "sensor_lag"])
+@pytest.mark.parametrize("name", ["q", "alpha", "V", "theta"])
+def test_a_reading_of_any_model_may_have_the_name_of_an_aircraft(kind: str, name: str) -> None:
+    """A joint may be called q, and has no qdot beside it. Truth: the same fault under another name."""
+
+    def read(called: str) -> np.ndarray:
+        model = cs.define_model(
+            "lag",
+            states=["x"],
+            inputs=["u"],
+            parameters={"T": 1.0},
+            outputs=[called],
+            dynamics=lambda s: {"x": (s.u - s.x) / s.T},
+            output=lambda s: {called: s.x},
+        ).with_effects([value(kind, called, 0.2)])
+        return cs.simulate(model, pushed("m1"), np.zeros(len(model.states))).output(called)
+
+    assert np.array_equal(read(name), read("y"))
+
+
 def test_what_a_model_does_not_have_is_said() -> None:
     model = second_order()
     with pytest.raises(InputError, match="unknown input 'w'.*: u"):

@@ -261,7 +261,7 @@ class Attached:
         return () if self.effect.symbolic else tuple(self.values)
 
     def along(self, key: str) -> Attached:
-        """With a value whose imaginary part carries the derivative of all that is made of it."""
+        """Return a copy with a value whose imaginary part carries the derivative of all that is made of it."""
         size: Any = complex(self.values[key], operators.IMAGINARY)
         return self.with_values({key: size})
 

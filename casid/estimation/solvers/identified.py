@@ -40,9 +40,9 @@ def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndar
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Determined:
-    """What the data say of the parameters: `lost`, those that they cannot tell apart or of which they say nothing;
-    `directions` (parameters, k) that they do determine; the `states` whose initial values take the place of lost ones,
-    where nothing but the weak prior of these holds them."""
+    """Parameters and directions that the data determine: `lost` are those that they do not separate or determine;
+    `directions` (parameters, k) those that they do determine; the `states` whose initial values take the place of
+    lost ones, where nothing but the weak prior of these holds them."""
 
     lost: tuple[str, ...]
     directions: np.ndarray
@@ -103,7 +103,8 @@ def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray
 
 
 def lost_along(problem: Problem, information: np.ndarray, free: np.ndarray, theta: np.ndarray) -> tuple[str, ...]:
-    """As `determined`, by an information matrix at theta, of parameters that can move in the directions `free`."""
+    """Return the lost parameters by an information matrix at theta, for parameters that can move in the directions
+    `free`."""
     return determined_along(problem, information, free, theta)[0]
 
 
