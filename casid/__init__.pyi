@@ -47,7 +47,7 @@ from casid.estimation import (
     limit_trajectory,
     solve,
 )
-from casid.filtering.filter_error import FilterFit, filter_error
+from casid.filtering.filter_error import FilterError
 from casid.formats.export import export
 from casid.formats.fmu import fmu_model
 from casid.formats.petab import read_petab
@@ -98,7 +98,7 @@ __all__ = [
     "Estimate",
     "EstimationError",
     "Experiment",
-    "FilterFit",
+    "FilterError",
     "Finding",
     "Fit",
     "FourierEquationError",
@@ -171,7 +171,6 @@ __all__ = [
     "diagnose",
     "export",
     "external_function",
-    "filter_error",
     "fit_state_space",
     "fit_transfer_functions",
     "flight_inputs",

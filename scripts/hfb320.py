@@ -23,6 +23,8 @@ from casid.cli.start import run_script
 import argparse
 import json
 import time
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +36,7 @@ from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
-from casid.filtering.filter_error import FilterFit, Innovations, filter_error, predict
+from casid.filtering.filter_error import FilterError
 from casid.model.simulate import simulate
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories
@@ -78,23 +80,39 @@ def held_out(record: Record) -> dict[str, Any]:
         "persistence": {"one_step_rms": rms(np.diff(unseen.matrix(hfb320.model().outputs), axis=0))}
     }
     for label, noise in ((OUTPUT_ERROR, {}), (FILTER_ERROR, TURBULENCE)):
-        fit = filter_error(hfb320.problem(seen), noise)
-        here, own = predict(hfb320.problem(unseen), fit.values, fit.noise), fit.innovations
+        fit = filtered(hfb320.problem(seen), noise)
+        here = one_step(unseen, fit)
         judged[label] = {
             "status": fit.status,
             "CL_alpha": fit.values["CL_alpha"],
-            "log_likelihood_per_sample": here.log_likelihood / here.samples,
-            "fitted_log_likelihood_per_sample": own.log_likelihood / own.samples,
-            "one_step_rms": rms(here.error[unseen.name]),
+            "log_likelihood_per_sample": here.log_likelihood / samples(here),
+            "fitted_log_likelihood_per_sample": fit.log_likelihood / samples(fit),
+            "one_step_rms": rms(here.residuals[unseen.name]),
             "simulation_rms": rms(free_simulation(unseen, fit, here)),
         }
     return judged
 
 
-def free_simulation(record: Record, fit: FilterFit, here: Innovations) -> np.ndarray:
+def filtered(problem: Problem, process_noise: Mapping[str, float]) -> Fit:
+    """The fit of a problem by filter error."""
+    return solve(replace(problem, cost=FilterError(process_noise=process_noise)))
+
+
+def one_step(record: Record, fit: Fit) -> Fit:
+    """The prediction of a record from sample to sample, with the parameters and the noise of a fit."""
+    sigma = {name: one for name, (one, _) in fit.process_noise.items()}
+    cost = FilterError(process_noise={name: tau for name, (_, tau) in fit.process_noise.items()}, sigma=sigma)
+    return solve(Problem(hfb320.model(), [record], fixed=fit.values, noise=fit.noise, cost=cost))
+
+
+def samples(fit: Fit) -> int:
+    return sum(channel.samples for channel in fit.channels.values())
+
+
+def free_simulation(record: Record, fit: Fit, here: Fit) -> np.ndarray:
     """(N, outputs) measured minus simulated without any correction, from the smoothed state at the first sample."""
     model = hfb320.model()
-    flown = simulate(model, record, here.states[record.name][0], dict(fit.values))
+    flown = simulate(model, record, here.states[record.name].trajectory[0], dict(fit.values))
     return record.matrix(model.outputs) - flown.outputs
 
 
@@ -104,14 +122,14 @@ def rms(errors: np.ndarray) -> dict[str, float]:
     return dict(zip(hfb320.model().outputs, values.tolist(), strict=True))
 
 
-def pictures(record: Record, fit: Fit, turbulent: FilterFit) -> list[Picture]:
+def pictures(record: Record, fit: Fit, turbulent: Fit) -> list[Picture]:
     channels = fit.problem.model.outputs
-    residuals = {OUTPUT_ERROR: fit.residuals[record.name], FILTER_ERROR: turbulent.innovations.error[record.name]}
+    residuals = {OUTPUT_ERROR: fit.residuals[record.name], FILTER_ERROR: turbulent.residuals[record.name]}
     measured = record.matrix(channels)
     pairs = {
         "published": [(value, 0.0) for value in hfb320.PUBLISHED.values()],
         OUTPUT_ERROR: [(fit[n].value, fit[n].std_cramer_rao) for n in DERIVATIVES],
-        FILTER_ERROR: [(turbulent.values[n], turbulent.std[n]) for n in DERIVATIVES],
+        FILTER_ERROR: [(turbulent[n].value, turbulent[n].std_cramer_rao) for n in DERIVATIVES],
     }
     simulated = {OUTPUT_ERROR: fit.predictions[record.name]}
     return [
@@ -121,13 +139,13 @@ def pictures(record: Record, fit: Fit, turbulent: FilterFit) -> list[Picture]:
     ]
 
 
-def table(fit: Fit, turbulent: FilterFit, results: dict[str, Any]) -> str:
+def table(fit: Fit, turbulent: Fit, results: dict[str, Any]) -> str:
     lines = [f"{'':12} {'published':>10} {OUTPUT_ERROR:>12} {'std':>8} {'corrected':>9} {FILTER_ERROR:>18} {'std':>8}"]
     for name in DERIVATIVES:
         e, published = fit[name], hfb320.PUBLISHED[name]
         lines.append(
             f"{name:12} {published:10.5f} {e.value:12.5f} {e.std_cramer_rao:8.2g} {e.std_corrected:9.2g} "
-            f"{turbulent.values[name]:18.5f} {turbulent.std[name]:8.2g}"
+            f"{turbulent.values[name]:18.5f} {turbulent[name].std_cramer_rao:8.2g}"
         )
     air = results["air"]
     lines += [
@@ -176,8 +194,8 @@ def main() -> None:
         tests = clock.run("residual tests", residual_tests, problem.model.outputs, fit.residuals[record.name])
         longitudinal = hfb320_aircraft.longitudinal(record)
         diagnosis = clock.run("diagnosis", diagnose, hfb320_aircraft.aircraft(), [longitudinal])
-        turbulent = clock.run("filter error", filter_error, problem, TURBULENCE)
-        white = residual_tests(problem.model.outputs, turbulent.innovations.white[record.name])
+        turbulent = clock.run("filter error", filtered, problem, TURBULENCE)
+        white = residual_tests(problem.model.outputs, turbulent.innovations[record.name])
         judged = clock.run("held-out third", held_out, record)
         results = {
             "schema": "casid.hfb320/1",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -178,7 +179,9 @@ MISUSES: list[tuple[Callable[[SimpleNamespace], Any], str]] = [
     (lambda o: o.fit["mq"], "did you mean 'Mq'"),
     (lambda o: cs.identifiability(problem(o)), "write cs.solve(problem)"),
     (lambda o: cs.profile(problem(o), ["Mq"]), "write cs.solve(problem)"),
-    (lambda o: cs.filter_error(o.fit, {}), "cs.Problem(model, records, free=[...])"),
+    (lambda o: replace(problem(o), cost=cs.FilterError(process_noise={"w": 0.0})), "no disturbance"),
+    (lambda o: cs.FilterError(process_noise=["w"]), "expected a table"),
+    (lambda o: cs.FilterError(process_noise={"w": -1.0}), "a number from 0 on"),
     (lambda o: cs.profile(o.fit, "Mq"), "write ['Mq']"),
     (lambda o: cs.profile(o.fit, ["Mq"], level="high"), "level is the text 'high'"),
     (lambda o: cs.bootstrap(o.fit, 2.5, 0), "runs is 2.5; expected a whole number of at least 2"),

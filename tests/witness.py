@@ -115,7 +115,7 @@ def hfb320(folder: Path) -> Any:
     problem = hfb320_problem(record)
     return diagnosed(hfb320_aircraft(), [longitudinal(record)]) | {
         "output_error": cs.solve(problem).to_dict(),
-        "filter_error": cs.filter_error(problem, {"w_V": 0.0, "w_alpha": 0.0}).to_dict(),
+        "filter_error": cs.solve(replace(problem, cost=moving(w_V=0.0, w_alpha=0.0))).to_dict(),
     }
 
 
@@ -138,6 +138,11 @@ def problem(cost: str, condition: Condition = STABLE, noise: str = "range", seco
 def in_moving_air() -> cs.Problem:
     """With measurement noise and without a prior of the initial state, as filter error takes it."""
     return replace(problem("output", noise="residuals"), initial_state=cs.InitialState())
+
+
+def moving(**correlation_time: float) -> cs.FilterError:
+    """Process noise of disturbances by name."""
+    return cs.FilterError(process_noise=correlation_time)
 
 
 def with_process_noise() -> Any:
@@ -166,7 +171,7 @@ def estimations() -> dict[str, Callable[[], Any]]:
         "equation-automatic": lambda: cs.solve(problem("equation")),
         "combined-multiple-automatic": lambda: cs.solve(problem("combined"), multiple, automatic),
         "combined-single-ipopt": lambda: cs.solve(problem("combined", seconds=SHORT_S), single, ipopt),
-        "filter_error": lambda: cs.filter_error(in_moving_air(), {"wind_z": 0.0}),
+        "filter_error": lambda: cs.solve(replace(in_moving_air(), cost=moving(wind_z=0.0))),
         "process_noise": with_process_noise,
         "constrained": constrained,
         "priors": lambda: cs.solve(demo_problem()),

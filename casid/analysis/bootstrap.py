@@ -11,7 +11,7 @@ import numpy as np
 from casid.analysis.together import Together
 from casid.arguments import number, require, table_of, whole
 from casid.errors import EstimationError, InputError, check_known
-from casid.estimation.cost import EquationError
+from casid.estimation.cost import EquationError, OwnLikelihood
 from casid.estimation.estimate import solve
 from casid.estimation.fit import Fit
 from casid.estimation.problem import Problem
@@ -105,7 +105,8 @@ class Bootstrap:
 
 def drawn_problem(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, float]) -> Problem:
     """The problem of a fit from its estimates on, with data drawn from it: predicted outputs and white noise of the
-    fit's covariance; noise of 1-sigma `input_noise` [SI] on the inputs. Raises EstimationError for EquationError."""
+    fit's covariance; noise of 1-sigma `input_noise` [SI] on the inputs. Raises EstimationError for costs
+    that predict no measurements."""
     return replace(fit.problem, records=drawn_records(fit, rng, input_noise), start=fit.values)
 
 
@@ -115,6 +116,9 @@ def drawn_records(fit: Fit, rng: np.random.Generator, input_noise: Mapping[str, 
     outputs = fit.problem.model.outputs
     if isinstance(problem.cost, EquationError):
         raise EstimationError("bootstrap: EquationError predicts no measurements that could be drawn; use OutputError")
+    if isinstance(problem.cost, OwnLikelihood):
+        name = type(problem.cost).__name__
+        raise EstimationError(f"bootstrap: data of {name} cannot be drawn; use profile, or OutputError")
     check_known("input", input_noise, problem.model.inputs, "bootstrap: input_noise")
     root = np.linalg.cholesky(fit.noise_covariance[: len(outputs), : len(outputs)])
     records = []

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from casid.errors import EstimationError
 from casid.estimation.attempt import build_objective
+from casid.estimation.cost import OwnLikelihood
 from casid.estimation.fit import Fit
 from casid.estimation.problem import check_plain
 from casid.estimation.solvers.identified import weak_pull
-from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.quadratic import inverse_along
 from casid.estimation.transcriptions.transcription import MultipleShooting
@@ -25,7 +27,7 @@ class AtFit:
     """A fit's objective, point, value and linearisation."""
 
     fit: Fit
-    objective: Objective
+    objective: Any  # as of `Attempt`
     point: Point
     value: ObjectiveValue
     linear: Linearised
@@ -45,7 +47,7 @@ class AtFit:
     @cached_property
     def free(self) -> np.ndarray:
         """(parameters, directions) in which no active limit of the fit holds the parameters."""
-        return self.objective.free_directions(self.point.theta, self.fit.multipliers)
+        return self.objective.limits.free_directions(self.point.theta, self.fit.multipliers)
 
     @cached_property
     def inverse(self) -> np.ndarray:
@@ -59,6 +61,17 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
     process noise. Raises numpy.linalg.LinAlgError when a record's states are not determined, EstimationError for a
     problem that is solved in other coordinates."""
     check_plain(fit.problem, "identifiability and input noise")
+    if isinstance(fit.problem.cost, OwnLikelihood):  # whose linearisation is at the estimates already
+        solved = fit.uncertainty.solved
+        if solved.linear is None:
+            raise EstimationError("identifiability: the fit has no linearisation; solve it anew")
+        return AtFit(
+            fit=fit,
+            objective=solved.objective,
+            point=solved.linear.point,
+            value=solved.value,
+            linear=solved.linear,
+        )
     problem = along_splines(fit.problem)
     if method.substeps is None:
         method = replace(method, substeps=fit.substeps)

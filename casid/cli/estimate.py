@@ -6,7 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -42,8 +42,7 @@ from casid.estimation import (
     solve,
 )
 from casid.estimation.usable import NOT_CONVERGED, NOT_IDENTIFIABLE, STRUCTURE_MISSING, USABLE
-from casid.filtering.filter_error import FilterFit
-from casid.filtering.soft_defects import noise_of_forces, with_measurement_noise
+from casid.filtering.forces import noise_of_forces
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import moved_coefficients
@@ -59,17 +58,16 @@ from casid.report.style import Picture
 from casid.signals import SURFACES
 
 SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}
-INTERVAL = 25  # samples; soft defects default to 1, where noise enters at every sample
+INTERVAL = 25  # samples
 
 
 def estimate(
     *records: Records,
     aircraft: Path,
-    cost: Literal["output", "equation", "combined"] = "output",
+    cost: Literal["output", "equation", "combined", "filter"] = "output",
     equation_weight: float | None = None,
     method: Literal["single", "multiple", "collocation"] = "multiple",
     interval: Whole | None = None,
-    defects: Literal["hard", "soft"] = "hard",
     solver: Literal["automatic", "gauss-newton", "ipopt"] = "automatic",
     free: Files | None = None,
     axes: Axes | None = None,
@@ -89,15 +87,14 @@ def estimate(
     aircraft
         The aircraft file (TOML). Its a-priori uncertainty is a prior, its effects act.
     cost
-        Cost: output error, equation error, or both.
+        Cost: output error, equation error, both, or filter error: the innovations of a Kalman filter, for flights in
+        turbulence. Forces and moments are then noisy, with the levels of highest likelihood.
     equation_weight
         Weight of the equation part, with --cost combined.
     method
         Transcription of the trajectory.
     interval
         Samples per shooting interval; default 25.
-    defects
-        Soft: forces and moments are noisy, with the variances of highest likelihood.
     solver
         Solver; automatic tries Gauss-Newton first.
     free
@@ -107,9 +104,7 @@ def estimate(
     """
     if not records:
         raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")
-    given = Choices(
-        cost=cost, equation_weight=equation_weight, method=method, interval=interval, defects=defects, solver=solver
-    )
+    given = Choices(cost=cost, equation_weight=equation_weight, method=method, interval=interval, solver=solver)
     file = aircraft_of(aircraft)
     read = records_of(records, maps or [], span=(begin, end))
     require_flight(read, "estimate")
@@ -123,13 +118,13 @@ def estimate(
             applied = flown_records(file, read, axes)
             problem = problem_of(given, applied, free)
             stage("estimation")
-            fit, found = fitted(given, problem)
+            fit = fitted(given, problem)
         except EstimationError as error:
             raise InputError(str(error)) from None
         stage("figures")
         answer = answer_of(fit, called_by(records, maps, aircraft, out))
         further = {"next": plain(answer.next)}
-        text = json.dumps(document(given, applied, fit, found) | further, indent=1)
+        text = json.dumps(document(applied, fit) | further, indent=1)
         (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
@@ -162,7 +157,6 @@ class Choices:
     equation_weight: float | None = None
     method: str = "multiple"
     interval: int | None = None
-    defects: str = "hard"
     solver: str = "automatic"
 
     def __post_init__(self) -> None:
@@ -170,48 +164,37 @@ class Choices:
             raise InputError(f"--equation-weight needs --cost combined, got --cost {self.cost}")
         if self.interval is not None and self.method != "multiple":
             raise InputError(f"--interval needs --method multiple, got --method {self.method}")
-        if self.defects == "soft" and (self.method != "multiple" or self.cost != "output"):
-            raise InputError(
-                f"--defects soft needs --method multiple and --cost output, got {self.method} and {self.cost}"
-            )
-
-    def shooting(self, default: int) -> int:
-        """Samples per shooting interval."""
-        return default if self.interval is None else self.interval
+        if self.cost == "filter" and (self.method != "multiple" or self.interval is not None):
+            raise InputError("--cost filter has a state at every sample; leave --method and --interval out")
 
 
 def problem_of(given: Choices, applied: FlownRecords, free: Sequence[str] | None) -> Problem:
     """The estimation problem of the options."""
-    cost = {"output": OutputError, "equation": EquationError, "combined": CombinedError}[given.cost]()
+    costs = {"output": OutputError, "equation": EquationError, "combined": CombinedError, "filter": OutputError}
+    cost = costs[given.cost]()
     if given.equation_weight is not None:
         cost = CombinedError(equation_weight=given.equation_weight)
     noise = {o: applied.aircraft.noise[o] for o in applied.model.outputs if o in applied.aircraft.noise}
-    complete = given.cost == "output" and len(noise) == len(applied.model.outputs)
+    complete = given.cost in ("output", "filter") and len(noise) == len(applied.model.outputs)
     globs = free or default_free(applied)
     biases = [glob for glob in globs if glob.startswith("bias_")]
     shared = [glob for glob in globs if glob not in biases]
     noise = noise if complete else None
-    return Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
+    made = Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
+    return replace(made, cost=noise_of_forces(made)) if given.cost == "filter" else made
 
 
-def fitted(given: Choices, problem: Problem) -> tuple[Fit, FilterFit | None]:
-    """The fit, and with soft defects the filter-error fit that gave its noise."""
-    solver = SOLVERS[given.solver]
-    if given.defects == "soft":
-        found = noise_of_forces(problem)
-        method = MultipleShooting(interval=given.shooting(1), process_noise=found.intensities)
-        return solve(with_measurement_noise(problem, found), method, solver), found
-    multiple = MultipleShooting(interval=given.shooting(INTERVAL))
+def fitted(given: Choices, problem: Problem) -> Fit:
+    """Solve the problem as the options say."""
+    multiple = MultipleShooting(interval=INTERVAL if given.interval is None else given.interval)
     methods = {"single": SingleShooting(), "multiple": multiple, "collocation": Collocation()}
-    return solve(problem, methods[given.method], solver), None
+    return solve(problem, methods[given.method], SOLVERS[given.solver])
 
 
-def document(given: Choices, applied: FlownRecords, fit: Fit, found: FilterFit | None) -> dict[str, Any]:
+def document(applied: FlownRecords, fit: Fit) -> dict[str, Any]:
     """The content of estimate.json."""
-    further: dict[str, Any] = {"aircraft": applied.aircraft.name, "axes": applied.axes, "defects": given.defects}
+    further: dict[str, Any] = {"aircraft": applied.aircraft.name, "axes": applied.axes}
     further["notes"] = {record.name: list(record.notes) for record in applied.records}
-    if found is not None:
-        further["filter_error"] = found.to_dict()
     return fit.to_dict() | further
 
 

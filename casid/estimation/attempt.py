@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from casid.arguments import given
 from casid.errors import EstimationError, InputError
+from casid.estimation.cost import OwnLikelihood
 from casid.estimation.integration import Attempt, integrated
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.effort import Effort
+from casid.estimation.solvers.following import FLAT
+from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.newton import to_second_order
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.own import OwnObjective
+from casid.estimation.solvers.solver import Outcome, linear_at
+from casid.estimation.solvers.status import Results
 from casid.estimation.solvers.timed import Timed
 from casid.estimation.transcriptions.dynamics import Dynamics
 from casid.estimation.transcriptions.transcription import SingleShooting, Transcription, as_stepping, is_implicit
@@ -29,8 +35,7 @@ _MOST_SECONDS = 600.0
 
 def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
     """Minimise from the problem's start, integrate as finely as the data require, and judge the end to second order."""
-    objective = build_objective(problem, method, solver.effort)
-    end = Attempt(objective=objective, outcome=solver.minimise(objective), method=method)
+    end = replace(_ended(problem, method, solver), fine=False)
     asked = getattr(method, "substeps", None)
     for _ in range(_ROUNDS):
         if (stepping := as_stepping(end.method)) is not None:
@@ -41,6 +46,34 @@ def attempted(problem: Problem, method: Transcription, solver: Timed) -> Attempt
         end = replace(end, objective=objective, outcome=outcome)
     outcome = to_second_order(end.objective, end.outcome, min(max(solver.left, _LEAST_SECONDS), _MOST_SECONDS))
     return replace(end, outcome=outcome)
+
+
+def likely(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
+    """The solution of a problem whose cost makes its likelihood itself.
+
+    A time constant of infinity is one of minus infinity: where a parameter ran off to where the data say nothing of it,
+    the way goes on from the other side.
+    """
+    end = _ended(problem, method, solver)
+    linear = linear_at(end.objective, end.outcome)
+    if end.outcome.status.result is not Results.NOT_IDENTIFIABLE or linear is None or solver.left <= 0.0:
+        return end
+    start = problem.start_vector
+    gone = np.isin(problem.parameters, lost(end.objective, linear, end.outcome.limit_multipliers))
+    gone &= np.abs(end.outcome.point.theta) > np.abs(start)
+    if not gone.any():
+        return end
+    turned = dict(zip(problem.parameters, np.where(gone, -start, start).tolist(), strict=True))
+    other = _ended(replace(problem, start=turned), method, solver)
+    if not other.outcome.converged or other.misfit > end.misfit + FLAT:
+        return end
+    iterations = end.outcome.iterations + other.outcome.iterations
+    return replace(other, outcome=replace(other.outcome, iterations=iterations))
+
+
+def _ended(problem: Problem, method: Transcription, solver: Timed) -> Attempt:
+    objective = build_objective(problem, method, solver.effort)
+    return Attempt(objective=objective, outcome=solver.minimise(objective), method=method, fine=True)
 
 
 def _freed(objective: Objective, outcome: Outcome, solver: Timed) -> tuple[Objective, Outcome]:
@@ -74,9 +107,13 @@ def _with_wider(problem: Problem, loose: np.ndarray) -> Problem:
     return replace(problem, initial_state=known)
 
 
-def build_objective(problem: Problem, method: Transcription, effort: Effort | None = None) -> Objective:
+def build_objective(problem: Problem, method: Transcription, effort: Effort | None = None) -> Any:
     """The residuals of a problem in a transcription, with a count of evaluations. Raises as `solve` does."""
     check_part(method, "dynamics", "transcription", "cs.MultipleShooting()")
+    if isinstance(problem.cost, OwnLikelihood):
+        if callable(check := getattr(problem.cost, "check_method", None)):
+            check(method)
+        return OwnObjective(problem, effort)
     if problem.simulated:
         return Objective(problem, method.dynamics(problem), effort=effort)
     if getattr(method, "process_noise", None):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -29,6 +29,43 @@ class Cost(Protocol):
     def equation_weight(self) -> float:
         """Weight of measured minus modelled right-hand sides."""
         ...
+
+
+@runtime_checkable
+class OwnLikelihood(Protocol):
+    """A cost that makes its likelihood itself, such as `FilterError`; weights it need not have."""
+
+    def likelihood(self, problem: Any) -> Any:
+        """The `Likelihood` of a problem. Raises EstimationError for a problem that it cannot take."""
+        ...
+
+
+class Likelihood(Protocol):
+    """-2 ln L = r'r + log determinant + m ln(2 pi), of m whitened residuals r as functions of the parameters.
+
+    Any object with these methods is one. Parameters are in the order of `problem.parameters`; their priors and limits
+    are those of the problem.
+    """
+
+    def residual(self, theta: np.ndarray) -> np.ndarray:
+        """(m,) predicted minus measured over its standard deviation, white at the truth; not finite where the
+        prediction departs."""
+        ...
+
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        """(m, parameters) derivative of `residual`."""
+        ...
+
+    def log_determinant(self, theta: np.ndarray) -> float:
+        """ln(determinant) of the covariance of the readings; a step takes it as constant."""
+        ...
+
+
+def weights_of(cost: Any) -> tuple[float, float]:
+    """Weights of the output and of the equation part of a cost; a likelihood of its own counts as one of outputs."""
+    if isinstance(cost, OwnLikelihood):
+        return 1.0, 0.0
+    return float(cost.output_weight), float(cost.equation_weight)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -162,6 +199,17 @@ def check_cost(cost: Any) -> None:
     expected = "expected cs.OutputError(), cs.EquationError(), cs.CombinedError() or an object of your own with both"
     if isinstance(cost, type):
         raise InputError(f"Problem: cost is the class {cost.__name__}; write cost={cost.__name__}()")
+    if isinstance(cost, OwnLikelihood):
+        return
+    name = type(cost).__name__
+    if not callable(getattr(cost, "equations", None)):
+        for method in ("residual", "residuals", "jacobian", "log_determinant"):
+            if callable(getattr(cost, method, None)):
+                raise InputError(
+                    f"Problem: cost is a {name} whose method '{method}' nothing would call; give it a method "
+                    "likelihood(problem) that returns an object with residual(theta), jacobian(theta) and "
+                    "log_determinant(theta)"
+                )
     weights: list[Any] = [getattr(cost, name, None) for name in ("output_weight", "equation_weight")]
     if None in weights:
         raise InputError(f"Problem: cost is {given(cost)}, without output_weight and equation_weight; {expected}")

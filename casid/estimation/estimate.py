@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from casid.estimation.results import final_status
 from casid.estimation.robust import solved_robustly
 from casid.estimation.solvers.newton import Automatic
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective, OwnObjective, Told
 from casid.estimation.solvers.solver import Outcome, Solver, linear_at
 from casid.estimation.solvers.timed import Timed, timed
 from casid.estimation.starts import best_of, confirmed
@@ -162,11 +164,13 @@ def _ended(problem: Problem, method: Transcription, solver: Solver, clock: Timed
 
 
 def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> Fit:
-    objective = end.attempt.objective
+    objective: Any = end.attempt.objective
     outcome = end.attempt.outcome
     method = end.attempt.method
     value = outcome.value
-    (measured, predicted), states = _signals(objective, outcome), _states(objective, outcome)
+    simulated = objective.dynamics is not None
+    told = objective.told(value) if isinstance(objective, OwnObjective) else _told(objective, outcome)
+    measured, predicted = told.measured, told.predicted
     likelihood = judged(end.attempt, end.coarse)
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))
@@ -191,25 +195,32 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
         stationarity=outcome.stationarity,
         defect=float(np.abs(value.defects).max(initial=0.0)),
         noise={n: float(sigma[i]) for i, n in enumerate(names) if levels.present[i]},
-        channels=channel_fits(names, measured, predicted),
-        noise_covariance=levels.matrix if levels.full else np.diag(sigma**2),
+        channels=channel_fits(names, measured, predicted) if measured else {},
+        noise_covariance=levels.matrix if levels.full else np.diag(sigma[: len(names)] ** 2),
         predictions=predicted,
         residuals=residuals,
-        states=states,
+        states=told.states,
+        process_noise=told.process_noise,
+        innovations=told.innovations,
         multipliers=outcome.limit_multipliers,
         method=type(method).__name__,
         solver=outcome.solver,
-        substeps=objective.layout.substeps if objective.dynamics is not None else 1,
+        substeps=objective.layout.substeps if simulated else 1,  # pyright: ignore
         way="; ".join(filter(None, (end.remark, likelihood.without))),
-        implicit=is_implicit(method) and objective.dynamics is not None and outcome.point.points is None,
+        implicit=is_implicit(method) and simulated and outcome.point.points is None,
     )
 
 
-def _errors(objective: Objective, outcome: Outcome) -> Uncertainty:
+def _errors(objective: AnyObjective, outcome: Outcome) -> Uncertainty:
     # None where the iteration ended where sensitivities overflow
     linear = linear_at(objective, outcome) if np.isfinite(outcome.value.cost) else None
     multipliers = outcome.limit_multipliers
     return Uncertainty(objective=objective, value=outcome.value, linear=linear, limit_multipliers=multipliers)
+
+
+def _told(objective: Objective, outcome: Outcome) -> Told:
+    measured, predicted = _signals(objective, outcome)
+    return Told(measured=measured, predicted=predicted, states=_states(objective, outcome))
 
 
 def _signals(objective: Objective, outcome: Outcome) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:

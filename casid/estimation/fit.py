@@ -73,6 +73,11 @@ class Fit:
         Length of a further Gauss-Newton step in standard deviations of the solution.
     defect
         Largest scaled state defect, zero but for rounding where defects are hard.
+    process_noise
+        Disturbance -> 1-sigma and correlation time [s] of the noise that drives it, 0 for white; of `FilterError`.
+    innovations
+        Record -> (N, channels) residuals over their standard deviation, white at the truth, 0 where not measured;
+        likewise.
     predictions, residuals
         Record -> (N, channels) in the order of `channels`; residual = measured - predicted, NaN where not measured.
     states
@@ -123,6 +128,8 @@ class Fit:
     solver: str
     substeps: int = 1
     implicit: bool = False
+    process_noise: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    innovations: Mapping[str, np.ndarray] = field(default_factory=dict)
     starts: Starts | None = None
     population: Mapping[str, Population] = field(default_factory=dict)
     way: str = ""
@@ -299,6 +306,7 @@ class Fit:
             "records": [record.name for record in self.problem.records],
             **plain(self, _IN_JSON),
             "correlation": {"names": list(self.parameters), "matrix": plain(self.correlations)},
+            **({"process_noise": _process_noise(self)} if self.process_noise else {}),
             **({"population": plain(self.population)} if self.population else {}),
         }
 
@@ -414,3 +422,7 @@ class Fit:
         for name, c in self.channels.items():
             lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
         return "\n".join(lines)
+
+
+def _process_noise(fit: Fit) -> dict[str, dict[str, float]]:
+    return {n: {"sigma": sigma, "correlation_time_s": tau} for n, (sigma, tau) in fit.process_noise.items()}

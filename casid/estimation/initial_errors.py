@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
 from casid.estimation.solvers.point import Linearised
 
 
@@ -37,11 +37,11 @@ class InitialErrors:
         return float(np.clip(share, 0.0, 1.0)[free].sum())
 
 
-def initial_errors(objective: Objective, linear: Linearised) -> InitialErrors | None:
+def initial_errors(objective: AnyObjective, linear: Linearised) -> InitialErrors | None:
     """At a linearisation; None where nothing is simulated. Raises numpy.linalg.LinAlgError where a record's states are
     not determined."""
     blocks = linear.blocks
-    if blocks is None:
+    if blocks is None or isinstance(objective, OwnObjective):
         return None
     n = len(objective.scale)
     records = len(objective.problem.records)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class Attempt:
     """End of a solver, with the objective and the transcription that it took; `fine`: with half the steps of
     integration the solution is the same."""
 
-    objective: Objective
+    objective: Any  # an `Objective`, or an `OwnObjective` where the cost makes its likelihood itself
     outcome: Outcome
     method: Transcription
     fine: bool = False

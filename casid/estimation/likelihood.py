@@ -12,6 +12,7 @@ from casid.estimation.integration import Attempt
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.full_noise import moments_of
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
 from casid.estimation.solvers.solver import Outcome
 from casid.estimation.solvers.status import Results
 from casid.model.simulate import cvodes_step, flown, steps_of
@@ -40,6 +41,8 @@ def judged(attempt: Attempt, coarse: bool) -> Judged:
     """
     objective = attempt.objective
     value = attempt.outcome.value
+    if isinstance(objective, OwnObjective):
+        return Judged(log_likelihood=objective.log_likelihood(value))
     problem = objective.problem
     levels = value.noise.levels
     squares = value.squares
@@ -91,14 +94,14 @@ def _residuals(problem: Problem, outputs: tuple[np.ndarray, ...]) -> np.ndarray:
     return np.concatenate([np.where(np.isfinite(z), y - z, 0.0) for z, y in pairs])
 
 
-def log_prior(objective: Objective, outcome: Outcome, given: np.ndarray) -> float:
+def log_prior(objective: AnyObjective, outcome: Outcome, given: np.ndarray) -> float:
     """ln of the normal densities of what has a prior: parameters, and initial states whose 1-sigma was `given`
     (records, states)."""
     problem = objective.problem
     point = outcome.point
     known = np.isfinite(problem.prior_std)
     total = _log_normal((point.theta - problem.nominal)[known], problem.prior_std[known])
-    if objective.dynamics is not None:
+    if isinstance(objective, Objective) and objective.dynamics is not None:
         given = given & ~objective.exact
         off = point.nodes[objective.layout.first] - objective.centre
         total += _log_normal(off[given], 1.0 / objective.initial_precision[given])

@@ -26,7 +26,7 @@ from casid.estimation.checks import (
     with_measured_states,
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
-from casid.estimation.cost import Cost, OutputError, RangeWeights, check_cost
+from casid.estimation.cost import Cost, OutputError, OwnLikelihood, RangeWeights, check_cost, weights_of
 from casid.estimation.initial_state import InitialState, of_record
 from casid.estimation.noise import Huber, Noise, StudentT
 from casid.model.feedback import SampledFeedback
@@ -114,7 +114,7 @@ class Problem:
     fixed: Mapping[str, float] = field(default_factory=dict)
     log: Sequence[str] = ()
     start: Mapping[str, float] = field(default_factory=dict)
-    cost: Cost = field(default_factory=OutputError)
+    cost: Cost | OwnLikelihood = field(default_factory=OutputError)
     noise: Mapping[str, float | str | Noise] | RangeWeights | StudentT | Huber | np.ndarray | str | None = None
     prior: bool = False
     constraints: Sequence[Constraint] = ()
@@ -157,6 +157,8 @@ class Problem:
         _check_combination(self)
         _check_formulas(self)
         _check_effects(self)
+        if callable(check := getattr(self.cost, "check", None)):  # a cost may say what it does not take
+            check(self)
         if self.model.histories:
             object.__setattr__(self, "records", tuple(map(self._with_histories, records, self.start_parameters)))
 
@@ -187,14 +189,13 @@ class Problem:
     def weights(self) -> tuple[float, float]:
         """Weights of the output and of the equation part of the cost; the outputs of a model without states are its
         equations."""
-        output = float(self.cost.output_weight)
-        equation = float(self.cost.equation_weight)
+        output, equation = weights_of(self.cost)
         return (output, equation) if self.model.states else (0.0, output + equation)
 
     @property
     def is_output_error(self) -> bool:
         """Return True if the cost is that of measured minus predicted outputs alone, as likelihood weighs them."""
-        return (float(self.cost.output_weight), float(self.cost.equation_weight)) == (1.0, 0.0)
+        return weights_of(self.cost) == (1.0, 0.0)
 
     @property
     def simulated(self) -> bool:

@@ -18,6 +18,7 @@ from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.limits import ParameterLimits
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
 from casid.estimation.transcriptions.transcription import MultipleShooting
 from casid.model.numbers import with_deviation
 from casid.model.system import bare_name
@@ -209,7 +210,7 @@ def _initial(fit: Any) -> Iterator[str]:
 
 
 def _errors(parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    if all(math.isnan(e.std) for e in parameters.values()):
+    if parameters and all(math.isnan(e.std) for e in parameters.values()):
         yield "no standard errors: as many unknowns as samples, and the noise is estimated with them"
 
 
@@ -218,12 +219,12 @@ _WORTH = 3.0  # ln(likelihood): odds of twenty to one between two models of as m
 _STEPS = 30  # of Gauss-Newton from the estimates
 
 
-def jump_remarks(objective: Objective, theta: np.ndarray) -> Iterator[str]:
+def jump_remarks(objective: AnyObjective, theta: np.ndarray) -> Iterator[str]:
     """A sentence for each input that jumps, runs linearly, and would explain the data better held; of the objective
     that was minimised, with its parameters theta."""
     problem = objective.problem
     sampled = problem.feedback is not None or problem.model.period is not None
-    if objective.dynamics is None or objective.soft or sampled:
+    if isinstance(objective, OwnObjective) or objective.dynamics is None or objective.soft or sampled:
         return
     names = [name for name in problem.model.inputs if any(_jumps(record, name) for record in problem.records)]
     if not names:

@@ -12,6 +12,7 @@ import scipy
 from scipy.special import ndtri
 
 from casid.errors import InputError
+from casid.estimation.cost import OwnLikelihood
 from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
 from casid.estimation.integration import MET
@@ -108,7 +109,12 @@ def confirmed(problem: Problem, first: Fit, tried: Callable[[Problem], Fit | Non
     """
     readings = sum(channel.samples for channel in first.channels.values())
     unknowns = len(problem.parameters) + int((problem.initial_knowledge[1] > 0.0).sum())
-    if not first.converged or first.iterations <= _LINEAR or readings > _FEW * unknowns:
+    if (
+        isinstance(problem.cost, OwnLikelihood)
+        or not first.converged
+        or first.iterations <= _LINEAR
+        or readings > _FEW * unknowns
+    ):
         return first
     starts = [replace(problem, start=start) for start in _beyond(problem, first)]
     ends = [end for one in starts if (end := tried(one)) is not None and end.converged]

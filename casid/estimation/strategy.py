@@ -26,7 +26,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.estimation.attempt import as_motion, attempted, build_objective
+from casid.estimation.attempt import as_motion, attempted, build_objective, likely
+from casid.estimation.cost import OwnLikelihood
 from casid.estimation.integration import MOST_STEPS, Attempt, doubt_of_steps, is_judged
 from casid.estimation.problem import Problem
 from casid.estimation.results import idle_parameters, ran_away
@@ -79,6 +80,8 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
 
 
 def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed) -> Ending:
+    if isinstance(problem.cost, OwnLikelihood):
+        return Ending(attempt=likely(problem, method, clock))
     asked = as_stepping(method)
     usual = usual_of(solver)
     if asked is None or not problem.simulated or asked.process_noise:

@@ -35,12 +35,10 @@ from casid.estimation.residual_colour import (
 )
 from casid.estimation.solvers.identified import Determined, determined, weakest
 from casid.estimation.solvers.levels import NoiseLevels
-from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective
 from casid.estimation.solvers.paths import HeldPaths, diagonal
 from casid.estimation.solvers.point import Levels, Linearised, ObjectiveValue
 from casid.estimation.solvers.quadratic import free_directions, inverse_along
-from casid.estimation.transcriptions.equation import EquationPart
-from casid.estimation.transcriptions.kernel import whitened
 from casid.frames import brief
 from casid.native.threads import single_threaded
 
@@ -72,7 +70,7 @@ class Uncertainty:
     noise of channel c; f_c is the channel's samples less the share of the unknowns that it determines.
     """
 
-    objective: Objective
+    objective: AnyObjective
     value: ObjectiveValue
     linear: Linearised | None
     limit_multipliers: np.ndarray
@@ -138,10 +136,8 @@ class Uncertainty:
 
     @property
     def _in_time(self) -> bool:
-        """Return True if there are residuals that follow each other in time: those of a regression have no order."""
-        objective = self.objective
-        equations = isinstance(objective.equations, EquationPart) and bool(objective.problem.model.states)
-        return self._inverse is not None and (objective.dynamics is not None or equations)
+        """Return True if there are residuals that follow each other in time."""
+        return self._inverse is not None and self.objective.in_time
 
     @cached_property
     def sides(self) -> np.ndarray:
@@ -500,7 +496,7 @@ def prior_information(information: np.ndarray, sums: Mapping[int, ChannelSums]) 
 
 
 def score_pieces(
-    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None = None
+    objective: AnyObjective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None = None
 ) -> Iterator[WhitePiece]:
     """Sensitivities and residuals of all records and channels, outputs before equations; with `paths` the sensitivities
     also to the unknowns of theirs."""
@@ -509,12 +505,12 @@ def score_pieces(
 
 
 def _pieces(
-    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
+    objective: AnyObjective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
 ) -> Iterator[WhitePiece]:
     """Every channel of a record, of the output and of the equation part."""
     columns = objective.problem.columns(r)
     columns = columns if paths is None else np.concatenate([columns, paths.columns(r)])
-    for first, rows, residuals, present in _parts(objective, value, linear, paths, r):
+    for first, rows, residuals, present in objective.parts(value, linear, paths, r):
         wide = np.pad(rows, ((0, 0), (0, 0), (0, len(columns) - rows.shape[2])))
         for c in range(residuals.shape[1]):
             seen = present[:, c]
@@ -524,42 +520,7 @@ def _pieces(
                 )
 
 
-def _parts(
-    objective: Objective, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
-) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
-    """(first channel, rows (m, c, f), weighted residuals (m, c), present (m, c)) of the output and of the equation
-    part, piece by piece: the rows of all samples would take most of the memory."""
-    outputs = 0
-    if value.trajectory is not None and objective.dynamics is not None:
-        layout = objective.layout
-        n = len(objective.scale)
-        weights = objective.whitening(value.noise.levels)
-        own = layout.segments_of(r)
-        outputs = layout.z.shape[2]
-        motion = -linear.reduced[r].ds_p
-        motion = motion if paths is None else np.concatenate([motion, paths.motion[r]], axis=2)
-        for slab in objective.dynamics.slabs(value.trajectory, value.parameters[layout.record], weights, own):
-            at = slab.segments, slab.samples
-            by_state = motion[slab.segments.start - own.start : slab.segments.stop - own.start, None]
-            rows = slab.rows[..., :n] @ by_state
-            rows[..., : slab.rows.shape[3] - n] += slab.rows[..., n:]
-            residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
-            present = layout.present[at] > 0
-            width = rows.shape[3]
-            yield (
-                0,
-                rows.reshape(residuals.size // outputs, outputs, width),
-                residuals.reshape(-1, outputs),
-                present.reshape(-1, outputs),
-            )
-    if value.equations is not None:
-        residuals = value.equations.residuals[r]
-        weighted = np.nan_to_num(residuals) * objective.equation_weights(value.noise.levels)
-        for samples, rows in objective.equation_slabs(value, r):
-            yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
-
-
-def freedom(objective: Objective, levels: Levels, told: float) -> float:
+def freedom(objective: AnyObjective, levels: Levels, told: float) -> float:
     """Factor N / (N - f) of the variance of noise that was estimated from N samples along with f unknowns; 1 where the
     noise was given, infinity where nothing is left of the samples.
 
@@ -569,7 +530,6 @@ def freedom(objective: Objective, levels: Levels, told: float) -> float:
     """
     if levels.fixed:
         return 1.0
-    unknown = told
+    unknown = told + objective.eliminated
     samples = levels.count
-    unknown += objective.equations.eliminated if objective.equations is not None else 0
     return samples / (samples - unknown) if samples > unknown + 1e-9 else math.inf

@@ -10,6 +10,7 @@ Without it the gallery leaves this example out.
 """
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -28,10 +29,10 @@ print(calm)
 
 # %%
 # The same with moving air: white process noise (a correlation time of 0 s), whose strength is estimated too.
-turbulent = cs.filter_error(problem, {"w_V": 0.0, "w_alpha": 0.0})
+turbulent = cs.solve(replace(problem, cost=cs.FilterError(process_noise={"w_V": 0.0, "w_alpha": 0.0})))
 print(f"{'':12} {'published':>10} {'output':>10} {'filter':>10} {'1-sigma':>9}")
 for name, value in hfb320.PUBLISHED.items():
-    mine = calm[name].value, turbulent.values[name], turbulent.std[name]
+    mine = calm[name].value, turbulent.values[name], turbulent[name].std
     print(f"{name:12} {value:10.4g} {mine[0]:10.4g} {mine[1]:10.4g} {mine[2]:9.2g}")
 
 # %%

@@ -21,7 +21,7 @@ from scipy.stats import binom
 
 from casid.analysis import bootstrap, profile
 from casid.estimation import Fit, OutputError, Problem, solve
-from casid.filtering.filter_error import filter_error
+from casid.filtering.filter_error import FilterError
 from casid.model.system import Model, define_model
 from casid.records.record import Record
 from problems.do328 import MOMENT_DERIVATIVES
@@ -261,8 +261,9 @@ def _ends(kind: str, fit: Fit, flown: Flown, task: Mapping[str, Any]) -> dict[st
         found = all(p.status == "found" for p in ends.values())
         return {n: [p.value, p.lower, p.upper] for n, p in ends.items()} if found else None
     if kind == "filter":
-        filtered = filter_error(Problem(_with_noise(), fit.problem.records, free=["*"]), {"noise_delta_e": 0.0})
-        return _normal(filtered.values, filtered.std) if filtered.converged else None
+        cost = FilterError(process_noise={"noise_delta_e": 0.0})
+        filtered = solve(Problem(_with_noise(), fit.problem.records, free=["*"], cost=cost))
+        return {n: [e.value, *e.interval] for n, e in filtered.parameters.items()} if filtered.converged else None
     noise = flown.input_noise if kind == "bootstrap_inputs" else {}
     drawn = bootstrap(fit, task["draws"], task["seed"], input_noise=noise)
     return {n: [fit.values[n], *drawn.interval(n, LEVEL)] for n in flown.truth}

@@ -96,7 +96,7 @@ def input_noise_errors(fit: Fit, sigma: Mapping[str, float], method: MultipleSho
 
 
 def with_noisy_inputs(model: Model, *inputs: str) -> Model:
-    """The model with a disturbance "noise_<input>" on each named input, whose noise `filter_error` then estimates.
+    """The model with a disturbance "noise_<input>" on each named input, whose noise `FilterError` then estimates.
     Raises InputError for a name that is no input."""
     check_known("input", inputs, model.inputs, "with_noisy_inputs")
     added = ca.SX.sym("noise", len(inputs))

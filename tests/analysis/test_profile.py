@@ -28,7 +28,7 @@ from casid.estimation import (
     solve,
 )
 from casid.estimation.transcriptions.steps import output_function, step_function
-from casid.filtering.filter_error import filter_error
+from casid.filtering.filter_error import FilterError
 from casid.model.system import define_model
 from casid.records.record import Record
 from problems.studies.input_noise import _Caused, _gains, _groups, input_noise_errors, with_noisy_inputs
@@ -344,10 +344,10 @@ def test_noisy_surfaces_are_in_the_covariance_and_in_the_filter():
     distance = [float(np.einsum("ri,rij,rj->", error, np.linalg.inv(c), error)) for c in (plain, honest)]
     assert low < distance[1] < high < distance[0]
     assert errors.share["Mde"] > 0.5 and errors.std["Mde"] ** 2 == pytest.approx(errors.covariance[4, 4])
-    filtered = filter_error(Problem(noisy_model, [record], free=["*"]), {"noise_delta_e": 0.0})
+    filtered = solve(Problem(noisy_model, [record], free=["*"], cost=FilterError(process_noise={"noise_delta_e": 0.0})))
     assert filtered.converged
-    assert filtered.noise.white["noise_delta_e"] == pytest.approx(sigma["delta_e"], rel=0.35)
-    np.testing.assert_allclose(list(filtered.std.values()), list(errors.std.values()), rtol=0.5)
+    assert filtered.process_noise["noise_delta_e"][0] == pytest.approx(sigma["delta_e"], rel=0.35)
+    np.testing.assert_allclose([e.std for e in filtered.parameters.values()], list(errors.std.values()), rtol=0.5)
 
 
 def test_residuals_that_the_inputs_do_not_explain_stay_measurement_noise():

@@ -113,7 +113,7 @@ MISUSES: list[tuple[str, str]] = [
     ("estimate {r} --aircraft {p} --interval 2.5", "2.5"),
     ("estimate {r} --aircraft {p} --free Cm_alhpa", "Cm_alpha"),
     ("estimate {r} --aircraft {p} --equation-weight 0.5", "--cost combined"),
-    ("estimate {r} --aircraft {p} --defects soft --method single", "--method multiple"),
+    ("estimate {r} --aircraft {p} --cost filter --method single", "leave --method"),
     ("estimate {r} --aircraft {p} --axes lateral-ish", "lateral-ish"),
     ("diagnose {r} --aircraft {p} --criteria {d}/none.toml", "none.toml"),
     ("diagnose {r} --aircraft {p} --map alpha", "alpha"),

@@ -15,7 +15,6 @@ import casid as cs
 from casid.errors import InputError
 from casid.estimation.attempt import build_objective
 from casid.estimation.working import along_splines
-from casid.filtering.filter_error import filter_error
 from casid.native import compiler
 
 A = np.array([[-0.8, 1.0], [-4.0, -1.3]])
@@ -242,10 +241,11 @@ def test_filter_error_takes_each_hold(hold):
     quiet = cs.simulate(model, record(np.zeros((len(T), 2)), u, hold), [0.0, 0.0], substeps=20)
     flown = record(quiet.outputs, u, hold, noise=0.02)
     problem = cs.Problem(model, flown, free=["*"], start=START, noise={"y0": 0.02, "y1": 0.02})
-    fit = filter_error(problem, {"w": 0.0})
+    problem = replace(problem, cost=cs.FilterError(process_noise={"w": 0.0}))
+    fit = cs.solve(problem)
     assert fit.converged and fit.problem is problem
     for name, truth in TRUTH.items():
-        assert abs(fit.values[name] - truth) < 4.0 * fit.std[name] + 0.01 * abs(truth)
+        assert abs(fit.values[name] - truth) < 4.0 * fit[name].std + 0.01 * abs(truth)
 
 
 def test_records_keep_their_holds(tmp_path):

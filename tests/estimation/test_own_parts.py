@@ -1,6 +1,6 @@
 """A cost, a transcription and a solver of a user's own, written against the protocols alone, without touching casid.
 
-Truth: casid's own result for the same minimum; scipy's least squares for a regression.
+Truth: casid's own result for the same minimum; scipy's least squares for a regression and for a likelihood.
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 from estimation_cases import NOISE, START, flight, short_period, with_derivatives
 from scipy.optimize import least_squares
+from scipy.stats import norm
 
 import casid as cs
 from casid.errors import InputError
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import moved
+from casid.estimation.solvers.point import moved, step_length
 from casid.estimation.solvers.solver import Outcome
 from casid.estimation.solvers.status import CONVERGED, out_of_steps
 from casid.estimation.transcriptions.dynamics import Dynamics
@@ -46,7 +47,7 @@ class Damped:
             iteration += 1
             value, _ = objective.relaxed(point, value)
             step = objective.step(point, value, objective.linearise(point, value), damping=0.1)
-            length = objective.length(step, value)
+            length = step_length(step, value)
             point = moved(point, step, 1.0)
             value = objective.value(point, value.noise)
         return Outcome(
@@ -192,3 +193,97 @@ def test_a_cost_may_make_its_equation_part_itself() -> None:
     cut = cs.solve(cs.Problem(short_period(), [half], free=["*"], start=START, cost=cs.EquationError()))
     assert own.values == pytest.approx(cut.values, rel=1e-9)
     assert np.allclose(own.covariance, cut.covariance, rtol=1e-6)
+
+
+@dataclass(frozen=True)
+class Correlated:
+    """The likelihood of the outputs of a regression with first-order noise of given size and correlation."""
+
+    sigma: float = 0.1
+    share: float = 0.6
+
+    def likelihood(self, problem: cs.Problem) -> _CorrelatedResiduals:
+        record = problem.records[0]
+        told = self.share ** np.abs(np.subtract.outer(np.arange(len(record)), np.arange(len(record))))
+        root = np.linalg.cholesky(self.sigma**2 * told)
+        return _CorrelatedResiduals(record["x"], record["y"], root)
+
+
+@dataclass(frozen=True)
+class _CorrelatedResiduals:
+    x: np.ndarray
+    y: np.ndarray
+    root: np.ndarray
+
+    def residual(self, theta: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.root, np.exp(theta[0] * self.x) + theta[1] * self.x - self.y)
+
+    def jacobian(self, theta: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.root, np.stack([self.x * np.exp(theta[0] * self.x), self.x], axis=1))
+
+    def log_determinant(self, theta: np.ndarray) -> float:
+        return 2.0 * float(np.log(np.diag(self.root)).sum())
+
+
+def correlated(**options: Any) -> cs.Problem:
+    """y = exp(a x) + b x with first-order noise."""
+    x = np.linspace(0.0, 2.0, 60)
+    model = cs.define_model(
+        "sum",
+        states=(),
+        inputs=("x",),
+        dynamics=lambda s: {},
+        parameters={"a": 0.1, "b": 0.0},
+        outputs=("y",),
+        output=lambda s: {"y": s.a * s.x + s.b},
+    )
+    told = 0.6 ** np.abs(np.subtract.outer(np.arange(60), np.arange(60)))
+    noise = 0.1 * np.linalg.cholesky(told) @ np.random.default_rng(3).standard_normal(60)
+    record = cs.Record(name="m1", t=x, channels={"x": x, "y": np.exp(0.5 * x) - 0.3 * x + noise})
+    return cs.Problem(model, [record], free=["*"], **{"cost": Correlated(), **options})
+
+
+@pytest.mark.parametrize("solver", [cs.Automatic(), cs.GaussNewton()], ids=repr)
+def test_a_cost_may_make_its_likelihood_itself(solver: Any) -> None:
+    """Truth: scipy's least squares of the same whitened residuals, the density of scipy.stats, and the covariance
+    (J'J)^-1; within a limit scipy's bounded solution."""
+    posed = correlated()
+    fit = cs.solve(posed, solver=solver)
+    own = Correlated().likelihood(posed)
+    theirs = least_squares(own.residual, [0.1, 0.0], xtol=1e-15, ftol=1e-15, gtol=1e-15)
+    assert fit.converged and not fit.remarks
+    np.testing.assert_allclose(list(fit.values.values()), theirs.x, rtol=1e-5)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(theirs.jac.T @ theirs.jac), rtol=1e-4)
+    density = norm.logpdf(theirs.fun).sum() - np.log(np.diag(own.root)).sum()
+    assert fit.log_likelihood == pytest.approx(density, abs=1e-6)
+    bounded = cs.solve(correlated(constraints=[cs.limit_parameter("a", upper=0.4)]), solver=solver)
+    within = least_squares(own.residual, [0.1, 0.0], bounds=([-9.0, -9.0], [0.4, 9.0]), xtol=1e-15)
+    np.testing.assert_allclose(list(bounded.values.values()), within.x, rtol=1e-4)
+
+
+@dataclass(frozen=True)
+class Ignored(MostlyOutputs):
+    """A cost with a residual of its own, which nothing would call."""
+
+    def residual(self, theta: np.ndarray) -> np.ndarray:
+        return theta
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """A solver that forgets to return, and a likelihood without a method."""
+
+    def minimise(self, objective: Objective) -> None:
+        objective.start()
+
+    def likelihood(self, problem: cs.Problem) -> object:
+        return self
+
+
+def test_parts_of_ones_own_that_would_be_ignored_are_refused() -> None:
+    with pytest.raises(cs.InputError, match="Ignored whose method 'residual' nothing would call"):
+        problem(cost=Ignored())
+    with pytest.raises(cs.InputError, match="Nothing.minimise returned is None"):
+        cs.solve(problem(), solver=Nothing())  # pyright: ignore[reportArgumentType]
+    with pytest.raises(cs.InputError, match="without a method 'residual'"):
+        cs.solve(correlated(cost=Nothing()))

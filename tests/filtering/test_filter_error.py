@@ -3,19 +3,32 @@ published lift slope of the HFB-320."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from estimation_cases import NOISE, TRUTH, flight
 
+import casid as cs
 from casid.errors import EstimationError, InputError
-from casid.estimation import CombinedError, MultipleShooting, Noise, Problem, limit_parameter, solve
-from casid.filtering.filter_error import filter_error, predict
-from casid.filtering.innovations import NoiseModel, PointFunctions, make_batch
-from casid.filtering.kalman import kalman_filter, residual_column
+from casid.estimation import (
+    Collocation,
+    Fit,
+    Ipopt,
+    MultipleShooting,
+    Noise,
+    Problem,
+    SingleShooting,
+    limit_parameter,
+    limit_trajectory,
+    solve,
+)
+from casid.estimation.solvers.own import OwnObjective
+from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point
+from casid.filtering.filter_error import FilterError
+from casid.filtering.likelihood import FilterLikelihood
 from casid.filtering.noise_score import unit_variances, variance_score
-from casid.filtering.system import FilterSystem, evaluate_step
 from casid.model.simulate import simulate
 from casid.model.system import Model, define_model
 from casid.records.record import Record
@@ -70,6 +83,17 @@ def far(problem_nominal: float = 0.7) -> dict[str, float]:
     return {name: problem_nominal * value for name, value in TRUTH.items()}
 
 
+def filtered(problem: Problem, process_noise: dict[str, float]) -> Fit:
+    """The fit of a problem by filter error."""
+    return solve(replace(problem, cost=FilterError(process_noise=process_noise)))
+
+
+def one_step(problem: Problem, values: Mapping[str, float], noise: Mapping[str, float], white: Mapping[str, float]):
+    """The prediction of a problem's records from sample to sample, everything given."""
+    cost = FilterError(process_noise=dict.fromkeys(white, 0.0), sigma=white)
+    return solve(Problem(problem.model, problem.records, fixed=values, noise=noise, cost=cost))
+
+
 def squared_distance(fit) -> float:
     """Chi-square of the estimates against the truth."""
     error = np.array([fit.values[n] - TRUTH[n] for n in TRUTH])
@@ -79,14 +103,14 @@ def squared_distance(fit) -> float:
 def test_parameters_and_all_noises_are_recovered():
     """White process noise; estimates within the 0.999 chi-square bound, noises within four standard errors."""
     problem = Problem(gusty(far()), [flown(1, WHITE), flown(2, WHITE, name="m2")], free=["*"])
-    fit = filter_error(problem, {"w_alpha": 0.0, "w_q": 0.0})
+    fit = filtered(problem, {"w_alpha": 0.0, "w_q": 0.0})
     assert fit.converged, fit.status
     assert squared_distance(fit) < 20.5
     for name, sigma in WHITE.items():
-        assert fit.noise.white[name] == pytest.approx(sigma, rel=0.15), name
+        assert fit.process_noise[name][0] == pytest.approx(sigma, rel=0.15), name
     for name, sigma in NOISE.items():
-        assert fit.noise.measurement[name] == pytest.approx(sigma, rel=0.15), name
-    white = np.concatenate(list(fit.innovations.white.values()))
+        assert fit.noise[name] == pytest.approx(sigma, rel=0.15), name
+    white = np.concatenate(list(fit.innovations.values()))
     for i in range(2):
         e = white[:, i]
         assert abs(float(e[1:] @ e[:-1] / (e @ e))) < 4.0 / np.sqrt(len(e))
@@ -118,13 +142,13 @@ def test_states_without_a_channel_and_parameters_from_far_away(factor: float):
 
     start = {name: factor * value for name, value in truth.items()}
     problem = Problem(model=model, records=[record], free=["*"], start=start)
-    found = filter_error(problem, {"w_v": 0.0})
+    found = filtered(problem, {"w_v": 0.0})
 
     assert found.status == "converged"
     for name, value in truth.items():
-        assert abs(found.values[name] - value) < 3.0 * found.std[name]
-    begun = predict(problem, start, found.noise)
-    assert begun.log_likelihood < found.innovations.log_likelihood - (20.0 if factor != 1.0 else 0.0)
+        assert abs(found.values[name] - value) < 3.0 * found[name].std_cramer_rao
+    begun = one_step(problem, start, found.noise, {"w_v": found.process_noise["w_v"][0]})
+    assert begun.log_likelihood < found.log_likelihood - (20.0 if factor != 1.0 else 0.0)
 
 
 def lagging(moved: float = 1.0) -> tuple[Model, Record]:
@@ -151,69 +175,66 @@ def test_a_lag_of_the_wrong_sign_comes_to_the_solution_from_near(factor: float):
     """Its time constant runs off to minus infinity, where the lag is none. The truth is the fit from 0.4 s."""
     model, record = lagging()
     near, far = (
-        filter_error(Problem(model, [record], free=["T"], start={"T": 0.4 * f}), {"w_x": 0.0}) for f in (1.0, factor)
+        filtered(Problem(model, [record], free=["T"], start={"T": 0.4 * f}), {"w_x": 0.0}) for f in (1.0, factor)
     )
     assert near.converged and far.converged
-    assert far.values["T"] == pytest.approx(near.values["T"], abs=0.01 * near.std["T"])
-    assert far.std["T"] == pytest.approx(near.std["T"], rel=1e-3)
+    assert far.values["T"] == pytest.approx(near.values["T"], abs=0.01 * near["T"].std_cramer_rao)
+    assert far["T"].std_cramer_rao == pytest.approx(near["T"].std_cramer_rao, rel=1e-3)
 
 
 def test_what_the_data_say_nothing_of_is_no_estimate():
     """The gain of an input that stands still."""
     model, record = lagging(moved=0.0)
-    fit = filter_error(Problem(model, [record], free=["T", "gain"]), {"w_x": 0.0})
+    fit = filtered(Problem(model, [record], free=["T", "gain"]), {"w_x": 0.0})
     assert fit.status.startswith("not identifiable") and "gain" in fit.status
-    assert np.isnan(fit.std["gain"])
+    assert np.isnan(fit["gain"].std_cramer_rao)
 
 
 def test_a_gust_is_told_from_noise_of_the_vane():
     """A Gauss-Markov gust that the vane sees: its r.m.s. and the vane's own noise."""
     problem = Problem(gusty(far()), [flown(s, {}, GUST, name=f"m{s}") for s in (3, 4)], free=["*"])
-    fit = filter_error(problem, {"gust": TIME})
+    fit = filtered(problem, {"gust": TIME})
     assert fit.converged, fit.status
-    sigma, tau = fit.noise.coloured["gust"]
+    sigma, tau = fit.process_noise["gust"]
     assert tau == TIME and sigma == pytest.approx(GUST, rel=0.25)
-    assert fit.noise.measurement["alpha"] == pytest.approx(NOISE["alpha"], rel=0.2)
+    assert fit.noise["alpha"] == pytest.approx(NOISE["alpha"], rel=0.2)
     assert squared_distance(fit) < 20.5
 
 
 def test_without_process_noise_it_is_output_error():
     record = flown(5, {})
     problem = Problem(gusty(far()), [record], free=["*"])
-    ours, theirs = filter_error(problem, {}), solve(problem, MultipleShooting())
+    ours, theirs = filtered(problem, {}), solve(problem, MultipleShooting())
     assert ours.converged
     for name in TRUTH:
         # the priors of the initial state differ: five scales here, one there
         assert abs(ours.values[name] - theirs[name].value) < 0.02 * theirs[name].std_cramer_rao
-        assert ours.std[name] == pytest.approx(theirs[name].std_cramer_rao, rel=0.01)
+        assert ours[name].std_cramer_rao == pytest.approx(theirs[name].std_cramer_rao, rel=0.01)
     for name in NOISE:
-        assert ours.noise.measurement[name] == pytest.approx(theirs.noise[name], rel=5e-3)
+        assert ours.noise[name] == pytest.approx(theirs.noise[name], rel=5e-3)
 
 
 def test_given_noise_is_kept():
     problem = Problem(gusty(far()), [flown(6, WHITE)], free=["*"], noise=NOISE)
-    fit = filter_error(problem, {"w_alpha": 0.0, "w_q": 0.0})
-    assert dict(fit.noise.measurement) == NOISE and fit.converged
-    again = solve(problem, MultipleShooting(interval=1, process_noise=fit.intensities))
+    fit = filtered(problem, {"w_alpha": 0.0, "w_q": 0.0})
+    assert dict(fit.noise) == NOISE and fit.converged
+    intensities = {name: sigma * np.sqrt(DT) for name, (sigma, _) in fit.process_noise.items()}
+    again = solve(problem, MultipleShooting(interval=1, process_noise=intensities))
     # soft defects with this noise give the same, but for the slope of the determinant: within a standard error
     for name in TRUTH:
         assert abs(again[name].value - fit.values[name]) < 1.0 * again[name].std
-        assert again[name].std == pytest.approx(fit.std[name], rel=0.1)
+        assert again[name].std == pytest.approx(fit[name].std_cramer_rao, rel=0.1)
 
 
-def system_at_truth(records, noise: NoiseModel) -> tuple[FilterSystem, np.ndarray, np.ndarray]:
-    problem = Problem(gusty(), records, free=["*"])
-    taus = dict.fromkeys(noise.white, 0.0) | {n: tau for n, (_, tau) in noise.coloured.items()}
-    batch = make_batch(problem.model, records)
-    system = FilterSystem(
-        problem=problem,
-        batch=batch,
-        functions=PointFunctions(problem.model, problem.shared),
-        correlation_time=taus,
-        measurement=None,
-    )
-    X = np.stack([problem.model.guess(r) for r in records], axis=1)
-    return system, np.array(list(TRUTH.values())), X
+def at_truth(records, gust: bool = False) -> tuple[OwnObjective, Point, ObjectiveValue]:
+    """The likelihood at the true parameters and noise, about the readings."""
+    times = dict.fromkeys(WHITE, 0.0) | ({"gust": TIME} if gust else {})
+    problem = Problem(gusty(), records, free=["*"], cost=FilterError(process_noise=times))
+    objective = OwnObjective(problem)
+    process = np.log([*WHITE.values(), *([GUST] if gust else [])])
+    levels = replace(objective.noise.levels, sigma=np.array(list(NOISE.values())))
+    point = replace(objective.start(), theta=np.array(list(TRUTH.values())))
+    return objective, point, objective.value(point, NoiseState(levels=levels, process=process))
 
 
 def test_score_of_the_variances_is_the_slope_of_the_likelihood():
@@ -222,43 +243,38 @@ def test_score_of_the_variances_is_the_slope_of_the_likelihood():
     hidden = record["q"].copy()
     hidden[40:60] = np.nan
     records = [record.with_channels(q=hidden), flown(8, WHITE, GUST, samples=150, name="m2")]
-    noise = NoiseModel(measurement=NOISE, white=WHITE, coloured={"gust": (GUST, TIME)})
-    system, theta, X = system_at_truth(records, noise)
-    linear = system.linearise(theta, X)
+    objective, point, value = at_truth(records, gust=True)
+    likelihood = objective.own
+    assert isinstance(likelihood, FilterLikelihood)
     log_sigma = np.log([*NOISE.values(), *WHITE.values(), GUST])
 
     def deviance(trial: np.ndarray) -> float:
-        return evaluate_step(system, theta, linear, system.noise(trial), np.zeros(len(theta))).deviance
+        levels = replace(value.noise.levels, sigma=np.exp(trial[:2]))
+        return 2.0 * objective.misfit(objective.value(point, NoiseState(levels=levels, process=trial[2:])))
 
-    kalman = kalman_filter(linear, system.noise(log_sigma))
-    white = kalman.whiten(linear.residual[..., None], -linear.defect[..., None])[..., 0]
-    slope = (
-        variance_score(kalman, white, unit_variances(linear, noise, measurement=True)) * 2.0 * np.exp(2.0 * log_sigma)
-    )
+    here = value.own.kept
+    units = unit_variances(here.linear, likelihood.noise_model(value.noise), measurement=True)
+    white = -value.own.residual.reshape(here.linear.residual.shape)
+    slope = variance_score(here.filter, white, units) * 2.0 * np.exp(2.0 * log_sigma)
     for i, name in enumerate((*NOISE, *WHITE, "gust")):
         step = 1e-4 * np.eye(len(log_sigma))[i]
         expected = (deviance(log_sigma + step) - deviance(log_sigma - step)) / 2e-4
         assert slope[i] == pytest.approx(expected, rel=1e-5, abs=1e-5), name
 
 
-def test_slopes_together_are_the_difference_quotient_of_the_likelihood():
+def test_the_gradient_is_the_difference_quotient_of_the_likelihood():
     """Sensitivities of the innovations and the slope through their covariance, against central differences; the system
-    is linear, so that the likelihood does not depend on the trajectory it is linearised about."""
-    noise = NoiseModel(measurement=NOISE, white=WHITE)
-    system, theta, X = system_at_truth([flown(9, WHITE, samples=200)], noise)
-    linear = system.linearise(theta, X)
-    linear = system.linearise(theta, X + kalman_filter(linear, noise).smooth(*residual_column(linear))[0][..., :2])
-    none = np.zeros(len(theta))
-    step = evaluate_step(system, theta, linear, noise, none)
-    std = np.sqrt(np.diag(step.covariance))
-    slope = system.covariance_slope(theta, linear, noise) - 2.0 * np.linalg.solve(step.covariance, step.change)
-    for i in range(len(theta)):
-        shift = 0.02 * std[i] * np.eye(len(theta))[i]
+    is linear, so that the likelihood does not depend on the motion it is linearised about."""
+    objective, point, value = at_truth([flown(9, WHITE, samples=200)])
+    linear = objective.linearise(point, objective.bent(value))
+    std = np.sqrt(np.diag(np.linalg.inv(linear.hessian)))
+    for i in range(len(std)):
+        shift = 0.02 * std[i] * np.eye(len(std))[i]
         sides = [
-            evaluate_step(system, theta + s * shift, system.linearise(theta + s * shift, X), noise, none).deviance
+            objective.misfit(objective.value(replace(point, theta=point.theta + s * shift), value.noise))
             for s in (1, -1)
         ]
-        assert slope[i] * std[i] == pytest.approx((sides[0] - sides[1]) / 0.04, rel=1e-2, abs=1e-2)
+        assert linear.gradient[i] * std[i] == pytest.approx((sides[0] - sides[1]) / 0.04, rel=1e-2, abs=1e-2)
 
 
 def test_per_record_parameters_have_their_own_value():
@@ -278,50 +294,94 @@ def test_per_record_parameters_have_their_own_value():
     )
     one, other = flown(10, {"w_q": 0.1}), flown(11, {"w_q": 0.1}, name="m2")
     problem = Problem(model, [one, other.with_channels(q=other["q"] + 0.05)], free=["M*"], per_record=["bias_q"])
-    fit = filter_error(problem, {"w_q": 0.0})
+    fit = filtered(problem, {"w_q": 0.0})
     for name, truth in {"bias_q[m1]": 0.0, "bias_q[m2]": 0.05}.items():
-        assert abs(fit.values[name] - truth) < 4.0 * fit.std[name] < 0.02
-    unseen = replace(problem, records=[one])
-    assert (
-        predict(unseen, fit.values, fit.noise).log_likelihood
-        > predict(unseen, {**fit.values, "bias_q[m1]": 0.05}, fit.noise).log_likelihood
-    )
+        assert abs(fit.values[name] - truth) < 4.0 * fit[name].std_cramer_rao < 0.02
+    white = {"w_q": fit.process_noise["w_q"][0]}
+    values = {**{name: fit.values[name] for name in problem.shared}, "bias_q": fit.values["bias_q[m1]"]}
+    unseen = replace(problem, records=[one], per_record=())
+    right, wrong = (one_step(unseen, values | bias, fit.noise, white) for bias in ({}, {"bias_q": 0.05}))
+    assert right.log_likelihood > wrong.log_likelihood
 
 
 def test_prediction_on_unseen_records_prefers_the_truth():
-    unseen = Problem(gusty(), [flown(12, WHITE)], free=["*"])
-    noise = NoiseModel(measurement=NOISE, white=WHITE)
-    right = predict(unseen, TRUTH, noise)
-    assert np.nanmean(np.concatenate(list(right.white.values()))[20:] ** 2) == pytest.approx(1.0, abs=0.1)
+    unseen = Problem(gusty(), [flown(12, WHITE)])
+    right = one_step(unseen, TRUTH, NOISE, WHITE)
+    assert np.nanmean(np.concatenate(list(right.innovations.values()))[20:] ** 2) == pytest.approx(1.0, abs=0.1)
     for wrong in ({**TRUTH, "Ma": -3.0}, {**TRUTH, "Mq": -1.2}):
-        assert predict(unseen, wrong, noise).log_likelihood < right.log_likelihood
-    assert predict(unseen, TRUTH, NoiseModel(measurement=NOISE)).log_likelihood < right.log_likelihood
+        assert one_step(unseen, wrong, NOISE, WHITE).log_likelihood < right.log_likelihood
+    assert one_step(unseen, TRUTH, NOISE, {}).log_likelihood < right.log_likelihood
+
+
+def test_a_limit_holds():
+    """Truth: the free estimate where the limit does not act; at a limit beyond it the limit itself, with the other
+    parameters at their optimum for it, which is the fit with that value fixed."""
+    problem = Problem(gusty(), [flown(14, WHITE)], free=["*"])
+    noise = dict.fromkeys(WHITE, 0.0)
+    free = filtered(problem, noise)
+    loose = filtered(replace(problem, constraints=[limit_parameter("Mq", upper=0.0)]), noise)
+    assert loose.values["Mq"] == pytest.approx(free.values["Mq"], abs=0.02 * free["Mq"].std)
+    limit = free.values["Mq"] - 2.0 * free["Mq"].std
+    held = filtered(replace(problem, constraints=[limit_parameter("Mq", upper=limit)]), noise)
+    fixed = filtered(replace(problem, fixed={"Mq": limit}), noise)
+    assert held.converged and held.values["Mq"] == pytest.approx(limit, rel=1e-9)
+    assert held.log_likelihood == pytest.approx(fixed.log_likelihood, abs=0.01)
+    for name in fixed.values:
+        assert held.values[name] == pytest.approx(fixed.values[name], abs=0.05 * fixed[name].std), name
+    assert held["Mq"].interval[1] == pytest.approx(limit, abs=1e-6 * abs(limit))
+
+
+def test_a_fit_is_one_like_any_other(tmp_path):
+    """It is saved and read, tabled, predicted and drawn; its residuals are those of one step, white at the truth."""
+    record = flown(15, WHITE)
+    fit = filtered(Problem(gusty(), [record], free=["*"]), dict.fromkeys(WHITE, 0.0))
+    fit.save(tmp_path / "fit.casid")
+    back = cs.load(tmp_path / "fit.casid")
+    assert back.values == fit.values and back.process_noise == fit.process_noise
+    np.testing.assert_array_equal(back.innovations["m1"], fit.innovations["m1"])
+    assert list(fit.to_frame().index) == list(fit.values)
+    assert fit.to_dict()["process_noise"]["w_q"]["correlation_time_s"] == 0.0
+    np.testing.assert_allclose(fit.predictions["m1"] + fit.residuals["m1"], record.matrix(["alpha", "q"]))
+    open_loop = fit.predict(record)
+    assert np.std(record["q"] - open_loop.output("q")) > np.std(fit.residuals["m1"][:, 1])
+    assert fit.plot() is not None
+    told = cs.identifiability(fit)
+    expected = np.sqrt(np.diagonal(np.linalg.inv(fit.covariance)) * np.diagonal(fit.covariance))
+    np.testing.assert_allclose(list(told.inflation.values()), expected, rtol=0.01)
+    with pytest.raises(EstimationError, match="FilterError cannot be drawn"):
+        cs.bootstrap(fit, 2, 0)
+    profiled = cs.profile(fit, ["Mq"])["Mq"]
+    assert profiled.upper - profiled.lower == pytest.approx(2.0 * 1.96 * fit["Mq"].std_cramer_rao, rel=0.1)
 
 
 def test_what_it_does_not_do_is_said():
-    problem = Problem(gusty(), [flown(13, {}, samples=100)], free=["*"])
+    noise = {"w_q": 0.0}
+    problem = Problem(gusty(), [flown(13, {}, samples=100)], free=["*"], cost=FilterError(process_noise=noise))
     with pytest.raises(InputError, match="did you mean 'w_q'"):
-        filter_error(problem, {"w_qq": 0.0})
-    with pytest.raises(EstimationError, match="correlation time"):
-        filter_error(problem, {"w_q": -1.0})
-    with pytest.raises(EstimationError, match="takes OutputError"):
-        filter_error(replace(problem, cost=CombinedError()), {"w_q": 0.0})
+        replace(problem, cost=FilterError(process_noise={"w_qq": 0.0}))
+    with pytest.raises(InputError, match="correlation time"):
+        FilterError(process_noise={"w_q": -1.0})
+    with pytest.raises(InputError, match="did you mean 'w_q'"):
+        FilterError(process_noise=noise, sigma={"w_qq": 1.0})
     formulas: dict[str, float | str | Noise] = {name: Noise(sigma=lambda at: 0.01) for name in NOISE}
-    with pytest.raises(EstimationError, match="a channel or a formula"):
-        filter_error(replace(problem, noise=formulas), {"w_q": 0.0})
-    with pytest.raises(EstimationError, match="no constraints"):
-        filter_error(replace(problem, constraints=[limit_parameter("Mq", upper=0.0)]), {"w_q": 0.0})
-    with pytest.raises(InputError, match="unknown value 'Ma'"):
-        predict(problem, {n: v for n, v in TRUTH.items() if n != "Ma"}, NoiseModel(measurement=NOISE))
+    with pytest.raises(EstimationError, match="noise by formula"):
+        replace(problem, noise=formulas)
+    with pytest.raises(EstimationError, match="limits of states"):
+        replace(problem, constraints=[limit_trajectory("alpha", upper=1.0)])
+    for method in (SingleShooting(), Collocation(), MultipleShooting(substeps=2)):
+        with pytest.raises(EstimationError, match="a state at every sample"):
+            solve(problem, method)
+    with pytest.raises(EstimationError, match="no form as a nonlinear programme"):
+        solve(problem, solver=Ipopt())
 
 
 def test_hfb320_lift_slope_with_process_noise_is_the_published_one(flight_data):
     """Output error 3.1, filter error 4.3 to 4.5 per rad (Jategaonkar, Flight Vehicle System Identification, ch. 5)."""
     problem = hfb320.problem(hfb320.record_from(flight_data / "hfb320_1_10.asc"))
-    fit = filter_error(problem, {"w_V": 0.0, "w_alpha": 0.0})
+    fit = filtered(problem, {"w_V": 0.0, "w_alpha": 0.0})
     assert fit.converged, fit.status
     assert 4.3 < fit.values["CL_alpha"] < 4.5
-    assert fit.innovations.log_likelihood > filter_error(problem, {}).innovations.log_likelihood + 1000.0
+    assert fit.log_likelihood > filtered(problem, {}).log_likelihood + 1000.0
 
 
 @pytest.mark.parametrize("output", ["x", "y"])
@@ -341,10 +401,10 @@ def test_an_estimate_is_the_same_in_any_unit_of_the_states(output, unit):
         output=lambda s: {output: s.x},
     )
     found = [
-        filter_error(Problem(model, [Record(name="r", t=t, channels={output: size * y})], free=["k"]), {})
+        filtered(Problem(model, [Record(name="r", t=t, channels={output: size * y})], free=["k"]), {})
         for size in (1.0, unit)
     ]
     assert all(fit.converged for fit in found)
-    assert abs(found[1].values["k"] - found[0].values["k"]) < 1e-4 * found[0].std["k"]
-    assert found[1].std["k"] == pytest.approx(found[0].std["k"], rel=1e-4)
-    assert found[1].noise.measurement[output] == pytest.approx(unit * found[0].noise.measurement[output], rel=1e-4)
+    assert abs(found[1].values["k"] - found[0].values["k"]) < 1e-4 * found[0]["k"].std_cramer_rao
+    assert found[1]["k"].std_cramer_rao == pytest.approx(found[0]["k"].std_cramer_rao, rel=1e-4)
+    assert found[1].noise[output] == pytest.approx(unit * found[0].noise[output], rel=1e-4)

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from casid.estimation.solvers.gauss_newton import Iteration
-from casid.estimation.solvers.point import Linearised, SolverStep, moved
+from casid.estimation.solvers.iteration import Iteration
+from casid.estimation.solvers.point import Linearised, SolverStep, moved, step_length
 from casid.estimation.solvers.quadratic import own_curvature
 from casid.estimation.solvers.status import CONVERGED, NO_DESCENT, Status
 
@@ -48,7 +48,7 @@ class DampedSearch:
         """The step with this damping, which shows how near the solution is."""
         step = self._step(at, linear, damping)
         if step is not None:
-            at.stationarity = at.objective.length(step, at.value)
+            at.stationarity = step_length(step, at.value)
             at.multipliers = step.limit_multipliers
         return step
 

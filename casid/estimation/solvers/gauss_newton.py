@@ -1,25 +1,30 @@
-"""Gauss-Newton on the structured problem: one iteration, and a search by a filter with full steps where that allows."""
+"""Gauss-Newton on the structured problem: a search by a filter, with full steps where that allows."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from casid.arguments import require
-from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point, SolverStep, moved
+from casid.estimation.solvers.following import FollowingSearch
+from casid.estimation.solvers.iteration import NEAR, Iteration
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
+from casid.estimation.solvers.point import (
+    Linearised,
+    ObjectiveValue,
+    Point,
+    SolverStep,
+    moved,
+    step_length,
+)
 from casid.estimation.solvers.search import longest, tenfold
 from casid.estimation.solvers.solver import Outcome, check_limits
 from casid.estimation.solvers.status import (
     CONVERGED,
-    CREEPS,
-    DIVERGES,
     INFEASIBLE,
     NO_DESCENT,
     Status,
-    out_of_steps,
     status_of,
 )
 from casid.estimation.solvers.timed import Clock
@@ -59,116 +64,23 @@ class GaussNewton:
         check_limits(self)
         require(self.patient, bool, "GaussNewton: patient", "patient=True or patient=False")
 
-    def minimise(self, objective: Objective) -> Outcome:
+    def minimise(self, objective: AnyObjective) -> Outcome:
         """Minimise the objective; it never raises for a bad course of the iteration, the status states what
         happened."""
         iteration = Iteration(objective, Clock(self.seconds, objective), self.tolerance)
-        return iteration.run(FilterSearch(iteration), self.iterations, patient=self.patient)
+        search = FilterSearch(iteration)
+        if isinstance(objective, OwnObjective) and objective.own.follows:
+            search = FollowingSearch(iteration, objective)
+        return iteration.run(search, self.iterations, patient=self.patient)
 
 
-_DEFECT = 1e-8
 _LEAST = 1e-8  # damping beyond none
 _MOST = 1e6
 _WHOLE = 1e-3  # damping that leaves a step whole
-_ROUNDED = 1e-4  # standard deviations: a smaller step that finds no descent is rounding
 _SHORTEST = 1e-4  # part of a step
-_NEAR = 0.05  # of the residual norm: closer than this the noise is estimated with the parameters
 # of the last step's length: that goes back; of the squared one: along the last step
 _OVERSHOT = 0.5
 _ALIGNED = 0.5
-# iterations that are looked at, and those that may still be needed at their rate
-_COURSE = 15
-_TOO_MANY = 100
-
-
-class Search(Protocol):
-    """Finds the next point of an iteration."""
-
-    relaxing: bool  # whether the noise follows the residuals
-
-    def advance(self, at: Iteration, linear: Linearised) -> Status | None:
-        """Move to a better point by the linearisation at the present one; a status when that ends the iteration."""
-        ...
-
-
-class Iteration:
-    """State of one minimisation from the objective's start: its point with value and linearisation."""
-
-    def __init__(self, objective: Objective, clock: Clock, tolerance: float) -> None:
-        self.objective = objective
-        self.clock = clock
-        self.tolerance = tolerance
-        self.point = objective.start()
-        self.value = objective.value(self.point)
-        self.linear: Linearised | None = None
-        self.multipliers = np.zeros(len(objective.limits))
-        self.noise_change = 0.0 if objective.noise.levels.fixed else np.inf
-        self.stationarity = np.inf
-        self.attracted = False
-        self.course: list[float] = []  # stationarity of all iterations
-
-    def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
-        """Iterate until a solution, the end of descent, or too many steps; a bad course is stated in the status."""
-        count = 0
-        status = None if np.isfinite(self.value.cost) else DIVERGES
-        while status is None:
-            count += 1
-            status = self._advanced(search)
-            if status is None and not patient and self._creeps():
-                status = CREEPS
-            elif status is None and self.clock.is_up():
-                status = self.clock.status
-            elif status is None and count >= iterations:
-                status = out_of_steps(count, kind)
-        return Outcome(
-            point=self.point,
-            value=self.value,
-            status=status,
-            iterations=count,
-            stationarity=float(self.stationarity),
-            limit_multipliers=self.multipliers,
-            linear=self.linear,
-            attracted=self.attracted,
-        )
-
-    def _advanced(self, search: Search) -> Status | None:
-        """One linearisation and what the search makes of it."""
-        objective = self.objective
-        try:
-            if search.relaxing:
-                self.value, self.noise_change = objective.relaxed(self.point, self.value)
-            self.linear = linear = objective.linearise(self.point, self.value)
-        except np.linalg.LinAlgError as error:
-            return status_of(error)
-        self.value = objective.reweighed(self.point, self.value, linear.noise)
-        return search.advance(self, linear)
-
-    def move(self, point: Point, value: ObjectiveValue) -> None:
-        """Go to another point."""
-        self.point = point
-        self.value = value
-        self.linear = None
-
-    def is_solution(self, step: SolverStep) -> bool:
-        """Return True if the step is negligible against the noise, the noise has settled, and constraints are met."""
-        still = self.objective.negligible(step, self.value, self.tolerance)
-        return still and self.noise_change < 10 * self.tolerance and self.value.worst() < _DEFECT
-
-    def is_rounding(self, step: SolverStep) -> bool:
-        """Return True if what is left of a step that finds no descent is rounding."""
-        return self.objective.negligible(step, self.value, _ROUNDED) and self.value.worst() < _DEFECT
-
-    def _creeps(self) -> bool:
-        """Return True if the last steps were all near the solution and would take too many more at the rate they
-        shrink."""
-        self.course.append(self.stationarity)
-        last = self.course[-_COURSE - 1 :]
-        if len(last) <= _COURSE or max(last) > _NEAR * np.sqrt(self.value.noise.levels.count):
-            return False
-        if min(last[0], last[-1]) == 0.0:
-            return True
-        rate = (last[-1] / last[0]) ** (1.0 / _COURSE)
-        return rate >= 1.0 or np.log(self.tolerance / last[-1]) < _TOO_MANY * np.log(rate)
 
 
 class FilterSearch:
@@ -182,7 +94,7 @@ class FilterSearch:
         self.damping = 0.0
         self.filter: list[tuple[float, float]] = []
         self.widest = 100 * max(at.value.violation(), 1.0)
-        self.relaxing = False  # near enough to the solution for residuals to be noise
+        self.relaxing = isinstance(at.objective, OwnObjective)  # near enough to the solution for residuals to be noise
         self.before = 0.0  # stationarity at the point from which the last step came, if it was whole and undamped
         self.last: tuple[np.ndarray, float] | None = None  # step of the parameters before, and its share that was taken
 
@@ -228,10 +140,10 @@ class FilterSearch:
     def _look(self, at: Iteration, step: SolverStep) -> None:
         """Record how near the solution is."""
         length = np.sqrt(max(step.curvature, 0.0))
-        at.stationarity = at.objective.length(step, at.value)
+        at.stationarity = step_length(step, at.value)
         at.attracted |= bool(at.stationarity < 0.5 * self.before)
         if not at.objective.noise.levels.fixed and at.value.worst() < 1e-3:
-            near = length < _NEAR * np.sqrt(2 * at.value.cost) or length < 1e-6 * at.value.noise.levels.size
+            near = length < NEAR * np.sqrt(2 * at.value.cost) or length < 1e-6 * at.value.noise.levels.size
             self.relaxing |= bool(near)
 
     def _first_length(self, linear: Linearised, step: np.ndarray) -> float:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from casid.estimation.problem import Problem
-from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
 from casid.estimation.solvers.point import Linearised
 from casid.estimation.solvers.quadratic import jacobi_scale
 
@@ -19,7 +19,7 @@ _BY_PRIOR = 0.9  # of the information along a direction: without its prior the d
 _IDLE = 1e-6  # standard deviations of the noise that all predictions together move
 
 
-def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
+def weakest(objective: AnyObjective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
     """Parameters that the data hardly determine: a change by their whole size moves all predictions together by less
     than a tenth of the noise. If there is none, those of the direction that the data determine least."""
     size = np.maximum(np.abs(linear.point.theta), np.abs(objective.problem.start_vector))
@@ -28,7 +28,7 @@ def weakest(objective: Objective, linear: Linearised, limit_multipliers: np.ndar
     faint = tuple(n for n, m in zip(objective.problem.parameters, moves, strict=True) if m < _FAINT)
     if faint:
         return faint
-    free = objective.free_directions(linear.point.theta, limit_multipliers)
+    free = objective.limits.free_directions(linear.point.theta, limit_multipliers)
     inner = free.T @ linear.hessian @ free
     if not len(inner) or not np.isfinite(inner).all():
         return ()
@@ -49,7 +49,7 @@ class Determined:
     states: tuple[str, ...] = ()
 
 
-def determined(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> Determined:
+def determined(objective: AnyObjective, linear: Linearised, limit_multipliers: np.ndarray) -> Determined:
     """Judge what the data say of the parameters at a point.
 
     Parameters are lost where a change by the whole size of the parameter, or by its start value if that is larger,
@@ -57,7 +57,7 @@ def determined(objective: Objective, linear: Linearised, limit_multipliers: np.n
     change. A parameter that an active limit holds (`limit_multipliers`) is not lost.
     """
     theta = linear.point.theta
-    free = objective.free_directions(theta, limit_multipliers)
+    free = objective.limits.free_directions(theta, limit_multipliers)
     names, directions = determined_along(objective.problem, linear.hessian, free, theta)
     follow = weak_pull(objective, linear) if directions.size else np.zeros((0, len(theta)))
     if not follow.size:
@@ -76,28 +76,29 @@ def determined(objective: Objective, linear: Linearised, limit_multipliers: np.n
     along = directions @ (own[:, None] * vectors)
     weight = np.abs(along[:, by_prior]) * scale[:, None]
     weight = (weight / weight.max(axis=0)).max(axis=1)
-    moved = (np.abs(follow @ along[:, by_prior]).reshape(-1, len(objective.scale), by_prior.sum())).max(axis=(0, 2))
+    states = objective.problem.model.states
+    moved = np.abs(follow @ along[:, by_prior]).reshape(-1, len(states), by_prior.sum()).max(axis=(0, 2))
     return Determined(
         lost=tuple(n for n, w in zip(objective.problem.parameters, weight, strict=True) if w > 0.1 or n in names),
         directions=along[:, ~by_prior],
-        states=tuple(s for s, m in zip(objective.problem.model.states, moved, strict=True) if m > 0.1 * moved.max()),
+        states=tuple(s for s, m in zip(states, moved, strict=True) if m > 0.1 * moved.max()),
     )
 
 
-def weak_pull(objective: Objective, linear: Linearised) -> np.ndarray:
+def weak_pull(objective: AnyObjective, linear: Linearised) -> np.ndarray:
     """(records * states, parameters) by how many of its deviations the weak prior of each initial state is moved when
     the states follow the parameters."""
     problem = objective.problem
-    if objective.dynamics is None or not problem.is_initial_weak.any():
+    if isinstance(objective, OwnObjective) or objective.dynamics is None or not problem.is_initial_weak.any():
         return np.zeros((0, len(problem.parameters)))
-    pull = np.zeros((len(problem.records), len(objective.scale), len(problem.parameters)))
+    pull = np.zeros((len(problem.records), len(problem.model.states), len(problem.parameters)))
     for r, reduced in enumerate(linear.reduced):
         pull[r][:, problem.columns(r)] = reduced.ds_p[0]
     pull *= (objective.initial_precision * problem.is_initial_weak)[..., None]
     return pull.reshape(-1, len(problem.parameters))
 
 
-def lost(objective: Objective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
+def lost(objective: AnyObjective, linear: Linearised, limit_multipliers: np.ndarray) -> tuple[str, ...]:
     """Parameters that the data cannot tell apart, or of which they say nothing, see `determined`."""
     return determined(objective, linear, limit_multipliers).lost
 

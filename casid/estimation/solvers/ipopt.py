@@ -20,7 +20,8 @@ from casid.estimation.solvers.fixed_point import FixedPoint
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.nlp import Packing, Programme, build, data, is_programmable, point_from, variables
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
+from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point, SolverStep, negligible, step_length
 from casid.estimation.solvers.separable import separable_functions
 from casid.estimation.solvers.solver import Outcome, check_limits, linear_at
 from casid.estimation.solvers.status import CONVERGED, DIVERGES, INFEASIBLE, Results, Status
@@ -57,7 +58,7 @@ class Ipopt:
         one_of(self.hessian, ("exact", "gauss-newton"), "Ipopt: hessian")
         check_limits(self)
 
-    def minimise(self, objective: Objective) -> Outcome:
+    def minimise(self, objective: AnyObjective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is stated in the status.
 
         Raises
@@ -65,7 +66,7 @@ class Ipopt:
         EstimationError
             For a transcription or a cost that has no form as a nonlinear programme.
         """
-        if not is_programmable(objective):
+        if isinstance(objective, OwnObjective) or not is_programmable(objective):
             cost = type(objective.problem.cost).__name__
             raise EstimationError(
                 f"solve: {cost} has no form as a nonlinear programme, which Ipopt needs; use Automatic()"
@@ -159,7 +160,7 @@ def _minimise(objective: Objective, solver: Ipopt) -> Outcome:
         value=value,
         status=status,
         iterations=iterations,
-        stationarity=np.nan if step is None else objective.length(step, value),
+        stationarity=np.nan if step is None else step_length(step, value),
         limit_multipliers=limit_multipliers,
         solver="Ipopt",
     )
@@ -287,7 +288,7 @@ def _is_solution(objective: Objective, point: Point, value: ObjectiveValue) -> b
     if objective.problem.path_constraints or value.worst() > 1e-8:
         return False
     step = _gauss_newton_step(objective, point, value)
-    return step is not None and objective.negligible(step, value, _SOLVED)
+    return step is not None and negligible(step, value, _SOLVED)
 
 
 def _gauss_newton_step(objective: Objective, point: Point, value: ObjectiveValue) -> SolverStep | None:

@@ -8,6 +8,7 @@ import numpy as np
 from casid.estimation.checks import parameter_function
 from casid.estimation.constraints import LinearConstraint, NonlinearConstraint
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.quadratic import free_directions
 
 _KEPT = 1e-6  # of the size of what is limited: as near a solver comes to a bound that holds
 
@@ -95,6 +96,10 @@ class ParameterLimits:
             values = values + value.full()[:, 0]
             rows = rows + slope.full()
         return values, rows
+
+    def free_directions(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(parameters, directions) that the limits leave free at theta: those with a multiplier and equalities hold."""
+        return free_directions(self.at(theta)[1], np.where(self.lower == self.upper, 1.0, multipliers))
 
     def curvature(self, theta: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(parameters, parameters) second derivative of multipliers' c(theta)."""

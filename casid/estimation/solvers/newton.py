@@ -14,12 +14,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from casid.estimation.solvers.damped import DampedSearch
-from casid.estimation.solvers.gauss_newton import GaussNewton, Iteration
+from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.identified import lost
 from casid.estimation.solvers.ipopt import Ipopt
+from casid.estimation.solvers.iteration import Iteration
 from casid.estimation.solvers.nlp import is_programmable
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.solvers.point import Linearised, NoiseState, ObjectiveValue, Point, SolverStep, moved
+from casid.estimation.solvers.own import AnyObjective, OwnObjective
+from casid.estimation.solvers.point import (
+    Linearised,
+    NoiseState,
+    ObjectiveValue,
+    Point,
+    SolverStep,
+    moved,
+    negligible,
+    step_length,
+)
 from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.solvers.search import tenfold
 from casid.estimation.solvers.solver import Outcome, check_limits
@@ -90,9 +101,11 @@ class Automatic:
         """Gauss-Newton that gives up where it creeps."""
         return GaussNewton(tolerance=self.tolerance, iterations=self.iterations, seconds=self.seconds, patient=False)
 
-    def minimise(self, objective: Objective) -> Outcome:
+    def minimise(self, objective: AnyObjective) -> Outcome:
         """Minimise the objective; a bad course of the iteration is stated in the status."""
         begin = time.perf_counter()
+        if isinstance(objective, OwnObjective):
+            return self._of_own(objective, begin)
         # the covariance of soft defects moves with the point, so that their cost is no function of the parameters
         outcome = replace(self.usual, patient=objective.soft).minimise(objective)
         found = is_found(objective, outcome)
@@ -123,6 +136,15 @@ class Automatic:
             outcome = last if last.converged else outcome
         return outcome
 
+    def _of_own(self, objective: OwnObjective, begin: float) -> Outcome:
+        """Minimise by steps of Gauss-Newton, damped ones after them where nothing follows the parameters."""
+        outcome = replace(self.usual, patient=True).minimise(objective)
+        left = begin + self.seconds - time.perf_counter()
+        if is_found(objective, outcome) or objective.own.follows or left <= 0.0:
+            return outcome
+        damped = Iteration(objective, Clock(left, objective), self.tolerance)
+        return _better(objective, outcome, damped.run(DampedSearch(), _DAMPED * self.iterations, "damped iterations"))
+
 
 def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600.0) -> Outcome:
     """The outcome of any solver; its status is another one where its stationary point is no minimum.
@@ -139,14 +161,14 @@ def to_second_order(objective: Objective, outcome: Outcome, seconds: float = 600
     return replace(outcome, status=judged.status) if judged.status.result is Results.NO_MINIMUM else outcome
 
 
-def is_found(objective: Objective, outcome: Outcome) -> bool:
+def is_found(objective: AnyObjective, outcome: Outcome) -> bool:
     """Return True if it converged where the data determine every parameter."""
     if not outcome.converged or outcome.linear is None:
         return outcome.converged
     return not lost(objective, outcome.linear, outcome.limit_multipliers)
 
 
-def _better(objective: Objective, first: Outcome, second: Outcome) -> Outcome:
+def _better(objective: AnyObjective, first: Outcome, second: Outcome) -> Outcome:
     """Return, of two ends, the one that was found, or else the lower one."""
     if is_found(objective, second) or not np.isfinite(first.value.cost):
         return second
@@ -202,7 +224,7 @@ class _Newton:
             return at, self.clock.status if self.clock.is_late() else NO_MOTION
         exact += root.T @ self.objective.limits.curvature(at.point.theta, self.multipliers) @ root
         first = self._step(at, root, exact, 0.0)
-        if self.objective.negligible(first, at.value, self.solver.tolerance):
+        if negligible(first, at.value, self.solver.tolerance):
             return at, self._judged(at, root, exact, first)
         level = self._only_flat_left(at, root, exact, first)
         if level and self._judged(at, root, exact, first) is FLAT_MINIMUM:
@@ -214,7 +236,7 @@ class _Newton:
                 self.multipliers = step.limit_multipliers
                 self.damping = damping / 10 if damping > _LEAST else 0.0
                 return found, None
-        if self.objective.negligible(first, at.value, _ROUNDED):
+        if negligible(first, at.value, _ROUNDED):
             return at, self._judged(at, root, exact, first)
         return at, self.clock.status if self.clock.is_late() else NO_DESCENT
 
@@ -244,7 +266,7 @@ class _Newton:
         if not flat.size or self._counts(at, abs(float(at.linear.gradient @ step.theta))) > 1.0:
             return False
         rest = self.objective.step_along(at.point, at.linear, step.theta - along, step.limit_multipliers)
-        return self.objective.negligible(rest, at.value, self.solver.tolerance)
+        return negligible(rest, at.value, self.solver.tolerance)
 
     def _counts(self, at: _Settled, gain: float) -> float:
         """A gain of one step, in units of what counts: of which as many as are allowed change ln(likelihood), with the
@@ -255,7 +277,7 @@ class _Newton:
     def _judged(self, at: _Settled, root: np.ndarray, exact: np.ndarray, step: SolverStep) -> Status:
         """Judge whether a stationary point is a minimum, in the directions that the limits leave free."""
         self.multipliers = step.limit_multipliers
-        free = self.objective.free_directions(at.point.theta, step.limit_multipliers)
+        free = self.objective.limits.free_directions(at.point.theta, step.limit_multipliers)
         basis = np.linalg.qr(np.linalg.inv(root) @ free)[0]
         least = float(np.linalg.eigvalsh(basis.T @ exact @ basis).min(initial=np.inf))
         if least > _FLAT:
@@ -312,7 +334,7 @@ class _Newton:
             # next to the optimum that is rounding
             grown = step.curvature >= former
             former = step.curvature
-            still = objective.negligible(step, value, 100 * _EXACT if grown else _EXACT)
+            still = negligible(step, value, 100 * _EXACT if grown else _EXACT)
             if still and change < _EXACT and apart < _EXACT:
                 cost = value.cost if value.noise.levels.fixed else objective.likelihood_cost(value)
                 return _Settled(point=point, value=value, linear=linear, cost=cost)
@@ -324,7 +346,7 @@ class _Newton:
         value = at.value
         length = np.nan
         with suppress(np.linalg.LinAlgError):
-            length = self.objective.length(self.objective.step(at.point, value, at.linear, 0.0), value)
+            length = step_length(self.objective.step(at.point, value, at.linear, 0.0), value)
         return Outcome(
             point=at.point,
             value=value,

@@ -23,11 +23,11 @@ from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.limits import ParameterLimits
 from casid.estimation.solvers.paths import HeldPaths, PathLimits, PathStep
 from casid.estimation.solvers.point import Levels, Linearised, NoiseState, ObjectiveValue, Point, SolverStep
-from casid.estimation.solvers.quadratic import free_directions, jacobi_scale, parameter_step
+from casid.estimation.solvers.quadratic import jacobi_scale, parameter_step
 from casid.estimation.transcriptions.dynamics import Blocks, Dynamics, Reducing, Trajectory
-from casid.estimation.transcriptions.equation import EquationValue, equations_of
+from casid.estimation.transcriptions.equation import EquationPart, EquationValue, equations_of
+from casid.estimation.transcriptions.kernel import whitened
 
-_ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
 _MOST = 0.75  # of the curvature that the noise may take away: the rest keeps the step a descent
 _DEFINITE = 1e-6  # of the largest pivot: with smaller ones rounding of 1e-16 is more than 1e-10 of the covariance
 
@@ -83,6 +83,17 @@ class Objective:
     def soft(self) -> bool:
         """Return True if defects are random with a covariance."""
         return self.dynamics is not None and self.dynamics.soft
+
+    @property
+    def eliminated(self) -> int:
+        """Unknowns that the residuals are free of, at the price of a degree of freedom each."""
+        return 0 if self.equations is None else self.equations.eliminated
+
+    @property
+    def in_time(self) -> bool:
+        """Return True if residuals follow each other in time: those of a regression have no order."""
+        equations = isinstance(self.equations, EquationPart) and bool(self.problem.model.states)
+        return self.dynamics is not None or equations
 
     # ---- weights
 
@@ -327,6 +338,40 @@ class Objective:
             for samples, rows in self.equations.slabs(value.parameters, record):
                 yield samples, rows * self.equation_weights(value.noise.levels)[:, None]
 
+    def parts(
+        self, value: ObjectiveValue, linear: Linearised, paths: HeldPaths | None, r: int
+    ) -> Iterator[tuple[int, np.ndarray, np.ndarray, np.ndarray]]:
+        """(first channel, rows (m, c, f), weighted residuals (m, c), present (m, c)) of the output and of the equation
+        part, piece by piece: the rows of all samples would take most of the memory."""
+        outputs = 0
+        if value.trajectory is not None and self.dynamics is not None:
+            layout = self.layout
+            n = len(self.scale)
+            weights = self.whitening(value.noise.levels)
+            own = layout.segments_of(r)
+            outputs = layout.z.shape[2]
+            motion = -linear.reduced[r].ds_p
+            motion = motion if paths is None else np.concatenate([motion, paths.motion[r]], axis=2)
+            for slab in self.dynamics.slabs(value.trajectory, value.parameters[layout.record], weights, own):
+                at = slab.segments, slab.samples
+                by_state = motion[slab.segments.start - own.start : slab.segments.stop - own.start, None]
+                rows = slab.rows[..., :n] @ by_state
+                rows[..., : slab.rows.shape[3] - n] += slab.rows[..., n:]
+                residuals = whitened(value.trajectory.y[at] - layout.z[at], weights, layout.pattern[at])
+                present = layout.present[at] > 0
+                width = rows.shape[3]
+                yield (
+                    0,
+                    rows.reshape(residuals.size // outputs, outputs, width),
+                    residuals.reshape(-1, outputs),
+                    present.reshape(-1, outputs),
+                )
+        if value.equations is not None:
+            residuals = value.equations.residuals[r]
+            weighted = np.nan_to_num(residuals) * self.equation_weights(value.noise.levels)
+            for samples, rows in self.equation_slabs(value, r):
+                yield outputs, rows, weighted[samples], np.isfinite(residuals[samples])
+
     def _reduce(self, record: int, blocks: Blocks, point: Point) -> Reduced:
         own = self.layout.segments_of(record)
         bordered = blocks.hessian[own], blocks.gradient[own], blocks.transition[own]
@@ -460,24 +505,6 @@ class Objective:
             path_multipliers=None if path is None else path.multipliers,
             feasible=path is None or path.feasible,
         )
-
-    def free_directions(self, theta: np.ndarray, limit_multipliers: np.ndarray) -> np.ndarray:
-        """(parameters, directions) that the limits leave free at theta: those with a multiplier and equalities hold."""
-        limits = self.limits
-        return free_directions(limits.at(theta)[1], np.where(limits.lower == limits.upper, 1.0, limit_multipliers))
-
-    def length(self, step: SolverStep, value: ObjectiveValue) -> float:
-        """Length of a step in standard deviations of the solution."""
-        noise = np.sqrt(2 * value.cost / value.noise.levels.count)
-        return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
-
-    def negligible(self, step: SolverStep, value: ObjectiveValue, tolerance: float) -> bool:
-        """Return True if a step moves the solution by less than `tolerance` of its standard deviations, or by
-        rounding."""
-        levels = value.noise.levels
-        noise = np.sqrt(2 * value.cost / levels.count)
-        length = np.sqrt(max(step.curvature, 0.0))
-        return bool(length < tolerance * max(noise, _ROUNDING * levels.size))
 
     def _noise_curvature(self, linear: Linearised) -> np.ndarray:
         """Return what the curvature loses when the noise follows: the second derivative of N/2 ln(sum of squares)

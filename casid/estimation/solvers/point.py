@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,6 +34,12 @@ class NoiseState:
 
     levels: Levels
     factor: np.ndarray | None = None
+    process: np.ndarray = field(default_factory=lambda: np.zeros(0))  # logarithms of levels that are no channel's
+
+    def change_from(self, before: NoiseState) -> float:
+        """Largest relative change of a level since another noise."""
+        changes = np.log(self.levels.sigma / before.levels.sigma), self.process - before.process
+        return max(float(np.abs(one).max(initial=0.0)) for one in changes)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,6 +61,7 @@ class ObjectiveValue:
     limits: np.ndarray
     gap: np.ndarray
     path: np.ndarray
+    own: Any = None  # of a likelihood that the cost makes itself: `own.Whitened`, None where there is none
 
     def violation(self) -> float:
         """L1 norm of all constraint residuals, scaled by the typical size of the states."""
@@ -107,6 +115,22 @@ class Linearised:
     equation_hessian: np.ndarray
     noise: NoiseState
     paths: LinearisedPaths | None = None
+
+
+_ROUNDING = 1e-5  # of the norm of all measurements: a step below tolerance times this is not meaningful
+
+
+def step_length(step: SolverStep, value: ObjectiveValue) -> float:
+    """Length of a step in standard deviations of the solution."""
+    noise = np.sqrt(2 * value.cost / value.noise.levels.count)
+    return float(np.sqrt(max(step.curvature, 0.0)) / max(noise, 1e-300))
+
+
+def negligible(step: SolverStep, value: ObjectiveValue, tolerance: float) -> bool:
+    """Return True if a step moves the solution by less than `tolerance` of its standard deviations, or by rounding."""
+    levels = value.noise.levels
+    noise = np.sqrt(2 * value.cost / levels.count)
+    return bool(np.sqrt(max(step.curvature, 0.0)) < tolerance * max(noise, _ROUNDING * levels.size))
 
 
 def moved(point: Point, step: SolverStep, length: float) -> Point:

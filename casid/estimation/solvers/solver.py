@@ -9,7 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from casid.arguments import number, whole
-from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.status import Status
 
@@ -36,7 +36,7 @@ class Outcome:
         return self.status.converged
 
 
-def linear_at(objective: Objective, outcome: Outcome) -> Linearised | None:
+def linear_at(objective: AnyObjective, outcome: Outcome) -> Linearised | None:
     """The linearisation where a solver stopped; None where there is none."""
     if outcome.linear is None:
         with suppress(np.linalg.LinAlgError):
@@ -55,10 +55,11 @@ def check_limits(solver: Any) -> None:
 class Solver(Protocol):
     """Minimises an objective. Any object with this method is a solver.
 
-    `Objective` gives it `start()`, `value(point)`, `linearise(point, value)` and the `step(...)` that this promises,
-    which already eliminates states; a bad course of the iteration is stated in the outcome's status, not raised.
+    It is an `Objective`, or an `OwnObjective` where the cost makes its likelihood itself, with `start()`,
+    `value(point)`, `linearise(point, value)` and the `step(...)` that this promises, which already eliminates states. A
+    bad course of the iteration is stated in the outcome's status, not raised.
     """
 
-    def minimise(self, objective: Objective) -> Outcome:
+    def minimise(self, objective: Any) -> Outcome:
         """The point found. Raises EstimationError for an objective that it cannot take."""
         ...

@@ -7,8 +7,9 @@ import time
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from casid.arguments import require
 from casid.estimation.solvers.effort import Effort
-from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import AnyObjective
 from casid.estimation.solvers.solver import Outcome, Solver
 from casid.estimation.solvers.status import Status, out_of_steps, out_of_time
 
@@ -20,7 +21,7 @@ class Clock:
     """Says when an iteration has to end: when another step as long as the last one would be too long, or when the
     evaluations of `objective` are spent."""
 
-    def __init__(self, seconds: float, objective: Objective) -> None:
+    def __init__(self, seconds: float, objective: AnyObjective) -> None:
         self._last = time.perf_counter()
         self._seconds = seconds
         self._effort = objective.effort
@@ -74,9 +75,11 @@ class Timed:
         limited: Any = self.solver
         return replace(limited, seconds=left) if left < _SAME * seconds else limited
 
-    def minimise(self, objective: Objective) -> Outcome:
+    def minimise(self, objective: AnyObjective) -> Outcome:
         """Minimise as the solver does, within the time that is left."""
-        return self.limited().minimise(objective)
+        found = self.limited().minimise(objective)
+        name = f"{type(self.solver).__name__}.minimise"
+        return require(found, Outcome, f"solve: what {name} returned", "a casid.estimation.solvers.solver.Outcome")
 
 
 def timed(solver: Solver, begin: float) -> Timed:

@@ -22,10 +22,11 @@ from casid.estimation import (
 )
 from casid.estimation.attempt import build_objective
 from casid.estimation.solvers.full_noise import full_noise, moments_of
-from casid.estimation.solvers.gauss_newton import FilterSearch, Iteration
+from casid.estimation.solvers.gauss_newton import FilterSearch
+from casid.estimation.solvers.iteration import Iteration
 from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.timed import Clock
-from casid.filtering.filter_error import filter_error
+from casid.filtering.filter_error import FilterError
 from casid.model.system import define_model
 from casid.records.record import Record
 
@@ -214,8 +215,9 @@ def test_what_is_no_covariance_is_refused(noise, words):
 
 
 def test_what_takes_independent_noise_says_so():
+    model = short_period(disturbances=("w",))
     with pytest.raises(EstimationError, match="independent"):
-        filter_error(Problem(short_period(), [measured(0)], free=["*"], noise=COVARIANCE), {})
+        Problem(model, [measured(0)], free=["*"], noise=COVARIANCE, cost=FilterError(process_noise={"w": 0.0}))
 
 
 def test_only_outputs_have_a_covariance():
