@@ -20,7 +20,7 @@ from casid.estimation.solvers.newton import is_found
 from casid.estimation.solvers.objective import Objective
 from casid.estimation.solvers.point import Linearised, ObjectiveValue, Point
 from casid.estimation.solvers.solver import Outcome, linear_at
-from casid.estimation.solvers.status import too_coarse
+from casid.estimation.solvers.status import Stage, too_coarse
 from casid.estimation.solvers.timed import Timed
 from casid.estimation.stretches import EXACT, Stretches, by_stretches, is_slow
 from casid.estimation.transcriptions.collocation import CONDENSED, LiftedCollocation
@@ -29,6 +29,7 @@ from casid.estimation.transcriptions.layout import build_layout
 from casid.estimation.transcriptions.steps import rates_function
 from casid.estimation.transcriptions.transcription import (
     Collocation,
+    MultipleShooting,
     SingleShooting,
     Stepping,
     Transcription,
@@ -44,6 +45,7 @@ MET = 1e-6  # scaled constraint residuals of a point that is a motion of the mod
 _SAMPLES = 32
 _CHECKED = 4
 MOST_STEPS = 64  # per sample interval: what takes more is stiff
+_IN_ALL = 1_000_000  # steps of all states and records, which explicit ones of a compiled model take in a second
 _STABLE = 2.5  # of rate times step, of which the method bears 2.78
 _UNEVEN = 1.5  # times the shortest step
 # of rate times step: an implicit method has poles there, of one stage at 1 and of more beyond, and damps what grows
@@ -108,10 +110,15 @@ def integrated(objective: Objective, outcome: Outcome, method: Stepping, solver:
         return Attempt(objective=objective, outcome=outcome, method=method)
     solver.effort.grant(_REFINING)  # so that the end of a search that was cut short is integrated well enough too
     found = _judged(_finely(objective, outcome, method, solver))
-    if found.outcome.converged or found.outcome.point.points is None or solver.left <= 0.0:
-        return found
-    other = _judged(_by_implicit_shooting(objective, method, solver))
-    return other if _is_lower(other, found) else found
+    others = [_by_implicit_shooting, _by_many_steps] if found.outcome.point.points is not None else []
+    if found.outcome.status.stage is Stage.AT_START and not found.objective.soft:
+        others = [_by_many_steps]
+    for otherwise in others:
+        if found.outcome.converged or solver.left <= 0.0:
+            break
+        other = _judged(otherwise(objective, method, solver))
+        found = other if _is_lower(other, found) else found
+    return found
 
 
 def _judged(end: Attempt) -> Attempt:
@@ -126,11 +133,25 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
     """Shoot implicitly where collocation finds no solution: it may lead states out of the range in which the model
     has numbers, which the motion itself never leaves."""
     implicit = SingleShooting(implicit=True) if isinstance(method, Collocation) else replace(method, implicit=True)
-    steps = _steps_at_start(objective, solver)
+    steps = min(_steps_at_start(objective, solver), MOST_STEPS)
     objective = Objective(
         objective.problem, replace(implicit, substeps=steps).dynamics(objective.problem), effort=objective.effort
     )
     return _finely(objective, solver.minimise(objective), implicit, solver)
+
+
+def _by_many_steps(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
+    """Where a motion jumps within a sample interval, so that implicit steps as long as can be afforded have no solution
+    or another one: explicit steps as short as the jump, which are quick."""
+    problem = objective.problem
+    steps = max(_IN_ALL // (sum(map(len, problem.records)) * len(problem.model.states)), MOST_STEPS)
+    ends = list[Attempt]()
+    for explicit in (MultipleShooting() if isinstance(method, Collocation) else method, SingleShooting()):
+        explicit = replace(explicit, implicit=False, substeps=steps)
+        own = solver.allowed(_REFINING)
+        ends.append(_solved(Objective(problem, explicit.dynamics(problem), effort=own.effort), explicit, own))
+    end = min(ends, key=lambda one: one.misfit)
+    return end if doubt_of_steps(end) else replace(end, fine=_is_motion(end.outcome))
 
 
 def _is_lower(one: Attempt, other: Attempt) -> bool:
@@ -161,9 +182,9 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
         steps = needed
         if steps > MOST_STEPS:
             if method.implicit:
-                break
+                return _too_fast(end, MOST_STEPS)
             near = end.outcome.converged
-            steps = _steps_at_start(end.objective, solver)
+            steps = min(_steps_at_start(end.objective, solver), MOST_STEPS)
             method = replace(method, implicit=True) if near else Collocation()
         coarse = end.objective.dynamics
         method = replace(method, substeps=steps)
@@ -174,6 +195,17 @@ def _finely(objective: Objective, outcome: Outcome, method: Stepping, solver: Ti
             anew = _solved(Objective(problem, dynamics, effort=objective.effort), method, solver)
             end = anew if _is_lower(anew, end) else end
     return end
+
+
+def _too_fast(end: Attempt, steps: int) -> Attempt:
+    """The end with a status that says so where the motion is too fast for the steps that can be afforded."""
+    if _is_motion(end.outcome):
+        return end
+    status = too_coarse(
+        f"the motion is faster than {steps} steps per sample interval follow: sample more often, or start where it is "
+        "slower"
+    )
+    return replace(end, outcome=replace(end.outcome, status=status))
 
 
 def _solved(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
@@ -273,13 +305,13 @@ def _growing_steps(objective: Objective, outcome: Outcome) -> int:
 
 def _steps_at_start(objective: Objective, solver: Timed) -> int:
     """Steps of collocation per sample interval with which the motion at the start is right to a deviation of the data:
-    a coarser mesh may have no solution, or one of its own."""
+    a coarser mesh may have no solution, or one of its own. More than are taken where none of these is right."""
     problem = objective.problem
     steps = 1
     sigma = objective.noise.levels.sigma[: len(problem.model.outputs)]
     first = np.cumsum([0] + [len(record) - 1 for record in problem.records])[:-1]
     coarse = _collocated(problem, steps)
-    while steps < MOST_STEPS and solver.left > 0.0:
+    while steps <= MOST_STEPS and solver.left > 0.0:
         fine = _collocated(problem, 2 * steps)
         made = coarse[0] - fine[0]
         carried = np.zeros_like(made)

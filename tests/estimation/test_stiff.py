@@ -167,3 +167,40 @@ def test_two_parameters_that_nothing_tells_apart_are_named():
         said = fit.status.replace(",", " ").replace(";", " ").split()
         assert any(name in said for name in named), fit.status
         assert "c" not in said, fit.status
+
+
+_JUMPS = [(100.0, 2.0), *[pytest.param(*one, marks=pytest.mark.slow) for one in ((100.0, 1.9), (60.0, 1.3))]]
+
+
+@pytest.mark.parametrize(("mu", "interval"), _JUMPS)
+def test_a_motion_that_jumps_within_a_sample_interval_is_followed_from_the_truth(mu, interval):
+    """Van der Pol's relaxation oscillator, whose jumps take a hundredth of the interval. Truth: scipy's Radau.
+
+    Where steps are still too long for so sharp a reading, the status says that and nothing else."""
+    t = np.arange(0.0, 400.0, interval)
+    exact = solve_ivp(
+        lambda _, x: [x[1], mu * (1.0 - x[0] ** 2) * x[1] - x[0]],
+        (0.0, 400.0),
+        [2.0, 0.0],
+        t_eval=t,
+        method="Radau",
+        rtol=1e-10,
+        atol=1e-11,
+    ).y[0]
+    model = cs.define_model(
+        "relaxation",
+        states=["x", "v"],
+        inputs=[],
+        parameters={"mu": mu},
+        outputs=["x"],
+        dynamics=lambda s: {"x": s.v, "v": s.mu * (1.0 - s.x**2) * s.v - s.x},
+        output=lambda s: {"x": s.x},
+        state_scale={"v": mu},
+    )
+    y = exact + 0.02 * np.random.default_rng(0).standard_normal(len(t))
+    record = cs.Record(name="r", t=t, channels={"x": y})
+    known = cs.InitialState(value={"x": 2.0, "v": 0.0}, std={"x": 0.0, "v": 0.0})
+    fit = cs.solve(cs.Problem(model, [record], free=["mu"], noise={"x": 0.02}, initial_state=known))
+    assert fit.converged or "steps per sample interval" in fit.reason, fit.status
+    assert fit["mu"].value == pytest.approx(mu, abs=4.0 * fit["mu"].std) and 0.0 < fit["mu"].std < 1e-3 * mu
+    assert fit.cost == pytest.approx(0.5 * len(t), rel=0.3)
