@@ -45,10 +45,10 @@ from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, estimates, histories
+from casid.report.figure import Picture
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
-from casid.report.style import Picture
 from problems.real import attas
 from problems.real.pictures import write_pictures
 

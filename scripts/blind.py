@@ -40,7 +40,7 @@ from casid.errors import InputError
 from casid.model.vocabulary import KINDS
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.style import settings
+from casid.report.svg import svg
 from problems.blind.calibration import log_score, reliability, stated
 from problems.blind.case import OUTSIDE, Answer
 from problems.blind.confusion import confusion_matrix
@@ -258,9 +258,8 @@ def write_confusion(folder: Path, of: str, scores: Sequence[Score]) -> None:
     write_lines(folder / f"confusion_{of}.csv", filled)
     right = {row: (row,) for row in rows()} | {"clean": (NOTHING,)}
     right |= dict.fromkeys(OUTSIDE, (UNEXPLAINED,))
-    with settings():
-        drawn = confusion_matrix(counts, rows(), columns(), right, f"Blind tests, {of}")
-        (folder / f"confusion_{of}.svg").write_bytes(drawn.svg())
+    drawn = confusion_matrix(counts, rows(), columns(), right, f"Blind tests, {of}")
+    (folder / f"confusion_{of}.svg").write_bytes(svg(drawn.figure))
 
 
 if __name__ == "__main__":

@@ -40,10 +40,10 @@ from casid.filtering.filter_error import FilterError
 from casid.model.simulate import simulate
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories
+from casid.report.figure import Picture
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.page import write_report
 from casid.report.progress import progress
-from casid.report.style import Picture
 from problems.real import hfb320, hfb320_aircraft
 from problems.real.pictures import write_pictures
 

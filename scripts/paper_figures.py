@@ -19,9 +19,10 @@ from pathlib import Path
 from typing import NoReturn
 
 from casid.errors import InputError, unknown
+from casid.report.figure import Picture
 from casid.report.folder import out_folder, provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.style import Picture
+from casid.report.svg import svg
 from problems.do328 import MOMENT_DERIVATIVES
 from problems.paper.cases import CASES, Condition, conditions
 from problems.paper.estimation import ESTIMATORS, METHODS, estimate
@@ -77,11 +78,11 @@ def main() -> None:
         for estimator in ESTIMATORS:
             stage(f"{estimator} error")
             values[estimator] = estimate(flight, estimator, given.method).values
-    drawn = [(picture, picture.svg()) for picture in figures(flight, values)]
+    drawn = [(picture, svg(picture.figure)) for picture in figures(flight, values)]
     with whole_folder(given.out) as folder:
-        for picture, svg in drawn:
-            (folder / f"{picture.name}.svg").write_bytes(svg)
-        sections = [Section(title=f"Case {given.case}", parts=[figure(picture, svg) for picture, svg in drawn])]
+        for picture, painted in drawn:
+            (folder / f"{picture.name}.svg").write_bytes(painted)
+        sections = [Section(title=f"Case {given.case}", parts=[figure(picture, painted) for picture, painted in drawn])]
         lead = [f"Record {chosen.name}: {CASES[given.case].origin}. {METHODS[given.method].words}."]
         write_page(folder / "paper_figures.html", "Figures 1-6 of the paper, ours", lead, sections, made_with)
         write_provenance(made_with, folder / "run.json")

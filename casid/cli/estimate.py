@@ -51,10 +51,10 @@ from casid.model.path import aerodynamic_parameters
 from casid.records.given import require_flight
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
+from casid.report.figure import Picture
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
 from casid.report.result_page import BAD, GOOD, Answer, write_result
-from casid.report.style import Picture
 from casid.signals import SURFACES
 
 SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}

@@ -32,9 +32,9 @@ from casid.model.simulate import simulate as fly_model
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
+from casid.report.figure import Picture, shown_unit
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.result_page import Answer, write_result
-from casid.report.style import Picture, shown_unit
 from casid.report.words import digits
 from casid.signals import SURFACES, unit_of
 
@@ -147,7 +147,7 @@ def picture(record: Record, flown: dict[str, tuple[FlownRecords, np.ndarray]]) -
         label: array[:, [applied.model.outputs.index(n) for n in names]] for label, (applied, array) in flown.items()
     }
     flew = {name: record[name] for name in (*SURFACES, "thrust") if name in record and np.ptp(record[name]) > 0.0}
-    return histories(record.name, record.t, names, record.matrix(names), curves, inputs=flew)
+    return histories(record.name, record.t, names, record.matrix(names), curves, flew, given=next(iter(curves)))
 
 
 def answer_of(results: dict[str, dict]) -> Answer:

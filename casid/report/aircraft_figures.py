@@ -4,25 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from casid.diagnosis.document import Document
 from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
-from casid.report.style import (
-    BASELINE,
-    EXTENDED,
-    FAINT,
-    MEASURED,
-    NOISE,
+from casid.report.figure import (
+    BLUE,
+    GREY,
+    INK,
+    ORANGE,
+    WIDE,
+    Axis,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
+    Part,
     Picture,
-    blank,
+    Rule,
+    Span,
     channel_axis,
     channel_scale,
-    legend,
-    settings,
+    stacked,
 )
 from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, percent, with_std
@@ -31,6 +38,8 @@ from casid.signals import label_of
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
 _ROW = 0.21  # inches
+_CONSISTENT = Look(name="consistent", colour=BLUE, dash="", marker="o", size=5.0)
+_AGAINST = Look(name="inconsistent", colour=ORANGE, dash="", marker="D", size=5.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,45 +99,29 @@ def derivatives(document: Document) -> Picture | None:
     order = sorted(told, key=lambda one: (_rank(one.name, against), -abs(_deviation(one))))[:_MOST]
     if not order:
         return None
-    with settings():
-        figure = blank(_ROW * len(order) + 1.3)
-        ax = figure.subplots()
-        states = document.aircraft.relative_uncertainty if document.aircraft and document.of_aeroplane else 0.0
-        stated = 100.0 * (states or document.criteria.prior.unstated)
-        ax.axvspan(-stated, stated, color=NOISE, lw=0)
-        ax.axvline(0.0, color=MEASURED, lw=1.0)
-        for y, one in enumerate(order):
-            at = _deviation(one)
-            wide = abs(100.0 * one.flight.std / one.a_priori)
-            colour = BASELINE if one.name in against else EXTENDED
-            if abs(at) > _FURTHEST:
-                edge = math.copysign(_FURTHEST, at)
-                ax.plot(edge, y, ">" if at > 0 else "<", color=colour, ms=7, clip_on=False)
-                ax.annotate(
-                    f"{at:+.0f} %".replace("-", "−"),
-                    (edge, y),
-                    xytext=(-8 if at > 0 else 8, 0),
-                    textcoords="offset points",
-                    va="center",
-                    ha="right" if at > 0 else "left",
-                    fontsize=9,
-                )
-                continue
-            ax.plot([max(at - wide, -_FURTHEST), min(at + wide, _FURTHEST)], [y, y], color=colour, lw=2)
-            ax.plot(at, y, "D" if one.name in against else "o", color=colour, ms=5)
-        ax.set_xlim(-_FURTHEST, _FURTHEST)
-        ax.set_ylim(len(order) - 0.4, -0.6)
-        ax.set_yticks(range(len(order)), [one.name for one in order])
-        for label, one in zip(ax.get_yticklabels(), order, strict=True):
-            label.set_fontweight("bold" if one.name in against else "normal")
-        ax.grid(axis="y", color=FAINT, lw=0.3)
-        of = document.source
-        witness = document.witness
-        ax.set_xlabel(f"{witness} against the {of} [% of the {of}'s number]")
+    states = document.aircraft.relative_uncertainty if document.aircraft and document.of_aeroplane else 0.0
+    stated = 100.0 * (states or document.criteria.prior.unstated)
+    of = document.source
+    witness = document.witness
+    parts: list[Part] = [
+        Span(look=Look(name=f"within {stated:.0f} %", colour=GREY), low=-stated, high=stated),
+        Rule(look=Look(colour=INK), at=0.0),
+    ]
+    for y, one in enumerate(order):
+        parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(label=f"{witness} against the {of} [% of the {of}'s number]", low=-_FURTHEST, high=_FURTHEST),
+        y=Axis(
+            names=tuple(one.name for one in order),
+            bold=frozenset(k for k, one in enumerate(order) if one.name in against),
+        ),
+        height=_ROW * len(order) + 0.2,
+    )
     worst = next((one for one in order if one.name in against), order[0])
     return Picture(
         name="derivatives",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title=f"The numbers of the {of} beside {witness}",
         caption=(
             "Dots: estimates from the records alone, with ±1σ. Orange diamonds, names in bold: inconsistent with the "
@@ -138,6 +131,27 @@ def derivatives(document: Document) -> Picture | None:
         alt=f"Deviation of {len(order)} numbers of the {of} from {witness}, in per cent; {len(against)} of the {of}'s "
         f"numbers are inconsistent with {witness}; first is {worst.name} with {_deviation(worst):+.0f} per cent.",
     )
+
+
+def _beside(y: int, one: Parameter, look: Look) -> list[Curve | Note]:
+    """Return a dot with its 1-sigma, or at the edge an arrow with the number of what is too far off."""
+    at = _deviation(one)
+    if abs(at) > _FURTHEST:
+        edge = math.copysign(_FURTHEST, at)
+        arrow = replace(look, name="", marker=">" if at > 0 else "<", size=7.0)
+        align, off = ("right", -8.0) if at > 0 else ("left", 8.0)
+        text = f"{at:+.0f} %".replace("-", "−")
+        return [
+            Curve(look=arrow, x=np.array([edge]), y=np.array([float(y)])),
+            Note(text=text, x=edge, y=y, align=align, offset=(off, 0.0)),
+        ]
+    wide = abs(100.0 * one.flight.std / one.a_priori)
+    ends = np.array([max(at - wide, -_FURTHEST), min(at + wide, _FURTHEST)])
+    line = replace(look, name="", dash="-", width=2.0, marker="")
+    return [
+        Curve(look=line, x=ends, y=np.array([y, y], dtype=float)),
+        Curve(look=look, x=np.array([at]), y=np.array([float(y)])),
+    ]
 
 
 def _deviation(one: Parameter) -> float:
@@ -215,29 +229,26 @@ def envelope(document: Document) -> Picture | None:
     pairs = [pair for pair in _PAIRS if all(any(name in r for r in fitted) for name in pair)]
     if not pairs:
         return None
-    with settings():
-        rows = (len(pairs) + 2) // 3
-        figure = blank(2.1 * rows + 0.6, 8.2)
-        axes = figure.subplots(rows, 3, squeeze=False).ravel()
-        for axis in axes[len(pairs) :]:
-            axis.set_visible(False)
-        for axis, (across, up) in zip(axes, pairs, strict=False):
-            for records, colour, marker, word in (
-                (fitted, EXTENDED, "o", "fitted"),
-                (held, BASELINE, "x", "held out"),
-            ):
-                for record in (r for r in records if across in r and up in r):
-                    thin = slice(None, None, max(1, len(record) // _POINTS))
-                    x, y = (channel_scale(name)[0] * record[name][thin] for name in (across, up))
-                    axis.plot(x, y, marker, color=colour, ms=2.2, mew=0.6, alpha=0.5, label=word, rasterized=True)
-            axis.set_xlabel(channel_axis(across), fontsize=9.5)
-            axis.set_ylabel(channel_axis(up), fontsize=9.5)
-        legend(figure, axes, 2, markerscale=3)
+    panels = [_pair(across, up, fitted, held) for across, up in pairs]
     return Picture(
         name="envelope",
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 3), width=WIDE, linked=False),
         title="What was flown",
         caption="Every dot is a sample. A model that holds inside the blue cloud is an extrapolation outside of it.",
         alt=f"Scatter of {', '.join(f'{up} over {across}' for across, up in pairs)} in fitted and held-out records.",
-        wide=True,
     )
+
+
+_FITTED = Look(name="fitted", colour=BLUE, dash="", marker="o", size=2.2, alpha=0.5)
+_HELD_OUT = Look(name="held out", colour=ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
+
+
+def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]) -> Panel:
+    """Return a cloud of one quantity over another."""
+    curves = []
+    for records, look in ((fitted, _FITTED), (held, _HELD_OUT)):
+        for record in (r for r in records if across in r and up in r):
+            thin = slice(None, None, max(1, len(record) // _POINTS))
+            x, y = (channel_scale(name)[0] * record[name][thin] for name in (across, up))
+            curves.append(Curve(look=look, x=x, y=y))
+    return Panel(parts=tuple(curves), x=Axis(label=channel_axis(across)), y=Axis(label=channel_axis(up)), height=1.7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,30 +12,43 @@ from casid.diagnosis.given.shape import Shape
 from casid.frequency.response import FrequencyResponse
 from casid.model.station import Station
 from casid.model.terms import parse_term
-from casid.report.history_figures import AS_GIVEN, telling_window, worst_record
-from casid.report.response_figures import draw_gain_and_phase, frequency_axis
-from casid.report.style import (
-    BASELINE,
+from casid.report.figure import (
+    BLUE,
+    DEVIATION,
+    EXPLAINED,
     EXTENDED,
-    FAINT,
-    MEASURED,
-    RECORD_COLOURS,
-    RECORD_MARKERS,
+    GIVEN,
+    INK,
+    INPUT,
+    TIME,
     WIDE,
+    YELLOW,
+    ZERO,
+    Axis,
+    Band,
+    Curve,
+    Figure,
+    Look,
+    Panel,
     Picture,
-    blank,
-    channel_axis,
-    channel_scale,
-    draw_channel,
-    legend,
+    Rule,
+    Span,
+    each,
+    history,
     shown_unit,
     stacked,
 )
+from casid.report.history_figures import compared, telling_window, worst_record
+from casid.report.response_figures import gain_and_phase
 from casid.report.words import EVIDENCE, place, pretty, pretty_term
 from casid.signals import label_of, unit_of
 
 _STEPS = 11
 _MAX_RECORDS = 3
+_MEANS = Look(name="their mean in steps, ±2σ", colour=INK, dash="", marker="o", size=6.0)
+_NAMED = Look(name="the named term", colour=BLUE, width=2.5)
+_PUT_THERE = EXPLAINED.called("what the named causes put there")
+_RECONSTRUCTED = EXTENDED.called("reconstructed, form unknown")
 
 
 def shape(cause: ReportedCause) -> Picture | None:
@@ -48,39 +62,28 @@ def shape(cause: ReportedCause) -> Picture | None:
         return None
     where = place(cause.enters)
     label, scale = _abscissa(term.variable)
-    figure = blank(4.4)
-    ax = figure.subplots()
     points = [one * (scale, 1.0, 1.0) for one in term.points.values()]
-    for r, (name, one) in enumerate(zip(term.points, points, strict=True)):
-        ax.plot(
-            one[:, 0],
-            one[:, 1],
-            RECORD_MARKERS[r % 6],
-            color=RECORD_COLOURS[r % 6],
-            ms=4,
-            alpha=0.4,
-            mew=0,
-            label=f"reconstructed, {name}",
-        )
+    clouds = [
+        Curve(look=replace(each(r, f"reconstructed, {name}"), alpha=0.4), x=one[:, 0], y=one[:, 1])
+        for r, (name, one) in enumerate(zip(term.points, points, strict=True))
+    ]
     cloud = np.concatenate(points)
     x, y, error = _binned(cloud)
-    ax.errorbar(x, y, error, fmt="o", color=MEASURED, ms=6, capsize=3, zorder=4, label="their mean in steps, ±2σ")
     line = np.linspace(cloud[:, 0].min(), cloud[:, 0].max(), 200)
-    ax.plot(
-        line,
-        cause.value * _power(regressor, line / scale),
-        color=BASELINE,
-        lw=2.5,
-        zorder=3,
-        label="the named term",
+    panel = Panel(
+        parts=(
+            *clouds,
+            Curve(look=_NAMED, x=line, y=cause.value * _power(regressor, line / scale)),
+            Curve(look=_MEANS, x=x, y=y, std=error),
+        ),
+        x=Axis(label=label),
+        y=Axis(label=f"missing {where}"),
+        height=3.3,
     )
-    ax.set_xlabel(label)
-    ax.set_ylabel(f"missing {where}")
-    legend(figure, [ax], 2, markerscale=1.3)
     of = pretty_term(cause.term) if cause.term else "its rate"
     return Picture(
         name="shape",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title=f"The missing {where} follows {of}",
         caption=(
             f"Dots: an unknown {cause.target}(t), reconstructed from the records before any cause was named and "
@@ -97,19 +100,21 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
     for number, one in enumerate(shapes, 1):
         rate = one.over in ("p", "q", "r")
         scale, unit = (1.0, "1") if rate else shown_unit(unit_of(one.over))
-        figure = blank(3.6)
-        ax = figure.subplots()
         x = one.x * scale
-        ax.fill_between(x, one.y - 2.0 * one.std, one.y + 2.0 * one.std, color="#BBD7EA", lw=0, label="±2σ")
-        ax.plot(x, one.y, color=EXTENDED, lw=2, label="curve of the fitted records")
-        ax.axhline(0.0, color=FAINT, lw=0.8)
-        ax.set_xlabel(f"{one.over} [{unit}]" if unit not in ("", "1") else one.over)
-        ax.set_ylabel(f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}")
-        legend(figure, [ax], 2)
+        panel = Panel(
+            parts=(
+                Band(look=DEVIATION, x=x, low=one.y - 2.0 * one.std, high=one.y + 2.0 * one.std),
+                Rule(look=ZERO, at=0.0, axis="y"),
+                Curve(look=EXTENDED.called("curve of the fitted records"), x=x, y=one.y),
+            ),
+            x=Axis(label=f"{one.over} [{unit}]" if unit not in ("", "1") else one.over),
+            y=Axis(label=f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}"),
+            height=2.6,
+        )
         depends = f"{one.times} times a function of {one.over}" if one.times else f"a function of {one.over}"
         yield Picture(
             name="unexplained_shape" if number == 1 else f"unexplained_shape-{number}",
-            figure=figure,
+            figure=Figure(rows=((panel,),)),
             title=f"The missing {one.coefficient} has the shape of {depends}",
             caption=(
                 f"A smooth curve through what is missing in the fitted records. On held-out records it leaves "
@@ -125,23 +130,22 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
     at = Station.at(station)
     wind = at.kind == "wind"
     chosen = _liveliest(histories)
-    figure, axes = stacked([1.75] * len(chosen), sharex=False, sharey=True)
-    for ax, one in zip(axes, chosen, strict=True):
-        ax.fill_between(one.t, one.mean - 2 * one.sigma, one.mean + 2 * one.sigma, color="#BBD7EA", lw=0, label="±2σ")
-        ax.plot(one.t, one.mean, color=EXTENDED, label="reconstructed, form unknown")
-        if curve:
-            curve_here = _centred(one.named, one.mean, wind)
-            ax.plot(one.t, curve_here, "--", color=BASELINE, lw=2, label="what the named causes put there")
-        ax.axhline(0.0, color=FAINT, lw=0.8)
-        ax.set_title(one.record, loc="left")
-        ax.set_ylabel("[m/s]" if wind else f"missing {at.name}")
-        ax.set_xlabel("time t [s]" if one is chosen[-1] else "")
-    legend(figure, axes, 2)
+    panels = []
+    for one in chosen:
+        named = (Curve(look=_PUT_THERE, x=one.t, y=_centred(one.named, one.mean, wind)),) if curve else ()
+        parts = (
+            Band(look=DEVIATION, x=one.t, low=one.mean - 2 * one.sigma, high=one.mean + 2 * one.sigma),
+            Rule(look=ZERO, at=0.0, axis="y"),
+            Curve(look=_RECONSTRUCTED, x=one.t, y=one.mean),
+            *named,
+        )
+        y = Axis(label="wind [m/s]" if wind else f"missing {at.name}")
+        panels.append(Panel(parts=parts, x=TIME, y=y, title=one.record, height=1.5))
     where = place(station)
     entering = "at the" if at.kind == "reading" else "as"
     return Picture(
         name=name,
-        figure=figure,
+        figure=Figure(rows=stacked(panels), linked=False, alike=True),
         title=f"What is missing enters {entering} {where}",
         caption=(
             f"An unknown time history of the {where} that would make simulation and measurement agree, reconstructed "
@@ -159,18 +163,22 @@ def wind(document: Document) -> Picture | None:
         return None
     record = gusts.record
     sigma = gusts.sigma
-    figure, axes = stacked([1.6] * len(gusts.velocity), sharey=True)
-    for ax, (station, velocity) in zip(axes, gusts.velocity.items(), strict=True):
-        ax.axhspan(-sigma, sigma, color="#FBE3D0", lw=0, label=f"± r.m.s. of the turbulence, {sigma:.2g} m/s")
-        ax.plot(record.t, velocity, color=EXTENDED, label="reconstructed velocity")
-        ax.set_title(place(station), loc="left")
-        ax.set_ylabel("[m/s]")
-        ax.margins(x=0.01)
-    axes[-1].set_xlabel("time t [s]")
-    legend(figure, axes, 2)
+    named = Look(name=f"± r.m.s. of the turbulence, {sigma:.2g} m/s", colour="#FBE3D0")
+    panels = [
+        Panel(
+            parts=(
+                Span(look=named, low=-sigma, high=sigma, axis="y"),
+                Curve(look=EXTENDED.called("reconstructed velocity"), x=record.t, y=velocity),
+            ),
+            x=TIME,
+            y=Axis(label="velocity [m/s]"),
+            title=place(station),
+        )
+        for station, velocity in gusts.velocity.items()
+    ]
     return Picture(
         name="wind",
-        figure=figure,
+        figure=Figure(rows=stacked(panels), alike=True),
         title=f"The air moves (record {record.name})",
         caption=(
             "Most likely gust velocities, given the extended model and everything that was measured. Their r.m.s. was "
@@ -236,24 +244,24 @@ def onset(cause: ReportedCause) -> Picture | None:
         return None
     profiles = cause.onsets
     records = [name for name in profiles if name in cause.onset_s][:_MAX_ONSETS]
-    figure, axes = stacked([1.6] * len(records), sharex=False)
-    for ax, name in zip(axes, records, strict=True):
+    panels = []
+    for name in records:
         t, statistic = profiles[name]
         low, high = cause.onset_s[name]
         middle = 0.5 * (low + high)
-        ax.axvspan(low, high, color=BASELINE, alpha=0.35, lw=0, label="95 % interval of the onset")
-        ax.axvline(middle, color=BASELINE, lw=1.2)
-        ax.plot(t, statistic, color=EXTENDED, label="evidence, the size being fitted")
-        ax.set_title(f"{name}: {middle:.1f} s (between {low:.1f} and {high:.1f} s)", loc="left")
-        ax.set_ylim(bottom=0.0)
-        ax.set_ylabel("evidence")
-    axes[-1].set_xlabel("time of onset t [s]")
-    legend(figure, axes, 2)
+        parts = (
+            Span(look=Look(name="95 % interval of the onset", colour=YELLOW, alpha=0.35), low=low, high=high),
+            Rule(look=Look(colour=INK), at=middle),
+            Curve(look=EXTENDED.called("evidence, the size being fitted"), x=t, y=statistic),
+        )
+        title = f"{name}: {middle:.1f} s (between {low:.1f} and {high:.1f} s)"
+        x = Axis(label="time of onset t [s]")
+        panels.append(Panel(parts=parts, x=x, y=Axis(label="evidence", low=0.0), title=title))
     times = ", ".join(f"{0.5 * sum(cause.onset_s[n]):.1f} s in {n}" for n in records)
     name = pretty(cause.title)
     return Picture(
         name="onset",
-        figure=figure,
+        figure=Figure(rows=stacked(panels), linked=False),
         title=f"When it set in: {name}",
         caption="How well the cause explains each record when it is made to begin at the time on the axis. Where the "
         f"curve is flat, nothing happened that could tell the times apart. {EVIDENCE}",
@@ -271,50 +279,30 @@ def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
     answer = cause.answer
     if answer is None or answer.flight.usable.sum() < _LEAST:
         return None
-    models = {AS_GIVEN: answer.given, document.best: answer.extended}
+    models = {GIVEN: answer.given, EXTENDED.called(document.best): answer.extended}
     shown = {name: response for name, response in models.items() if response is not None}
     return _drawn(document, cause, answer.flight, shown)
 
 
 def _drawn(
-    document: Document, cause: ReportedCause, flight: FrequencyResponse, models: dict[str, np.ndarray]
+    document: Document, cause: ReportedCause, flight: FrequencyResponse, models: dict[Look, np.ndarray]
 ) -> Picture:
-    figure = blank(4.4, WIDE)
-    axes = figure.subplots(2, 2, width_ratios=[1.15, 1.0])
-    draw_gain_and_phase(axes[0, 0], axes[1, 0], flight, models)
-    axes[0, 0].sharex(axes[1, 0])
-    axes[0, 0].tick_params(labelbottom=False)
-    frequency_axis(axes[:, 0], flight)
-    _histories(axes[0, 1], axes[1, 1], document, flight)
-    legend(figure, [axes[0, 0]], 4)
+    gain, phase = gain_and_phase(flight, models)
+    view = document.as_given
+    r = worst_record(view, [flight.output])
+    part = telling_window(view, document.extended, [flight.output], r, _SHOWN)
+    record = view.records[r]
+    above = replace(compared(document, flight.output, r, part), title=f"record {record.name}")
+    below = history(flight.input, record.t[part], {INPUT: record[flight.input][part]})
     name = pretty(cause.title)
     since = " Only what was flown from the onset on is in it." if cause.onset_s else ""
     return Picture(
         name="bode",
-        figure=figure,
+        figure=Figure(rows=((gain, above), (phase, below)), width=WIDE, widths=(1.15, 1.0)),
         title=f"{name}, as gain and phase",
         caption=f"Left: response of the {label_of(flight.output)} {flight.output} to the {label_of(flight.input)} "
         f"{flight.input} over frequency, estimated alike from flight and from the simulations with the recorded "
         f"inputs. Grey: coherence below 0.6, not to be used. Right: the same in time.{since}",
-        alt=f"Bode diagram of {flight.output} to {flight.input}: flight, {', '.join(models)}; and time histories.",
-        wide=True,
+        alt=f"Bode diagram of {flight.output} to {flight.input}: measured, {', '.join(one.name for one in models)}; "
+        "and time histories.",
     )
-
-
-def _histories(top, bottom, document: Document, flight: FrequencyResponse) -> None:
-    """The reading above, the surface below, in the most informative part of a record."""
-    before = document.as_given
-    after = document.extended
-    r = worst_record(before, [flight.output])
-    record = before.records[r]
-    part = telling_window(before, after, [flight.output], r, _SHOWN)
-    t = record.t[part]
-    i = before.outputs.index(flight.output)
-    curves = {AS_GIVEN: before.output[part, r, i], document.best: after.output[part, r, i]}
-    draw_channel(top, flight.output, t, record[flight.output][part], curves)
-    bottom.plot(t, channel_scale(flight.input)[0] * record[flight.input][part], color=MEASURED, lw=1.2)
-    bottom.set_ylabel(channel_axis(flight.input))
-    bottom.margins(x=0.01)
-    top.set_title(f"record {record.name}", loc="left")
-    top.tick_params(labelbottom=False)
-    bottom.set_xlabel("time t [s]")

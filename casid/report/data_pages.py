@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from casid.data_check.check import DataFindings
 from casid.data_check.reading import Finding
@@ -15,19 +15,30 @@ from casid.records.record import Record
 from casid.records.segments import Segment
 from casid.report import tables
 from casid.report.estimate_figures import file_name, histories
-from casid.report.statements import about_data
-from casid.report.style import (
-    ALERT,
+from casid.report.figure import (
     EXPLAINED,
+    FAULT,
+    GREEN,
+    INK,
     MEASURED,
+    PINK,
+    TIME,
     WIDE,
+    Axis,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
+    Part,
     Picture,
+    Span,
     channel_axis,
     channel_scale,
-    legend,
-    settings,
+    history,
     stacked,
 )
+from casid.report.statements import about_data
 from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, pretty, to_noise
 from casid.signals import SURFACES, for_a_person, label_of
@@ -35,6 +46,10 @@ from casid.signals import SURFACES, for_a_person, label_of
 _MOST = 8  # channels drawn
 _HEIGHT = 1.25  # inches per channel
 _APART = 1.0  # s between records on the time axis
+_RECORDED = replace(MEASURED, name="recorded", width=1.0, alpha=0.5)
+_CORRECTED = replace(EXPLAINED, name="corrected", dash="-")
+_LEFT_OUT = Look(name="left out", colour=PINK, dash="", marker=".", size=3.0)
+_MANOEUVRE = Look(name="a manoeuvre", colour=GREEN, alpha=0.18)
 
 
 def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged: Sequence[Record]) -> Picture | None:
@@ -44,21 +59,15 @@ def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged
     suspected = [name for name in _suspected(findings) if name in there][:_MOST]
     if not suspected:
         return None
-    with settings():
-        figure, axes = stacked([_HEIGHT] * len(suspected), WIDE)
-        for axis, name in zip(axes, suspected, strict=True):
-            concerned = [one for one in findings if name in one.target.split("+")]
-            _draw(axis, name, list(zip(recorded, judged, strict=True)), concerned)
-        axes[-1].set_xlabel("time, records one after the other [s]")
-        legend(figure, axes, 4)
+    pairs = list(zip(recorded, judged, strict=True))
+    panels = [_suspect(name, pairs, [one for one in findings if name in one.target.split("+")]) for name in suspected]
     said = " ".join(one.sentence for one in findings)
     return Picture(
         name="check",
-        figure=figure,
+        figure=Figure(rows=stacked(panels), width=WIDE),
         title="Data that are not as they should be",
         caption="Grey: as recorded. Green: as corrected. Shaded: the time that a fault says. Dots: samples left out.",
         alt=said,
-        wide=True,
     )
 
 
@@ -67,39 +76,32 @@ def _suspected(findings: Sequence[Finding]) -> list[str]:
     return list(dict.fromkeys(names))
 
 
-def _draw(axis: Axes, name: str, pairs: Sequence[tuple[Record, Record]], findings: Sequence[Finding]) -> None:
-    factor, unit = channel_scale(name)
+def _suspect(name: str, pairs: Sequence[tuple[Record, Record]], findings: Sequence[Finding]) -> Panel:
+    """Return a channel over all records, with the names of the records above it."""
+    factor = channel_scale(name)[0]
     begin = 0.0
-    said = set[str]()
-
-    def once(word: str) -> str:
-        """A word for the legend, the first time that it is wanted."""
-        new = "" if word in said else word
-        said.add(word)
-        return new
-
+    parts: list[Part] = []
     for before, after in pairs:
         shift = begin - before.t[0]
-        end = before.t[-1] + shift
-        axis.annotate(before.name, (begin, 1.02), xycoords=("data", "axes fraction"), fontsize=9, annotation_clip=False)
+        parts.append(Note(text=before.name, x=begin))
         for low, high in (part for one in findings for part in one.intervals_s.get(before.name, ())):
-            axis.axvspan(low + shift, high + shift, color=ALERT, alpha=0.3, lw=0.8, label=once("a fault"))
+            parts.append(Span(look=FAULT, low=low + shift, high=high + shift))
         if name in before:
             t = before.t + shift
             old = factor * before[name]
-            axis.plot(t, old, color=MEASURED, alpha=0.45, linewidth=1.0, label=once("recorded"))
+            parts.append(Curve(look=_RECORDED, x=t, y=old))
             if name in after and len(after) == len(before):
                 new = factor * after[name]
                 out = np.isfinite(old) & ~np.isfinite(new)
                 changed = np.isfinite(new) & (old != new)
                 if changed.any():
-                    axis.plot(t, np.where(changed, new, np.nan), color=EXPLAINED, label=once("corrected"))
+                    parts.append(Curve(look=_CORRECTED, x=t, y=np.where(changed, new, np.nan)))
                 if out.any():
-                    axis.plot(t[out], old[out], ".", color=ALERT, markersize=3.0, label=once("left out"))
-        begin = end + _APART
-    axis.set_title(label_of(name), loc="right")
-    axis.set_ylabel(f"{name} [{unit}]")
-    axis.margins(x=0.005)
+                    parts.append(Curve(look=_LEFT_OUT, x=t[out], y=old[out]))
+        begin = float(before.t[-1]) + shift + _APART
+    x = Axis(label="time, records one after the other [s]")
+    title = label_of(name) if label_of(name) != name else ""
+    return Panel(parts=tuple(parts), x=x, y=Axis(label=channel_axis(name)), title=title, height=_HEIGHT)
 
 
 _SHOWN = (*SURFACES, "p", "q", "r")
@@ -108,29 +110,23 @@ _SHOWN = (*SURFACES, "p", "q", "r")
 def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     """Surfaces and rates over the whole record; the manoeuvres are shaded and numbered."""
     names = [name for name in _SHOWN if name in record]
-    with settings():
-        figure, axes = stacked([1.1] * len(names), WIDE)
-        for ax, name in zip(axes, names, strict=True):
-            ax.plot(record.t, channel_scale(name)[0] * record[name], color=MEASURED, lw=0.8)
-            ax.set_ylabel(channel_axis(name))
-            for one in found:
-                ax.axvspan(one.start, one.stop, color=EXPLAINED, alpha=0.18, lw=0.0)
-            ax.margins(x=0.005)
-        for number, one in enumerate(found, 1):
-            place = 0.5 * (one.start + one.stop)
-            label = f"{number}\n{'+'.join(one.axes)}"
-            axes[0].annotate(
-                label, (place, 1.02), xycoords=("data", "axes fraction"), ha="center", va="bottom", fontsize=8
-            )
-        axes[-1].set_xlabel("t [s]")
+    spans = tuple(Span(look=_MANOEUVRE, low=one.start, high=one.stop) for one in found)
+    line = replace(_RECORDED, colour=INK, alpha=1.0)
+    panels = []
+    for name in names:
+        panel = history(name, record.t, {line: record[name]}, x=TIME, height=0.9)
+        panels.append(replace(panel, parts=(*spans, *panel.parts)))
+    numbers = (
+        Note(text=f"{k}: {'+'.join(one.axes)}", x=0.5 * (one.start + one.stop), align="center")
+        for k, one in enumerate(found, 1)
+    )
+    panels[0] = replace(panels[0], parts=(*panels[0].parts, *numbers))
     return Picture(
         name=f"segments_{file_name(record.name)}",
-        figure=figure,
-        histories=True,
+        figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"{record.name}: manoeuvres",
         caption="Surfaces and rates of rotation. Shaded and numbered: the manoeuvres that were found.",
         alt=f"{len(found)} manoeuvres in {record.name}.",
-        wide=True,
     )
 
 

@@ -2,31 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.frequency.output_error import FourierOutputError
 from casid.frequency.regression import FourierEquationError
-from casid.report.style import (
-    CURVES,
-    NOISE,
-    RECORD_COLOURS,
+from casid.report.figure import (
+    GREY,
+    INPUT,
+    MEASURED,
+    TIME,
+    ZERO,
+    Axis,
+    Cells,
+    Curve,
+    Figure,
+    Look,
+    Panel,
     Picture,
-    blank,
-    channel_axis,
-    channel_scale,
-    draw_channel,
-    legend,
-    settings,
-    window,
+    Rule,
+    Scale,
+    Span,
+    history,
+    looks,
+    stacked,
 )
+from casid.report.svg import shown
 
 _LAGS = 30
+_INPUT_HEIGHT = 0.9  # inches
+_WHITE = Look(name="white noise", colour=GREY)
 
 
 def histories(
@@ -35,52 +45,47 @@ def histories(
     channels: Sequence[str],
     measured: np.ndarray,
     curves: Mapping[str, np.ndarray],
-    empty: Callable[[float], Figure] = blank,
     inputs: Mapping[str, np.ndarray] | None = None,
     *,
-    axis: str = "t [s]",
+    given: str | None = None,
+    axis: Axis = TIME,
 ) -> Picture:
-    """Measured (N, channels) and, by label, what models give (N, channels), one panel per channel; `empty` makes the
-    figure of a height. `inputs`, by channel (N,), stand in panels below. Where `t` is no time, `axis` names it."""
+    """Return measured (N, channels) and, by label, what models give (N, channels), one panel per channel.
+
+    The model called `given`, or the first of several, is that as given. `inputs`, by channel (N,), stand in panels
+    below. Where `t` is no time, `axis` names it.
+    """
     inputs = inputs or {}
-    with settings():
-        beside = 2 if max(len(channels), len(inputs)) > 1 else 1
-        above = -(-len(channels) // beside)
-        below = -(-len(inputs) // beside)
-        figure = empty(1.35 * above + 1.0 * below + 0.7)
-        heights = [1.35] * above + [1.0] * below
-        axes = figure.subplots(above + below, beside, sharex=True, squeeze=False, height_ratios=heights)
-        for i, channel in enumerate(channels):
-            here = {label: values[:, i] for label, values in curves.items()}
-            draw_channel(axes.flat[i], channel, t, measured[:, i], here)
-        for ax, (channel, values) in zip(axes.flat[beside * above :], inputs.items(), strict=False):
-            ax.plot(t, channel_scale(channel)[0] * values, color="black", lw=1.1, label="recorded input")
-            ax.set_ylabel(channel_axis(channel))
-        for ax in (*axes.flat[len(channels) : beside * above], *axes.flat[beside * above + len(inputs) :]):
-            ax.set_visible(False)
-        for column in axes.T:
-            lowest = [ax for ax in column if ax.get_visible()][-1]
-            lowest.set_xlabel(axis)
-            lowest.tick_params(labelbottom=True)
-        legend(figure, axes.flat, 3)
+    drawn_so = looks(curves, given)
+    outputs = [
+        history(
+            channel,
+            t,
+            {MEASURED: measured[:, i]} | {drawn_so[label]: one[:, i] for label, one in curves.items()},
+            x=axis,
+        )
+        for i, channel in enumerate(channels)
+    ]
+    below = [history(name, t, {INPUT: values}, x=axis, height=_INPUT_HEIGHT) for name, values in inputs.items()]
+    beside = 2 if max(len(channels), len(inputs)) > 1 else 1
     drawn = ", ".join(["measured", *curves])
     return Picture(
         name=f"histories_{file_name(record)}",
-        figure=figure,
+        figure=Figure(rows=(*stacked(outputs, beside), *stacked(below, beside))),
         title=f"{record}: {drawn}",
-        histories=True,
         caption=f"Outputs of {record}: {drawn}.",
         alt=f"Time histories of {', '.join(channels)}: {drawn}.",
     )
 
 
-def plot_fit(fit: Fit, record: str | None) -> Figure:
-    """Measured and predicted channels of one record, or their amplitudes over frequency where they are transforms."""
+def plot_fit(fit: Fit, record: str | None) -> Any:
+    """Return measured and predicted channels of one record, or their amplitudes over frequency, for a notebook."""
     records = {r.name: r for r in fit.problem.records}
     name = next(iter(records)) if record is None else record
     check_known("record", (name,), records, "fit.plot")
     predicted = fit.predictions[name]
     measured = predicted + fit.residuals[name]
+    channels = list(fit.channels)
     if isinstance(cost := fit.problem.cost, FourierEquationError | FourierOutputError):
         frequencies = cost.equations(fit.problem).frequencies[list(records).index(name)]
         omega = np.unique(frequencies)
@@ -88,32 +93,37 @@ def plot_fit(fit: Fit, record: str | None) -> Figure:
         values = (measured, predicted, fit.residuals[name])
         measured, predicted, rest = (np.sqrt(which @ np.nan_to_num(one) ** 2) for one in values)
         curves = {"fitted": predicted, "difference": rest}
-        return histories(name, omega, list(fit.channels), measured, curves, window, axis="frequency ω [rad/s]").figure
-    return histories(name, records[name].t, list(fit.channels), measured, {"fitted": predicted}, window).figure
+        axis = Axis(label="frequency ω [rad/s]")
+        return shown(histories(name, omega, channels, measured, curves, given="", axis=axis).figure)
+    return shown(histories(name, records[name].t, channels, measured, {"fitted": predicted}).figure)
 
 
 def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray]) -> Picture:
-    """Autocorrelation of residuals (N, channels), by label, with the band in which that of white noise stays."""
-    with settings():
-        rows = -(-len(channels) // 4)
-        figure = blank(1.6 * rows + 0.7)
-        axes = figure.subplots(rows, 4, sharex=True, sharey=True, squeeze=False)
-        for i, channel in enumerate(channels):
-            ax = axes.flat[i]
-            for (label, values), (colour, dash) in zip(residuals.items(), CURVES, strict=False):
-                series = values[np.isfinite(values[:, i]), i]
-                ax.plot(np.arange(_LAGS + 1), autocorrelation(series, _LAGS), dash, color=colour, label=label)
-                band = 1.96 / np.sqrt(len(series))
-                ax.axhspan(-band, band, color=NOISE, zorder=0)
-            ax.set_title(channel)
-        for ax in axes.flat[len(channels) :]:
-            ax.set_visible(False)
-        legend(figure, axes.flat, len(residuals))
-        for ax in axes[-1]:
-            ax.set_xlabel("lag [samples]")
+    """Return the autocorrelation of residuals (N, channels), by label, with the band of white noise."""
+    lags = np.arange(_LAGS + 1.0)
+    panels = []
+    for i, channel in enumerate(channels):
+        series = {label: one[np.isfinite(one[:, i]), i] for label, one in residuals.items()}
+        widest = 1.96 / np.sqrt(min(map(len, series.values())))
+        curves = [
+            Curve(look=look, x=lags, y=autocorrelation(series[n], _LAGS)) for n, look in looks(series, "").items()
+        ]
+        panels.append(
+            Panel(
+                parts=(
+                    Span(look=_WHITE, low=-widest, high=widest, axis="y"),
+                    Rule(look=ZERO, at=0.0, axis="y"),
+                    *curves,
+                ),
+                x=Axis(label="lag [samples]"),
+                y=Axis(high=1.05),
+                title=channel,
+                height=1.1,
+            )
+        )
     return Picture(
         name="autocorrelation",
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 4), alike=True),
         title="Are the residuals white?",
         caption="Autocorrelation of the residuals over the lag; white noise stays in the grey band 95 % of the time.",
         alt="Autocorrelation of the residuals of every channel.",
@@ -121,7 +131,7 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
 
 
 def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
-    """(lags + 1,) autocorrelation of a series (N,) about its mean; zeros for a constant."""
+    """Return (lags + 1,) autocorrelation of a series (N,) about its mean; zeros for a constant."""
     e = series - series.mean()
     power = float(e @ e)
     if power == 0.0:
@@ -130,25 +140,20 @@ def autocorrelation(series: np.ndarray, lags: int) -> np.ndarray:
 
 
 def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, float]]], reference: str) -> Picture:
-    """Draw, by label, (value, 1-sigma) of every parameter over its value by the method `reference`: 1 is the same,
-    below 0 the opposite sign. Where that value is 0 there is no ratio: value over 1-sigma, on an axis of its own."""
+    """Return by label (value, 1-sigma) of every parameter over its value by the method `reference`.
+
+    1 is the same, below 0 the opposite sign. Where that value is 0 there is no ratio: value over 1-sigma, on an axis of
+    its own.
+    """
     base = dict(zip(names, (value for value, _ in methods[reference]), strict=True))
-    panels = [[n for n in names if base[n] != 0.0], [n for n in names if base[n] == 0.0]]
-    labels = [
-        f"value over that of: {reference} (bars: 2 standard errors)",
-        f"value over its standard error ({reference}: 0)",
-    ]
-    shown = [(rows, label) for rows, label in zip(panels, labels, strict=True) if rows]
-    with settings():
-        figure = blank(0.32 * len(names) + 1.0 * len(shown))
-        axes = figure.subplots(len(shown), 1, squeeze=False, height_ratios=[len(rows) + 1 for rows, _ in shown])
-        for ax, (rows, label) in zip(axes[:, 0], shown, strict=True):
-            _estimate_rows(ax, names, rows, methods, base)
-            ax.set_xlabel(label)
-        legend(figure, [axes[0, 0]], len(methods))
+    groups = (
+        (f"value over that of: {reference} (bars: 2 standard errors)", [n for n in names if base[n] != 0.0]),
+        (f"value over its standard error ({reference}: 0)", [n for n in names if base[n] == 0.0]),
+    )
+    panels = [_estimate_rows(label, names, rows, methods, base) for label, rows in groups if rows]
     return Picture(
         name="estimates",
-        figure=figure,
+        figure=Figure(rows=stacked(panels), linked=False),
         title="Estimates",
         caption=f"Estimates over those of {reference}, with 2 sigma; 1 is the same, below 0 the opposite sign.",
         alt=f"Estimates of {', '.join(names)} by {', '.join(methods)}.",
@@ -156,48 +161,39 @@ def estimates(names: Sequence[str], methods: Mapping[str, Sequence[tuple[float, 
 
 
 def _estimate_rows(
-    ax: Axes,
+    label: str,
     names: Sequence[str],
     rows: Sequence[str],
     methods: Mapping[str, Sequence[tuple[float, float]]],
     base: Mapping[str, float],
-) -> None:
-    """One row for each parameter of `rows`, first at the top."""
-    heights = np.arange(len(rows))[::-1]
-    for k, (label, pairs) in enumerate(methods.items()):
+) -> Panel:
+    """Return one row for each parameter of `rows`, first at the top."""
+    parts = []
+    for k, ((_, pairs), look) in enumerate(zip(methods.items(), looks(methods).values(), strict=True)):
         value, std = np.array([pair for name, pair in zip(names, pairs, strict=True) if name in rows]).T
         known = np.nan_to_num(std)
         unit = np.array([base[name] for name in rows])
         unit = np.where(unit != 0.0, unit, np.where(known > 0.0, known, 1.0))
-        ax.errorbar(
-            value / unit,
-            heights + 0.16 * (0.5 * (len(methods) - 1) - k),
-            xerr=2.0 * known / np.abs(unit),
-            fmt="o",
-            ms=4,
-            color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
-            label=label,
-            capsize=2,
-        )
-    ax.set_yticks(heights, rows)
-    ax.set_ylim(-0.6, len(rows) - 0.4)
+        heights = np.arange(len(rows)) - 0.16 * (0.5 * (len(methods) - 1) - k)
+        dots = replace(look, dash="", marker="o")
+        parts.append(Curve(look=dots, x=value / unit, y=heights, std_x=2.0 * known / np.abs(unit)))
+    return Panel(parts=tuple(parts), x=Axis(label=label), y=Axis(names=tuple(rows)), height=0.2 + 0.26 * len(rows))
 
 
 def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
-    """Correlation matrix (parameters, parameters) of the errors of the estimates."""
-    with settings():
-        figure = blank(min(max(0.22 * len(names), 1.8), 3.7) + 1.0)
-        thin = 0.05
-        ax, scale = figure.subplots(1, 2, width_ratios=(1.0, thin))
-        scale.set_box_aspect(1.0 / thin)  # as high as the matrix, which is square
-        image = ax.imshow(matrix, vmin=-1.0, vmax=1.0, cmap="RdBu_r")
-        ax.grid(visible=False)
-        ax.set_xticks(range(len(names)), names, rotation=90, fontsize=6)
-        ax.set_yticks(range(len(names)), names, fontsize=6)
-        figure.colorbar(image, cax=scale, label="correlation of errors")
+    """Return the correlation matrix (parameters, parameters) of the errors of the estimates."""
+    axis = Axis(names=tuple(names))
+    scale = Scale(low=-1.0, high=1.0, colours="RdBu_r", label="correlation of errors")
+    panel = Panel(
+        parts=(Cells(values=matrix, scale=scale),),
+        x=axis,
+        y=axis,
+        height=min(1.8 + 0.14 * len(names), 5.4),
+        square=True,
+    )
     return Picture(
         name="correlations",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title="Which parameters are confused?",
         caption="Correlation of the errors of the estimates; near 1 or -1 the data hardly tell two parameters apart.",
         alt="Matrix of correlations between parameters.",
@@ -205,5 +201,5 @@ def correlations(names: Sequence[str], matrix: np.ndarray) -> Picture:
 
 
 def file_name(text: str) -> str:
-    """A text as part of a file name: what is not a letter, digit, point or hyphen becomes an underscore."""
+    """Return a text as part of a file name: what is not a letter, digit, point or hyphen becomes an underscore."""
     return "".join(c if c.isalnum() or c in "-." else "_" for c in text)

@@ -3,41 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.colors import LogNorm
-from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
 
 from casid.diagnosis.document import Document, Tried
-from casid.report.style import (
-    BASELINE,
-    EXPLAINED,
+from casid.report.figure import (
+    BLUE,
     EXTENDED,
     FAINT,
-    MEASURED,
-    NOISE,
+    GIVEN,
+    GREEN,
+    GREY,
+    INK,
+    LIMIT,
+    ORANGE,
+    Axis,
+    Bar,
+    Cells,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
     Picture,
-    blank,
-    legend,
-    powers_of_ten,
+    Rule,
+    Scale,
+    stacked,
 )
-from casid.report.words import EVIDENCE, label, place, pretty, quantity
+from casid.report.words import EVIDENCE, place, pretty, quantity
 
 _MOST_INSTRUMENTS = 16
 _MOST_PLACES = 10
-_FACES: Mapping[str, dict[str, Any]] = MappingProxyType(
-    {
-        "named": {"facecolor": EXTENDED, "edgecolor": EXTENDED},
-        "fitted, explains less": {"facecolor": FAINT, "edgecolor": FAINT},
-        "too small to matter, or implausible": {"facecolor": NOISE, "edgecolor": MEASURED, "hatch": "..."},
-        "refuted by kinematics": {"facecolor": "white", "edgecolor": MEASURED, "hatch": "////"},
-    }
-)
+_NAMED = Look(name="named", colour=BLUE)
+_LESS = Look(name="fitted, explains less", colour=FAINT)
+_SMALL = Look(name="too small to matter, or implausible", colour=GREY, edge=INK, hatch="...")
+_REFUTED = Look(name="refuted by kinematics", colour="#FFFFFF", edge=INK, hatch="////")
+_HELD_OUT = Look(name="the same on held-out records", colour=ORANGE, dash="", marker="D", size=7.0)
+_CLEARED = Look(name="cleared", colour=GREEN)
+_FAILS = Look(name="fails", colour=ORANGE, edge="#FFFFFF", hatch="//")
 
 
 def ladder(document: Document) -> Picture | None:
@@ -46,38 +49,24 @@ def ladder(document: Document) -> Picture | None:
     if not rows:
         return None
     several = len({one.round for one in rows}) > 1
-    figure = blank(0.34 * len(rows) + 1.7)
-    ax = figure.subplots()
-    held_out = []
-    faces = []
-    for y, trial in enumerate(rows):
-        faces.append(_face(trial))
-        ax.barh(y, max(trial.statistic, 1.0), 0.7, **faces[-1])
-        held = _held_out(document, trial) if trial.named else None
-        if held is not None and held > 0:
-            held_out.append(held)
-            ax.plot(held, y, "D", color=BASELINE, mec="white", ms=8, zorder=3)
     asked = document.criteria.naming
-    ax.axvline(asked.gain, color=MEASURED, ls=":", lw=1.2)
-    ax.set_xscale("log")
-    powers_of_ten(ax.xaxis)
-    ax.set_xlim(1.0, 3.0 * max(100.0, *(one.statistic for one in rows), *held_out))
-    ax.set_yticks(range(len(rows)), [label(_row_name(one, several)) for one in rows])
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    ax.grid(axis="y", visible=False)
-    ax.set_xlabel("likelihood-ratio statistic (log scale)")
-    handles: list[Artist] = [Patch(**face) for face in _FACES.values() if face in faces]
-    words = [word for word, face in _FACES.items() if face in faces]
-    if held_out:
-        handles.append(Line2D([], [], ls="", marker="D", color=BASELINE))
-        words.append("the same on held-out records")
-    handles.append(Line2D([], [], color=MEASURED, ls=":"))
-    figure.legend(handles, [*words, "least statistic for a name"], loc="outside upper center", ncols=2)
+    bars = [Bar(look=_look(one), at=y, low=1.0, high=max(one.statistic, 1.0)) for y, one in enumerate(rows)]
+    held_out = {y: _held_out(document, one) or 0.0 for y, one in enumerate(rows) if one.named}
+    held_out = {y: value for y, value in held_out.items() if value > 0.0}
+    dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
+    least = Rule(look=LIMIT.called("least statistic for a name"), at=asked.gain)
+    most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
+    panel = Panel(
+        parts=(*bars, *([dots] if held_out else []), least),
+        x=Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most),
+        y=Axis(names=tuple(_row_name(one, several) for one in rows)),
+        height=0.34 * len(rows) + 0.2,
+    )
     best = rows[0]
     name = pretty(rows[0].title)
     return Picture(
         name="ladder",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
@@ -90,12 +79,12 @@ def ladder(document: Document) -> Picture | None:
     )
 
 
-def _face(trial: Tried) -> dict[str, Any]:
+def _look(trial: Tried) -> Look:
     if trial.refuted:
-        return _FACES["refuted by kinematics"]
+        return _REFUTED
     if not trial.meaningful:
-        return _FACES["too small to matter, or implausible"]
-    return _FACES["named" if trial.named else "fitted, explains less"]
+        return _SMALL
+    return _NAMED if trial.named else _LESS
 
 
 def _row_name(one: Tried, several: bool) -> str:
@@ -117,34 +106,32 @@ def missing(document: Document) -> Picture:
     unexplained = [one.station for one in document.unexplained if one.fitted][:1]
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
-    figure = blank(0.36 * len(order) + 1.4)
-    ax = figure.subplots()
     extended = bool(document.causes)
-    y = np.arange(len(order))
-    height = 0.38 if extended else 0.7
-    ax.barh(
-        y - (height / 2 if extended else 0),
-        [max(before[s], 1.0) for s in order],
-        height,
-        color=BASELINE,
-        label="re-estimated model, without causes",
-    )
-    if extended:
-        ax.barh(y + height / 2, [max(after[s], 1.0) for s in order], height, color=EXTENDED, label="extended model")
+    sides = [(GIVEN.called("re-estimated model, without causes"), before)]
+    sides += [(EXTENDED.called("extended model"), after)] if extended else []
+    height = 0.76 / len(sides)
+    parts: list[Bar | Note] = [
+        Bar(look=look, at=y + (k - 0.5 * (len(sides) - 1)) * height, low=1.0, high=max(values[s], 1.0), height=height)
+        for k, (look, values) in enumerate(sides)
+        for y, s in enumerate(order)
+    ]
     for station in unexplained:
-        at = (max(before[station], after[station]), order.index(station))
-        ax.annotate("unexplained here", at, xytext=(5, 0), textcoords="offset points", va="center", weight="bold")
-    ax.set_xscale("log")
-    powers_of_ten(ax.xaxis)
-    ax.set_xlim(1.0, 10.0 * max(100.0, *before.values(), *after.values()))
-    ax.set_yticks(y, [place(s) for s in order])
-    ax.set_ylim(len(order) - 0.4, -0.6)
-    ax.grid(axis="y", visible=False)
-    ax.set_xlabel("statistic of a latent input there (log scale)")
-    legend(figure, [ax], 2)
+        most = max(before[station], after[station], 1.0)
+        parts.append(Note(text="unexplained here", x=most, y=order.index(station), offset=(5.0, 0.0), bold=True))
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(
+            label="statistic of a latent input there (log scale)",
+            log=True,
+            low=1.0,
+            high=10.0 * max(100.0, *before.values(), *after.values()),
+        ),
+        y=Axis(names=tuple(place(s) for s in order)),
+        height=0.36 * len(order) + 0.2,
+    )
     return Picture(
         name="missing",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title="Where something is missing",
         caption=(
             "A latent input, an unknown function of time, is added at one port of the signal path at a time. A large "
@@ -170,29 +157,19 @@ def kinematic(document: Document) -> Picture | None:
     limit = math.sqrt(document.criteria.significance.search)
     everyone = sorted(best, key=lambda k: -best[k][0])
     order = everyone[:_MOST_INSTRUMENTS]
-    figure = blank(0.29 * len(order) + 1.2)
-    ax = figure.subplots()
     over = [best[k][0] > limit for k in order]
-    ax.barh(
-        range(len(order)),
-        [best[k][0] for k in order],
-        0.7,
-        color=[BASELINE if o else EXPLAINED for o in over],
-        hatch=["//" if o else "" for o in over],
-        edgecolor="white",
-        linewidth=0,
-    )
+    parts: list[Bar | Note | Rule] = [Rule(look=LIMIT.called("limit"), at=limit)]
     for y, key in enumerate(order):
+        z, fault = best[key]
+        parts.append(Bar(look=_FAILS if over[y] else _CLEARED, at=y, low=0.0, high=z))
         if over[y]:
-            ax.annotate(
-                best[key][1], (best[key][0], y), xytext=(5, 0), textcoords="offset points", va="center", fontsize=9
-            )
-    ax.axvline(limit, color=MEASURED, ls=":", lw=1.2)
-    ax.set_xlim(0.0, max(1.6 * best[order[0]][0], 1.3 * limit))
-    ax.set_yticks(range(len(order)), order)
-    ax.set_ylim(len(order) - 0.4, -0.6)
-    ax.grid(axis="y", visible=False)
-    ax.set_xlabel("|z| of its strongest fault (dotted: limit)")
+            parts.append(Note(text=fault, x=z, y=y, offset=(5.0, 0.0)))
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(label="|z| of its strongest fault", low=0.0, high=max(1.6 * best[order[0]][0], 1.3 * limit)),
+        y=Axis(names=tuple(order)),
+        height=0.29 * len(order) + 0.2,
+    )
     cleared = f"{sum(best[k][0] <= limit for k in everyone)} of {len(everyone)} instruments and winds are cleared"
     drawn = f" The {len(order)} with the largest |z| are drawn." if len(order) < len(everyone) else ""
     note = (
@@ -204,7 +181,7 @@ def kinematic(document: Document) -> Picture | None:
     )
     return Picture(
         name="kinematic",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title=f"Kinematic check: {cleared}",
         caption=(
             "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "
@@ -215,37 +192,32 @@ def kinematic(document: Document) -> Picture | None:
 
 
 _MOST = 1e4
-_BAR = 0.04  # height of the scale of colours over that of the panels
 
 
 def heatmap(document: Document) -> Picture | None:
-    """Channel by frequency, before and after."""
+    """Return channel by frequency, before and after."""
     edges = document.as_given.bands
     outputs = document.as_given.outputs
-    views = [("file as given", document.as_given), (document.best, document.extended)]
-    figure = blank(0.27 * len(outputs) + 1.8)
-    grid = figure.add_gridspec(2, len(views), height_ratios=(1.0, _BAR))
-    axes = [figure.add_subplot(grid[0, k]) for k in range(len(views))]
-    image = None
-    energies = []
-    for ax, (title, view) in zip(axes, views, strict=True):
-        energies.append(view.energy)
-        image = ax.imshow(np.clip(view.energy, 1.0, _MOST), aspect="auto", cmap="YlOrBr", norm=LogNorm(1.0, _MOST))
-        ax.set_title(title)
-        ax.set_yticks(range(len(outputs)), outputs if ax is axes[0] else [""] * len(outputs))
-        ax.set_xticks(np.arange(len(edges)) - 0.5, [f"{e:g}" for e in edges], rotation=0, fontsize=8.5)
-        ax.set_xlabel("frequency [Hz]")
-        ax.grid(visible=False)
-    if image is None or not np.isfinite(energies[0]).any():
+    views = {"file as given": document.as_given, document.best: document.extended}
+    energies = [view.energy for view in views.values()]
+    if not np.isfinite(energies[0]).any():
         return None  # no record is long or fast enough for a band
-    bar = figure.colorbar(image, cax=figure.add_subplot(grid[1, :]), orientation="horizontal", extend="both")
-    powers_of_ten(bar.ax.xaxis)
-    bar.set_label("energy of the residual / energy of the noise")
+    scale = Scale(low=1.0, high=_MOST, colours="YlOrBr", log=True, label="energy of the residual / energy of the noise")
+    panels = [
+        Panel(
+            parts=(Cells(values=view.energy, scale=scale),),
+            x=Axis(label="frequency [Hz]", names=tuple(f"{e:g}" for e in edges), edges=True),
+            y=Axis(names=tuple(outputs)),
+            title=title,
+            height=0.27 * len(outputs),
+        )
+        for title, view in views.items()
+    ]
     i, b = np.unravel_index(np.nanargmax(energies[0]), energies[0].shape)
     worst = f"{outputs[i]} at {edges[b]:g} to {edges[b + 1]:g} Hz"
     return Picture(
         name="heatmap",
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 2)),
         title="Which channels, which frequencies",
         caption="Palest: nothing but noise. Darkest: ten thousand times the energy of the noise. Fitted records.",
         alt=f"Heatmap of residual over noise energy, channel by frequency. Largest before: {worst}, "
@@ -259,21 +231,24 @@ def ambiguity(document: Document) -> Picture | None:
     if len(titles) < 2:
         return None
     names = [pretty(one) for one in titles]
-    figure = blank(0.42 * len(names) + 1.7)
-    ax = figure.subplots()
-    ax.imshow(cosine, vmin=0.0, vmax=1.0, cmap="Blues", aspect="auto")
-    for i, row in enumerate(cosine):
-        for j, value in enumerate(row):
-            colour = "white" if value > 0.6 else "black"
-            ax.text(j, i, f"{value:.2f}", ha="center", va="center", color=colour, fontsize=8)
-    ax.set_yticks(range(len(names)), [label(f"{n}  ({chr(65 + i)})") for i, n in enumerate(names)])
-    ax.set_xticks(range(len(names)), [chr(65 + i) for i in range(len(names))])
-    ax.grid(visible=False)
+    letters = tuple(chr(65 + i) for i in range(len(names)))
+    panel = Panel(
+        parts=(
+            Cells(
+                values=cosine,
+                scale=Scale(low=0.0, high=1.0, colours="Blues"),
+                texts={place: f"{value:.2f}" for place, value in np.ndenumerate(cosine)},
+            ),
+        ),
+        x=Axis(names=letters),
+        y=Axis(names=tuple(f"{n}  ({letter})" for n, letter in zip(names, letters, strict=True))),
+        height=0.42 * len(names),
+    )
     off = cosine - np.eye(len(names))
     i, j = np.unravel_index(np.argmax(off), off.shape)
     return Picture(
         name="ambiguity",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title="How alike the causes look in these records",
         caption=(
             "|cos| of the angle between two fingerprints once the fitted derivatives have explained what they can: 1, "

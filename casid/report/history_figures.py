@@ -7,27 +7,33 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from matplotlib.artist import Artist
-from matplotlib.axes import Axes
-from matplotlib.patches import Patch
 
 from casid.diagnosis.document import Document, Simulated
 from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
 from casid.report import estimate_figures
-from casid.report.style import (
-    ALERT,
-    BASELINE,
+from casid.report.figure import (
     EXPLAINED,
     EXTENDED,
+    FAULT,
+    GIVEN,
+    INPUT,
     MEASURED,
     NOISE,
+    TIME,
     WIDE,
+    Axis,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
     Picture,
+    Span,
+    channel_axis,
     channel_scale,
-    draw_channel,
-    legend,
-    settings,
+    history,
+    joined,
     smooth,
     stacked,
 )
@@ -41,14 +47,13 @@ PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType
     }
 )
 # inches
-_ROW = 0.62
+_ROW = 0.72
 _INPUT_ROW = 0.5
 _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
-_POINTS = 1500  # of a line over all records: more than its pixels
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
-_HELD = "#EAF4EE"
-AS_GIVEN = "file as given"
+_HELD = Look(name="held out: no fit has seen it", colour="#EAF4EE")
+_LEFT_OUT = FAULT.called("samples left out")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,8 +77,7 @@ class Piece:
 def tracks(document: Document) -> list[Picture]:
     """One picture for each plane of motion that was measured."""
     pieces = _pieces(document)
-    with settings():
-        found = [_plane(document, name, pieces) for name in PLANES]
+    found = [_plane(document, name, pieces) for name in PLANES]
     return [picture for picture in found if picture is not None]
 
 
@@ -114,100 +118,76 @@ def _plane(document: Document, plane: str, pieces: Sequence[Piece]) -> Picture |
     if not shown:
         return None
     rows = [*inputs, *shown]
-    figure, axes = stacked([_INPUT_ROW] * len(inputs) + [_ROW] * len(shown), WIDE)
-    for axis, name in zip(axes, rows, strict=True):
-        _mark(axis, name, pieces, document)
-        (_input if name in inputs else _output)(axis, name, pieces, document)
-        factor, unit = channel_scale(name)
-        axis.set_ylabel(f"{name}\n[{unit}]", rotation=0, ha="right", va="center", fontsize=9)
-        axis.tick_params(labelsize=8.5)
-        axis.locator_params(axis="y", nbins=3)
-        axis.margins(x=0.005)
-    for one in pieces:
-        label = f"{one.record.name}{' (held out)' if one.held else ''}"
-        axes[0].annotate(
-            label,
-            (one.begin, 1.05),
-            xycoords=("data", "axes fraction"),
-            fontsize=9.5,
-            weight="bold",
-            annotation_clip=False,
-        )
-    axes[-1].set_xlabel("time, records one after the other [s]")
-    shades: dict[str, Artist] = {"held out: no fit has seen it": Patch(color=_HELD)}
-    if any(_left_out(document, name, one.record.name) for name in rows for one in pieces):
-        shades["samples left out"] = Patch(color=ALERT, alpha=0.4)
-    legend(figure, axes, 3, shades)
+    panels = [_track(document, name, pieces, name in inputs) for name in rows]
+    notes = (
+        Note(text=f"{one.record.name}{' (held out)' if one.held else ''}", x=one.begin, bold=True) for one in pieces
+    )
+    panels[0] = replace(panels[0], parts=(*panels[0].parts, *notes))
     names = ", ".join(one.record.name for one in pieces)
     return Picture(
         name=f"tracks_{plane}",
-        figure=figure,
-        histories=True,
+        figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"Before and after: {plane} motion in all channels",
         caption=(
             f"Open-loop simulation with the recorded inputs (green, on top): the file as given, and the "
             f"{document.best}. What the blue line still misses of the grey one is not explained."
         ),
         alt=f"Time histories of {', '.join(rows)} in {names}: measured, by the file as given, by the {document.best}.",
-        wide=True,
     )
 
 
-def _mark(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
-    """Shade what was held out, and what was left out of this channel."""
+def _track(document: Document, name: str, pieces: Sequence[Piece], of_an_input: bool) -> Panel:
+    """Return a channel over all records; shaded: what was held out, and what was left out of this channel."""
+    spans = []
     for one in pieces:
         if one.held:
-            axis.axvspan(one.begin, one.begin + one.record.duration, color=_HELD, lw=0)
+            spans.append(Span(look=_HELD, low=one.begin, high=one.begin + one.record.duration))
+        shift = one.begin - one.record.t[0]
         for low, high in _left_out(document, name, one.record.name):
-            shift = one.begin - one.record.t[0]
-            axis.axvspan(low + shift, high + shift, color=ALERT, alpha=0.4, lw=0)
+            spans.append(Span(look=_LEFT_OUT, low=low + shift, high=high + shift))
+    x = Axis(label="time, records one after the other [s]")
+    if of_an_input:
+        lines = {INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
+        y = Axis(label=channel_axis(name))
+    else:
+        lines = {
+            MEASURED: [(one.t, one.record[name]) for one in pieces],
+            GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
+            EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
+        }
+        y = _followed(name, lines, channel_scale(name)[0])
+    factor = channel_scale(name)[0]
+    curves = []
+    for look, parts in lines.items():
+        t, values = joined(parts)
+        curves.append(Curve(look=look, x=t, y=factor * values))
+    return Panel(parts=(*spans, *curves), x=x, y=y, height=_INPUT_ROW if of_an_input else _ROW)
+
+
+def _simulated(one: Piece, view: Simulated, name: str) -> np.ndarray:
+    return view.output[: len(one.record), one.number, view.outputs.index(name)]
+
+
+def _followed(name: str, lines: Mapping[Look, Sequence[tuple[np.ndarray, np.ndarray]]], factor: float) -> Axis:
+    """Return an axis that follows a simulation that departs only as far as the measurement can be read beside it."""
+    measured, given, after = (factor * np.concatenate([y for _, y in parts]) for parts in lines.values())
+    inside = np.concatenate([measured, after])
+    inside = inside[np.isfinite(inside)]
+    given = given[np.isfinite(given)]
+    low, high = (float(inside.min()), float(inside.max())) if len(inside) else (0.0, 0.0)
+    margin = _BEYOND * (high - low)
+    far = high > low and len(given) > 0
+    return Axis(
+        label=channel_axis(name),
+        low=low - margin if far and given.min() < low - margin else None,
+        high=high + margin if far and given.max() > high + margin else None,
+    )
 
 
 def _left_out(document: Document, name: str, record: str) -> list[tuple[float, float]]:
-    """Intervals [s] of a channel in a record that take no part."""
+    """Return the intervals [s] of a channel in a record that take no part."""
     found = [one for one in document.data if name in one.target.split("+") and one.handled == "excluded"]
     return [interval for one in found for interval in one.intervals_s.get(record, ())]
-
-
-def _input(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
-    factor = channel_scale(name)[0]
-    for k, one in enumerate(pieces):
-        if name in one.record:
-            thin = _thin(one.t, pieces)
-            axis.plot(one.t[thin], factor * one.record[name][thin], color=EXPLAINED, lw=1.2, label="" if k else "input")
-
-
-def _output(axis: Axes, name: str, pieces: Sequence[Piece], document: Document) -> None:
-    factor = channel_scale(name)[0]
-    low = np.inf
-    high = -np.inf
-    for one in pieces:
-        n = len(one.record)
-        i = one.before.outputs.index(name)
-        thin = _thin(one.t, pieces)
-        read = one.record[name]
-        before, after = (view.output[:n, one.number, i] for view in (one.before, one.after))
-        draw_channel(axis, name, one.t[thin], read[thin], {AS_GIVEN: before[thin], document.best: after[thin]})
-        for series in (read, after):
-            inside = factor * series[np.isfinite(series)]
-            if len(inside):
-                low = min(low, float(inside.min()))
-                high = max(high, float(inside.max()))
-    _follow(axis, low, high)
-
-
-def _follow(axis: Axes, low: float, high: float) -> None:
-    """Follow a simulation that departs only as far as the measurement can be read beside it."""
-    if high > low:
-        bottom, top = axis.get_ylim()
-        margin = _BEYOND * (high - low)
-        axis.set_ylim(max(bottom, low - margin), min(top, high + margin))
-    axis.axhline(0.0, color=MEASURED, lw=0.4, alpha=0.5) if low < 0.0 < high else None
-
-
-def _thin(t: np.ndarray, pieces: Sequence[Piece]) -> slice:
-    total = sum(len(one.record) for one in pieces)
-    return slice(None, None, max(1, total // _POINTS))
 
 
 _DEPARTED = 1e9  # standard deviations of noise: further away is no more telling
@@ -237,14 +217,7 @@ def histories(document: Document) -> Picture:
     r = worst_record(before, channels)
     record = before.records[r]
     window = telling_window(before, after, channels, r)
-    figure, axes = stacked([1.75] * len(channels))
-    for ax, channel in zip(axes, channels, strict=True):
-        i = before.outputs.index(channel)
-        curves = {AS_GIVEN: before.output[window, r, i], document.best: after.output[window, r, i]}
-        draw_channel(ax, channel, record.t[window], record[channel][window], curves)
-        ax.set_title(label_of(channel), loc="left")
-    axes[-1].set_xlabel("time t [s]")
-    legend(figure, axes, 3)
+    panels = [compared(document, channel, r, window, held_out=True) for channel in channels]
     names = ", ".join(label_of(c) for c in channels)
     part = (
         ""
@@ -252,9 +225,8 @@ def histories(document: Document) -> Picture:
         else f"{_WINDOW:.0f} s in which the two simulations differ most. "
     )
     return Picture(
-        histories=True,
         name="histories",
-        figure=figure,
+        figure=Figure(rows=stacked(panels)),
         title=f"Flown again: record {record.name}, which no fit has seen",
         caption=(
             "Open-loop simulation with the recorded control inputs, against the measurement: by the file as given, "
@@ -267,36 +239,38 @@ def histories(document: Document) -> Picture:
 
 
 def worst_channel(document: Document) -> Picture | None:
-    """The channel with the largest error as given, in the held-out record where it is worst."""
+    """Return the channel with the largest error as given, in the held-out record where it is worst."""
     names = document.budget.worst()
     if not names:
         return None
     channel = names[0]
     before = document.held_out_as_given
-    after = document.held_out_extended
-    i = before.outputs.index(channel)
     r = worst_record(before, [channel])
     record = before.records[r]
-    n = len(record)
-    figure, (ax,) = stacked([2.0], WIDE)
-    curves = {AS_GIVEN: before.output[:n, r, i], document.best: after.output[:n, r, i]}
-    draw_channel(ax, channel, record.t, record[channel], curves)
-    inside = [channel_scale(channel)[0] * one[np.isfinite(one)] for one in (record[channel], curves[document.best])]
-    inside = np.concatenate(inside)
-    if len(inside):
-        _follow(ax, float(inside.min()), float(inside.max()))
-    ax.set_xlabel("time t [s]")
-    legend(figure, [ax], 3)
+    panel = compared(document, channel, r, slice(0, len(record)), held_out=True)
+    lines = {one.look: [(one.x, one.y)] for one in panel.of(Curve)}
     label = document.budget.labels.get(channel, channel)
     return Picture(
-        histories=True,
         name="worst",
-        figure=figure,
+        figure=Figure(rows=((replace(panel, y=_followed(channel, lines, 1.0), height=2.0),),), width=WIDE),
         title=f"The worst channel: {label} in {record.name}, which no fit has seen",
         caption=pretty(f"{FirstScreen.of(document).worst}. Open-loop simulation with the recorded inputs."),
-        alt=f"Time history of {label} in {record.name}: measured, by the {AS_GIVEN}, and by the {document.best}.",
-        wide=True,
+        alt=f"Time history of {label} in {record.name}: measured, by the file as given, and by the {document.best}.",
     )
+
+
+def compared(document: Document, channel: str, r: int, window: slice, *, held_out: bool = False) -> Panel:
+    """Return a channel in a part of a record: measured, as given and by the best model."""
+    before = document.held_out_as_given if held_out else document.as_given
+    after = document.held_out_extended if held_out else document.extended
+    record = before.records[r]
+    i = before.outputs.index(channel)
+    curves = {
+        MEASURED: record[channel][window],
+        GIVEN: before.output[window, r, i],
+        EXTENDED.called(document.best): after.output[window, r, i],
+    }
+    return history(channel, record.t[window], curves, title=label_of(channel), height=1.6)
 
 
 def flown_again(document: Document) -> Iterator[Picture]:
@@ -318,7 +292,6 @@ def flown_again(document: Document) -> Iterator[Picture]:
         )
         yield replace(
             picture,
-            histories=True,
             name=f"again-{r + 1}",
             title=f"{record.name}, which no fit has seen: measured and simulated",
             caption="Measured outputs, the model as given, with its parameters re-estimated, and extended by the named "
@@ -362,30 +335,29 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
     does not point to a cause), what the causes explain of it, and what is left."""
     before = document.refitted if document.causes else document.as_given
     after = document.extended
-    wrong_by = "re-estimated model" if document.causes else AS_GIVEN
+    wrong_by = "re-estimated model" if document.causes else "file as given"
     channels = channels or telling_channels(before, after, 3)
     r = worst_record(before, channels)
     record = before.records[r]
     n = len(record)
-    figure, axes = stacked([1.85] * len(channels))
-    for ax, channel in zip(axes, channels, strict=True):
+    panels = []
+    for channel in channels:
         i = before.outputs.index(channel)
         noise = before.channels[channel].noise
         wrong = smooth(before.residual[:n, r, i] / noise, record.dt)
-        ax.axhspan(-1.0, 1.0, color=NOISE, lw=0, label="±1σ noise of the instrument")
-        ax.plot(record.t, wrong, color=BASELINE, label=f"error of the {wrong_by}")
         explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
         left = smooth(after.residual[:n, r, i] / noise, record.dt)
-        ax.plot(record.t, explained, "--", color=EXPLAINED, label=f"explained by the {document.best}")
-        ax.plot(record.t, left, color=EXTENDED, lw=1.1, label="left after it")
-        ax.set_title(f"{label_of(channel)} {channel}", loc="left")
-        ax.set_ylabel("residual / σ")
-        ax.margins(x=0.01)
-    axes[-1].set_xlabel("time t [s]")
-    legend(figure, axes, 2)
+        parts = (
+            Span(look=NOISE, low=-1.0, high=1.0, axis="y"),
+            Curve(look=replace(GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
+            Curve(look=EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
+            Curve(look=EXTENDED.called("left after it"), x=record.t, y=left),
+        )
+        title = f"{label_of(channel)} {channel}"
+        panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
     return Picture(
         name=name,
-        figure=figure,
+        figure=Figure(rows=stacked(panels)),
         title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
         caption=(
             "Measured minus simulated over the instrument's 1σ, smoothed over 0.1 s. What stays inside the grey band "

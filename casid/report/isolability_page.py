@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from casid.acceptance.isolability import Addition, Isolability, IsolableCause
 from casid.errors import InputError
 from casid.model.effects import effect_named
-from casid.report.style import Picture, blank, settings, window
+from casid.report.figure import WIDE, Axis, Cells, Figure, Note, Panel, Picture, Scale
+from casid.report.svg import shown
 from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, effect_name, probability_in_words, quantity
 from casid.signals import label_of
@@ -28,34 +28,25 @@ _UNSEEN = "Detected in less than 5 % of flights at the size that matters; in bra
 _MOST = 48  # causes in the matrix: more cannot be read
 
 
-def plot(found: Isolability) -> Figure:
-    """The matrix in a window."""
-    with settings():
-        shown = _shown(found)
-        figure = window(_height(shown))
-        _draw(figure, found, shown)
-    return figure
+def plot(found: Isolability) -> Any:
+    """Return the matrix for a notebook."""
+    return shown(matrix(found).figure)
 
 
 def matrix(found: Isolability) -> Picture:
-    """Which cause, when it is there at the size that matters, is taken for which."""
-    with settings():
-        shown = _shown(found)
-        side = _height(shown)
-        drawn = blank(side, side + 0.6)
-        _draw(drawn, found, shown)
+    """Return which cause, when it is there at the size that matters, is taken for which."""
+    chosen = _shown(found)
     pairs = [(a, b, p) for a, one in found.causes.items() for b, p in one.confusion.items()]
     worst = max(pairs, key=lambda pair: pair[2], default=None)
     said = f" Most alike: {_label(worst[0])} and {_label(worst[1])}, {100.0 * worst[2]:.0f} %." if worst else ""
     return Picture(
         name="isolability",
-        figure=drawn,
+        figure=Figure(rows=((_matrix(found, chosen),),), width=WIDE),
         title="What can be taken for what",
         caption="Row: the cause that is there, at the size that matters. Column: what explains the data better, in per "
         "cent of such flights; 50 is a toss of a coin. Only causes that are detected in most flights and that may be "
         "taken for another one are in the matrix.",
-        alt=f"Matrix of the probability of confusion between {len(shown)} causes.{said}",
-        wide=True,
+        alt=f"Matrix of the probability of confusion between {len(chosen)} causes.{said}",
     )
 
 
@@ -160,39 +151,22 @@ def _shown(found: Isolability) -> list[str]:
     return ordered
 
 
-def _height(shown: list[str]) -> float:
-    return 3.2 + 0.16 * len(shown)  # hardly wider than a page, which would make the labels small
-
-
-def _draw(figure: Any, found: Isolability, shown: list[str]) -> None:
+def _matrix(found: Isolability, chosen: Sequence[str]) -> Panel:
+    if not chosen:
+        note = Note(text="every cause is told apart from all others", x=0.5, y=0.5, align="center")
+        return Panel(parts=(note,), x=Axis(low=0.0, high=1.0), y=Axis(low=0.0, high=1.0), bare=True)
     names = list(found.causes)
-    at = [names.index(name) for name in shown]
-    ax = figure.subplots()
-    if not shown:
-        ax.text(0.5, 0.5, "every cause is told apart from all others", ha="center", transform=ax.transAxes)
-        ax.set_axis_off()
-        return
+    at = [names.index(name) for name in chosen]
     table = 100.0 * found.confusion[np.ix_(at, at)]
-    ax.imshow(table, cmap="Blues", vmin=0.0, vmax=60.0, aspect="equal")
-    for i, row in enumerate(table):
-        for j, value in enumerate(row):
-            if value >= 100.0 * _SHOWN and i != j:
-                colour = "white" if value > 35.0 else "black"
-                ax.text(j, i, f"{value:.0f}", ha="center", va="center", fontsize=8, color=colour)
-    labels = [_label(name) for name in shown]
-    ax.set_xticks(range(len(shown)), labels, rotation=90, fontsize=10)
-    ax.set_yticks(range(len(shown)), labels, fontsize=10)
-    ax.xaxis.set_ticks_position("top")
-    ax.xaxis.set_label_position("top")
-    ax.set_xlabel("taken for")
-    ax.set_ylabel("there, at the size that matters")
-    ax.set_xticks(np.arange(len(shown)) - 0.5, minor=True)
-    ax.set_yticks(np.arange(len(shown)) - 0.5, minor=True)
-    ax.grid(visible=False)
-    ax.grid(visible=True, which="minor", color="#EEEEEE", linewidth=0.5)
-    ax.tick_params(which="both", length=0)
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+    told = {(i, j): f"{value:.0f}" for (i, j), value in np.ndenumerate(table) if i != j and value >= 100.0 * _SHOWN}
+    labels = tuple(_label(name) for name in chosen)
+    return Panel(
+        parts=(Cells(values=table, scale=Scale(low=0.0, high=60.0, colours="Blues"), texts=told),),
+        x=Axis(label="taken for", names=labels),
+        y=Axis(label="there, at the size that matters", names=labels),
+        height=1.4 + 0.19 * len(chosen),
+        square=True,
+    )
 
 
 def _label(name: str) -> str:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from casid.acceptance.checks import EXTENDED, GIVEN, Check, compared_channels, span
 from casid.acceptance.justification import rationale_of
@@ -19,151 +17,152 @@ from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
+from casid.report import figure as grammar
 from casid.report.estimate_figures import file_name
-from casid.report.style import (
-    BASELINE,
+from casid.report.figure import (
     FAINT,
+    GREEN,
+    GREY,
+    INK,
     MEASURED,
-    NOISE,
-    RECORD_COLOURS,
+    PINK,
+    SAMPLES,
     WIDE,
+    YELLOW,
+    Axis,
+    Band,
+    Curve,
+    Figure,
+    Look,
+    Panel,
+    Part,
     Picture,
-    blank,
+    Rule,
+    Span,
     channel_scale,
-    legend,
-    settings,
-    window,
+    stacked,
 )
-from casid.report.style import EXTENDED as BLUE
+from casid.report.svg import shown
 from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
 from casid.report.words import digits, with_std
 from casid.signals import SURFACES, label_of
 
-_LINES = {GIVEN: (BASELINE, "--"), EXTENDED: (BLUE, "-")}
-_PANEL = 1.45  # inches
-_LETTERS = 14  # of a label of 9 points, which are 1 inch
+_LINES = {GIVEN: grammar.GIVEN, EXTENDED: grammar.EXTENDED}
+_FLIGHT = replace(MEASURED, width=2.6, alpha=0.45)
+_TOLERANCE = Look(name="tolerance", colour=GREY)
+_SURFACES = {
+    name: Look(name=label_of(name), colour=colour, width=1.1)
+    for name, colour in zip(SURFACES, (GREEN, PINK, YELLOW), strict=True)
+}
+_CORRECTED = Look(name="with corrections", colour=INK, dash=":", width=1.0)
+_DRIVEN = Look(colour=GREEN, width=1.1)
+_BEGIN = Look(colour=FAINT, width=0.9, dash=":")
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
-def plot(proof: ProofOfMatch, test: str | None) -> Figure:
-    """The first test with this id; without one, the first of all."""
+def plot(proof: ProofOfMatch, test: str | None) -> Any:
+    """Return the figure of the first test with this id, and without one of the first of all, for a notebook."""
     if test is None:
-        return match_figure(proof.tests[0], window).figure
+        return shown(match_figure(proof.tests[0]).figure)
     found = [one for one in proof.tests if one.test.id == test]
     if not found:
         raise unknown("test", str(test), {one.test.id for one in proof.tests}, "proof.plot")
-    return match_figure(found[0], window).figure
+    return shown(match_figure(found[0]).figure)
 
 
-def match_figure(one: MatchedTest, empty: Callable[[float, float], Figure] = blank) -> Picture:
-    """A panel for each compared channel, in the unit of its tolerance, and one for the inputs. Pale band: the tolerance
-    about flight. A bar at the foot: where a simulation leaves it."""
+def match_figure(one: MatchedTest) -> Picture:
+    """Return a panel for each compared channel, in the unit of its tolerance, and one for the inputs.
+
+    Pale band: the tolerance about flight. A bar at the foot: where a simulation leaves it.
+    """
     channels = _panels(one)
-    power = "thrust" if one.test.manoeuvre == "power change" else None
-    count = len(channels) + 1 + bool(power)
-    with settings():
-        figure = empty(_PANEL * -(-count // 2) + 0.8, WIDE)
-        axes = figure.subplots(-(-count // 2), 2, sharex=True, squeeze=False)
-        panels = list(axes.flat)
-        for axis, (name, row) in zip(panels, channels.items(), strict=False):
-            _channel(axis, one, name, row)
-        _surfaces(panels[len(channels)], one)
-        if power:
-            _thrust(panels[len(channels) + 1], one)
-        for axis in panels[count:]:
-            axis.set_visible(False)
-        for axis in panels[max(count - 2, 0) : count]:
-            axis.tick_params(labelbottom=True)
-            axis.set_xlabel("t [s]")
-        legend(figure, panels[: len(channels)], 5)
+    panels = [_channel(one, name, row) for name, row in channels.items()]
+    panels.append(_surfaces(one))
+    if one.test.manoeuvre == "power change":
+        panels.append(_thrust(one))
     return Picture(
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s"),
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 2), width=WIDE),
         title=f"{one.test.id} {one.test.title}",
-        histories=True,
         caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
         "tolerance about it. Bars at the foot of a panel: where a simulation is out of tolerance. Dotted: where the "
         "manoeuvre begins.",
         alt=f"Time histories of {', '.join(map(told, channels))}: flight, tolerance band and simulation.",
-        wide=True,
     )
 
 
 def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
-    """Channel that can be drawn -> its tolerance as a time history, if it has one."""
+    """Return channel that can be drawn -> its tolerance as a time history, if it has one."""
     by_channel = {row.channel: row for row in one.test.tolerances if row.quantity is None}
     return {name: by_channel.get(name) for name in one.test.channels if name in one.flight.samples}
 
 
-def _channel(axis: Axes, one: MatchedTest, name: str, row: Tolerance | None) -> None:
-    """Draw a channel in the unit of the tolerance of the time history; without one, in that which people read."""
+def _panel(one: MatchedTest, name: str, unit: str, parts: Sequence[Part]) -> Panel:
+    begin = Rule(look=_BEGIN, at=one.window.begin)
+    return Panel(parts=(*parts, begin), x=grammar.TIME, y=Axis(label=f"{name} [{unit}]" if unit else name))
+
+
+def _channel(one: MatchedTest, name: str, row: Tolerance | None) -> Panel:
+    """Return a channel in the unit of the tolerance of its time history; without one, in that which people read."""
     factor, unit = channel_scale(name) if row is None else (1.0 / row.factor, row.unit)
     t = one.flight.t
     curve = one.flight.curves[name]
     inside = np.zeros(len(t), dtype=bool)
     limit = np.zeros(len(t))
+    parts: list[Part] = []
     if row is not None:
         inside = span(row, t, one.window)
         limit = np.broadcast_to(row.limit(curve, float(np.abs(curve[inside]).max(initial=0.0))), curve.shape)
-        low = factor * (curve - limit)[inside]
-        high = factor * (curve + limit)[inside]
-        axis.fill_between(t[inside], low, high, color=NOISE, lw=0, label="tolerance")
-    _dots(axis, t, factor * one.flight.samples[name])
-    axis.plot(t, factor * curve, color=MEASURED, lw=2.6, alpha=0.45, label="flight")
+        low, high = (factor * (curve + side * limit)[inside] for side in (-1.0, 1.0))
+        parts.append(Band(look=_TOLERANCE, x=t[inside], low=low, high=high))
+    parts.append(_dots(t, factor * one.flight.samples[name]))
+    parts.append(Curve(look=_FLIGHT, x=t, y=factor * curve))
     for place, (label, side) in enumerate(one.sides.items()):
         simulated = compared_channels(side.flown, one.record, one.window, (name,)).get(name)
         if simulated is None:
             continue
-        colour, dash = _LINES[label]
-        axis.plot(t, factor * simulated, dash, color=colour, lw=1.3, label=label)
-        out = inside & (np.abs(simulated - curve) > limit)
+        parts.append(Curve(look=_LINES[label], x=t, y=factor * simulated))
         foot = 0.012 + 0.03 * place
-        low = np.full(len(t), foot)
-        high = foot + 0.024
-        across = axis.get_xaxis_transform()
-        axis.fill_between(t, low, high, where=out.tolist(), color=colour, lw=0, transform=across)
-    axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel(_label(told(name), unit), fontsize=9.0)
+        at_the_foot = replace(_LINES[label], name="")
+        for first, last in _stretches(inside & (np.abs(simulated - curve) > limit)):
+            parts.append(Span(look=at_the_foot, low=float(t[first]), high=float(t[last]), part=(foot, foot + 0.024)))
+    return _panel(one, told(name), unit, parts)
 
 
-def _label(name: str, unit: str) -> str:
-    """Break the label of a panel into lines that are shorter than a panel is high."""
-    return "\n".join([*textwrap.wrap(name, _LETTERS), *([f"[{unit}]"] if unit else [])])
+def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
+    """Return first and last sample of every stretch."""
+    edges = np.diff(np.concatenate([[0], true.astype(int), [0]]))
+    ends = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True)
+    return [(int(first), int(last)) for first, last in ends]
 
 
-def _dots(axis: Axes, t: np.ndarray, y: np.ndarray) -> None:
-    """Draw the samples, thinned to what the eye can separate."""
+def _dots(t: np.ndarray, y: np.ndarray) -> Curve:
+    """Return the samples, thinned to what can be told apart."""
     every = -(-len(t) // _DOTS)
-    axis.plot(t[::every], y[::every], ".", color=FAINT, ms=1.6, label="flight, samples")
+    return Curve(look=SAMPLES, x=t[::every], y=y[::every])
 
 
 def _inside(one: MatchedTest, name: str) -> np.ndarray:
     return one.record[name][(one.record.t >= one.window.start) & (one.record.t <= one.window.end)]
 
 
-def _surfaces(axis: Axes, one: MatchedTest) -> None:
-    """Surfaces as flown, and with what a controller added to the last simulation."""
+def _surfaces(one: MatchedTest) -> Panel:
+    """Return surfaces as flown, and with what a controller added to the last simulation."""
     added = list(one.sides.values())[-1].flown.corrections
-    corrected = "with corrections"
-    for name, colour in zip(SURFACES, (RECORD_COLOURS[2], RECORD_COLOURS[3], RECORD_COLOURS[4]), strict=True):
+    parts: list[Part] = []
+    for name, look in _SURFACES.items():
         if name not in one.record:
             continue
         values = np.degrees(_inside(one, name))
-        axis.plot(one.flight.t, values, color=colour, lw=1.1, label=label_of(name))
+        parts.append(Curve(look=look, x=one.flight.t, y=values))
         if name in added:
-            axis.plot(one.flight.t, values + np.degrees(added[name]), ":", color=MEASURED, lw=1.0, label=corrected)
-            corrected = "_"
-    axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel(_label("surfaces, driven", "deg"), fontsize=9.0)
-    low, high = axis.get_ylim()
-    axis.set_ylim(low, high + 0.25 * (high - low))
-    axis.legend(loc="upper left", ncols=4, fontsize=7.5, handlelength=1.0, columnspacing=0.8, borderpad=0.1)
+            parts.append(Curve(look=_CORRECTED, x=one.flight.t, y=values + np.degrees(added[name])))
+    return _panel(one, "surfaces, driven", "deg", parts)
 
 
-def _thrust(axis: Axes, one: MatchedTest) -> None:
-    axis.plot(one.flight.t, 1e-3 * _inside(one, "thrust"), color=MEASURED, lw=1.1)
-    axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-    axis.set_ylabel(_label("thrust, driven", "kN"), fontsize=9.0)
+def _thrust(one: MatchedTest) -> Panel:
+    parts = [Curve(look=_DRIVEN, x=one.flight.t, y=1e-3 * _inside(one, "thrust"))]
+    return _panel(one, "thrust, driven", "kN", parts)
 
 
 FIGURES = "match_figures"
@@ -259,30 +258,19 @@ def related_figure(one: MatchedTest) -> Picture | None:
         return None
     inside = (one.record.t >= one.window.start) & (one.record.t <= one.window.end)
     t = one.record.t[inside]
-    with settings():
-        figure = blank(_PANEL * -(-len(names) // 2) + 0.8, WIDE)
-        axes = figure.subplots(-(-len(names) // 2), 2, sharex=True, squeeze=False)
-        for axis, name in zip(axes.flat, names, strict=False):
-            factor, unit = channel_scale(name)
-            _dots(axis, t, factor * one.record[name][inside])
-            for label, side in one.sides.items():
-                colour, dash = _LINES[label]
-                axis.plot(t, factor * side.flown.channels[name], dash, color=colour, lw=1.3, label=label)
-            axis.axvline(one.window.begin, color=FAINT, lw=0.8, ls=":")
-            axis.set_ylabel(_label(told(name), unit), fontsize=9.0)
-        for axis in list(axes.flat)[len(names) :]:
-            axis.set_visible(False)
-        for axis in axes[-1]:
-            axis.set_xlabel("t [s]")
-        legend(figure, axes.flat, 4)
+    panels = []
+    for name in names:
+        factor, unit = channel_scale(name)
+        curves = [
+            Curve(look=_LINES[label], x=t, y=factor * side.flown.channels[name]) for label, side in one.sides.items()
+        ]
+        panels.append(_panel(one, told(name), unit, [_dots(t, factor * one.record[name][inside]), *curves]))
     return Picture(
         name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s_related"),
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 2), width=WIDE),
         title=f"{one.test.id}: related variables",
-        histories=True,
         caption="Related variables, which the test does not compare, in the same manoeuvre.",
         alt=f"Time histories of {', '.join(map(told, names))}: flight, as given and extended.",
-        wide=True,
     )
 
 

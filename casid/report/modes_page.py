@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from casid.acceptance.handbook import Handbook, Number, rows
 from casid.acceptance.theil import Theil
-from casid.report.style import (
-    RECORD_COLOURS,
-    RECORD_MARKERS,
+from casid.report.figure import (
+    LIMIT,
     WIDE,
+    Axis,
+    Band,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
+    Part,
     Picture,
-    blank,
+    Rule,
     channel_axis,
     channel_scale,
-    legend,
-    settings,
-    window,
+    looks,
 )
+from casid.report.svg import shown
 from casid.report.templating import ReportTable, Row, write_page
 from casid.report.words import digits, quantity, with_std
 
@@ -31,98 +37,86 @@ _SLOW = ("phugoid", "spiral")
 _CURVES = ("delta_e", "alpha", "thrust")
 
 
-def plot(handbook: Handbook) -> Figure:
-    """Eigenvalues and trim curves of an aircraft, in one figure."""
+def plot(handbook: Handbook) -> Any:
+    """Return eigenvalues and trim curves of an aircraft for a notebook."""
     found = {handbook.aircraft: handbook}
-    with settings():
-        figure = window(6.4)
-        above, below = figure.subfigures(2, 1, squeeze=False)[:, 0]
-        _draw_eigenvalues(above, found)
-        _draw_curves(below, found)
-    return figure
+    rows = (*eigenvalues(found).figure.rows, *trim_curves(found).figure.rows)
+    return shown(Figure(rows=rows, width=WIDE, linked=False))
 
 
 def eigenvalues(found: Mapping[str, Handbook]) -> Picture:
-    """The modes in the complex plane, fast and slow ones apart."""
-    with settings():
-        drawn = blank(3.6, WIDE)
-        _draw_eigenvalues(drawn, found)
+    """Return the modes in the complex plane, fast and slow ones apart."""
+    others = {name for one in found.values() for name in one.modes} - {*_FAST, *_SLOW}
+    slow_others = {n for one in found.values() for n in others & one.modes.keys() if abs(one.modes[n].eigenvalue) < 0.3}
+    groups = {"fast modes": {*_FAST, *(others - slow_others)}, "slow modes": {*_SLOW, *slow_others}}
+    row = tuple(_modes(found, title, names) for title, names in groups.items())
     return Picture(
         name="eigenvalues",
-        figure=drawn,
+        figure=Figure(rows=(row,), width=WIDE, linked=False),
         title="Modes of motion",
         caption="Eigenvalues of the linearised aircraft, of each pair the upper one, with 2-sigma intervals. "
-        "Left of the dashed line a motion decays.",
+        "Left of the dotted line a motion decays.",
         alt=f"Eigenvalues of the modes of {', '.join(found)} in the complex plane.",
     )
 
 
 def trim_curves(found: Mapping[str, Handbook]) -> Picture:
-    """Elevator, angle of attack and thrust of level flight over airspeed."""
-    with settings():
-        drawn = blank(2.9, WIDE)
-        _draw_curves(drawn, found)
+    """Return elevator, angle of attack and thrust of level flight over airspeed."""
+    row = tuple(_trim(found, name) for name in _CURVES)
     return Picture(
         name="trim_curves",
-        figure=drawn,
+        figure=Figure(rows=(row,), width=WIDE),
         title="Trim of level flight",
         caption="What level flight takes at every airspeed, with 2-sigma bands; dotted: the flight point of the modes.",
         alt=f"Elevator, angle of attack and thrust over airspeed for {', '.join(found)}.",
     )
 
 
-def _draw_eigenvalues(figure: Any, found: Mapping[str, Handbook]) -> None:
-    axes = figure.subplots(1, 2)
-    others = {name for one in found.values() for name in one.modes} - {*_FAST, *_SLOW}
-    slow_others = {n for one in found.values() for n in others & one.modes.keys() if abs(one.modes[n].eigenvalue) < 0.3}
-    groups = (("fast modes", {*_FAST, *(others - slow_others)}), ("slow modes", {*_SLOW, *slow_others}))
-    for ax, (title, group) in zip(axes, groups, strict=True):
-        for k, (label, one) in enumerate(found.items()):
-            for name, mode in one.modes.items():
-                if name not in group:
-                    continue
-                re = mode.eigenvalue.real
-                im = mode.eigenvalue.imag
-                spread = [2.0 * s if np.isfinite(s) else 0.0 for s in mode.eigenvalue_std]
-                ax.errorbar(
-                    [re],
-                    [im],
-                    xerr=[spread[0]],
-                    yerr=[spread[1]] if im > 0.0 else None,
-                    color=RECORD_COLOURS[k % len(RECORD_COLOURS)],
-                    marker=RECORD_MARKERS[k % len(RECORD_MARKERS)],
-                    markersize=5,
-                    capsize=2.5,
-                    linestyle="none",
-                    label=label,
-                )
-                if k == 0:
-                    ax.annotate(name, (re, im), xytext=(5, 6), textcoords="offset points", fontsize=9)
-        ax.axvline(0.0, color="#222222", linewidth=0.9, linestyle="--")
-        ax.set_title(title)
-        ax.set_xlabel("decay σ [1/s]")
-        ax.margins(0.18, 0.18)
-    axes[0].set_ylabel("ω [rad/s]")
-    if len(found) > 1:
-        legend(figure, axes, len(found))
+def _looks(found: Mapping[str, Handbook]) -> dict[str, Look]:
+    """Return the look of each aircraft, the first as given; a legend only where there are several."""
+    own = looks(found, next(iter(found), None))
+    return own if len(own) > 1 else {label: look.called("") for label, look in own.items()}
 
 
-def _draw_curves(figure: Any, found: Mapping[str, Handbook]) -> None:
-    axes = figure.subplots(1, len(_CURVES))
-    for ax, name in zip(axes, _CURVES, strict=True):
-        factor = channel_scale(name)[0]
-        for k, (label, one) in enumerate(found.items()):
-            curves = one.trim_curves
-            colour = RECORD_COLOURS[k % len(RECORD_COLOURS)]
-            value = factor * curves.values[name]
-            spread = 2.0 * factor * np.nan_to_num(curves.std[name])
-            ax.fill_between(curves.V, value - spread, value + spread, color=colour, alpha=0.18, lw=0)
-            ax.plot(curves.V, value, color=colour, label=label)
-            ax.axvline(one.flight["V"], color=colour, linewidth=0.9, linestyle=":")
-        ax.set_title(channel_axis(name))
-        ax.set_xlabel("V [m/s]")
-    if len(found) > 1:
-        legend(figure, axes, len(found))
+def _modes(found: Mapping[str, Handbook], title: str, names: set[str]) -> Panel:
+    parts: list[Part] = [Rule(look=LIMIT, at=0.0)]
+    places = []
+    for k, (label, look) in enumerate(_looks(found).items()):
+        dots = replace(look, dash="", marker="os^Dv"[k % 5], size=5.5)
+        for name, mode in found[label].modes.items():
+            if name not in names:
+                continue
+            at = mode.eigenvalue
+            std, std_of_im = (np.array([2.0 * s if np.isfinite(s) else 0.0]) for s in mode.eigenvalue_std)
+            x, y = np.array([at.real]), np.array([at.imag])
+            parts.append(Curve(look=dots, x=x, y=y, std_x=std, std=std_of_im if at.imag > 0.0 else None))
+            places.append(at)
+            if k == 0:
+                right = at.real > 0.5 * min((one.real for one in places), default=0.0)
+                align, off = ("right", -6.0) if right else ("left", 6.0)
+                parts.append(Note(text=name, x=at.real, y=at.imag, align=align, offset=(off, 9.0)))
+    high = max((one.imag for one in places), default=1.0) or 1.0
+    return Panel(
+        parts=tuple(parts),
+        x=Axis(label="decay σ [1/s]"),
+        y=Axis(label="ω [rad/s]", low=-0.12 * high),
+        title=title,
+        height=2.7,
+    )
+
+
+def _trim(found: Mapping[str, Handbook], name: str) -> Panel:
+    factor = channel_scale(name)[0]
+    parts: list[Part] = []
+    for label, look in _looks(found).items():
+        curves = found[label].trim_curves
+        value = factor * curves.values[name]
+        spread = 2.0 * factor * np.nan_to_num(curves.std[name])
+        faint = replace(look.called(""), alpha=0.18)
+        parts.append(Band(look=faint, x=curves.V, low=value - spread, high=value + spread))
+        parts.append(Curve(look=look, x=curves.V, y=value))
+        parts.append(Rule(look=replace(look.called(""), width=0.9, dash=":"), at=found[label].flight["V"]))
+    return Panel(parts=tuple(parts), x=Axis(label="V [m/s]"), y=Axis(label=channel_axis(name)), height=2.1)
 
 
 TheilTable = Mapping[str, Mapping[str, Mapping[str, Theil]]]  # record -> label -> channel -> Theil

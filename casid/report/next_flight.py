@@ -12,8 +12,8 @@ from casid.design.next_flight import Exciting, Question, Separating
 from casid.diagnosis.document import Document
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, separated
+from casid.report.figure import Picture, channel_scale
 from casid.report.statements import numbered
-from casid.report.style import Picture, channel_scale
 from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, place
 from casid.signals import label_of

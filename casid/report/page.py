@@ -24,12 +24,12 @@ from casid.report.budget_figures import budget
 from casid.report.cause_figures import cause_response, missing_history, onset, shape, unexplained_shapes, wind
 from casid.report.data_pages import check_figure
 from casid.report.evidence_figures import ambiguity, heatmap, kinematic, ladder, missing
+from casid.report.figure import Picture
 from casid.report.folder import provenance
 from casid.report.history_figures import flown_again, histories, residuals, tracks, worst_channel
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
 from casid.report.statements import Statement, numbered, statements
-from casid.report.style import Picture, settings
 from casid.report.tables import shares
 from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
 from casid.report.words import digits
@@ -114,12 +114,11 @@ def pictures(document: Document, failed: list[str] | None = None) -> dict[str, P
             partial(envelope, document),
         ]
     table = dict[str, Picture]()
-    with settings():
-        for make in makers:
-            with noting(failed, make.func.__name__.strip("_")):
-                found = make()
-                several = [found] if isinstance(found, Picture) or found is None else list(found)
-                table |= {picture.name: picture for picture in several if picture is not None}
+    for make in makers:
+        with noting(failed, make.func.__name__.strip("_")):
+            found = make()
+            several = [found] if isinstance(found, Picture) or found is None else list(found)
+            table |= {picture.name: picture for picture in several if picture is not None}
     return table
 
 

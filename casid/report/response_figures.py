@@ -2,49 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullLocator
 
-from casid.frequency.mismatch import MismatchEnvelope, ResponseComparison
+from casid.frequency.mismatch import ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
 from casid.frequency.response_fit import ResponseFit
 from casid.report.estimate_figures import file_name
-from casid.report.style import CURVES, EXPLAINED, FAINT, MEASURED, NOISE, Picture, blank, legend, settings, window
+from casid.report.figure import (
+    FAINT,
+    GREEN,
+    GREY,
+    INK,
+    MEASURED,
+    ZERO,
+    Axis,
+    Band,
+    Curve,
+    Figure,
+    Look,
+    Panel,
+    Part,
+    Picture,
+    Rule,
+    Span,
+    looks,
+    stacked,
+)
+from casid.report.svg import shown
 from casid.signals import label_of, unit_of
 
 _SIGMAS = 2.0
 _TURN = 45.0  # deg between ticks of a phase
 _MARGIN = 0.15  # of what flight shows, above and below it on an axis
+_FLIGHT = replace(MEASURED, width=2.0, alpha=1.0)
+_POINTS = replace(MEASURED, dash="", marker="o", alpha=1.0)
+_EVERYWHERE = Look(colour=FAINT, width=0.8)
+_ERROR = Look(name="± 2 standard deviations", colour=INK, alpha=0.18)
+_UNUSED = Look(name="coherence too low", colour=GREY, alpha=0.7)
+_LEAST = Look(name="least coherence that is used", colour=FAINT, width=0.9, dash="--")
+_BOUND = Look(colour=GREEN, width=1.0)
 
 
-def plot_response(response: FrequencyResponse) -> Figure:
-    """Gain, phase and coherence."""
-    return bode(response, window).figure
+def plot_response(response: FrequencyResponse) -> Any:
+    """Return gain, phase and coherence for a notebook."""
+    return shown(bode(response).figure)
 
 
-def plot_comparison(comparison: ResponseComparison) -> Figure:
-    """Gain, phase and coherence, and the mismatch of each model."""
-    return bode_mismatch(comparison, window).figure
+def plot_comparison(comparison: ResponseComparison) -> Any:
+    """Return gain, phase and coherence, and the mismatch of each model, for a notebook."""
+    return shown(bode_mismatch(comparison).figure)
 
 
-def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) -> Picture:
-    """Gain, phase and coherence of flight; `empty` makes the figure of a height."""
-    with settings():
-        figure = empty(5.2)
-        axes = figure.subplots(3, 1, sharex=True, height_ratios=[1.5, 1.5, 1.0])
-        draw_gain_and_phase(axes[0], axes[1], response, {})
-        draw_coherence(axes[2], response)
-        frequency_axis(axes, response)
-        legend(figure, [axes[0]], 2)
+def bode(response: FrequencyResponse) -> Picture:
+    """Return gain, phase and coherence of flight."""
     given = f", with the part of {', '.join(response.other_inputs)} taken off" if response.other_inputs else ""
     return Picture(
         name=f"bode_{file_name(response.output)}_{file_name(response.input)}",
-        figure=figure,
-        histories=True,
+        figure=Figure(rows=stacked([*gain_and_phase(response, {}), _coherence(response)])),
         title=f"{_name(response.output)} to {_name(response.input)}",
         caption=f"Response of {_name(response.output)} to {_name(response.input)}{given}, from "
         f"{', '.join(response.records)}. Grey: coherence below {USABLE:g}, or as "
@@ -53,136 +71,123 @@ def bode(response: FrequencyResponse, empty: Callable[[float], Figure] = blank) 
     )
 
 
-def bode_mismatch(comparison: ResponseComparison, empty: Callable[[float], Figure] = blank) -> Picture:
-    """Draw `bode`, with models over it and their mismatch below."""
+def bode_mismatch(comparison: ResponseComparison) -> Picture:
+    """Return the same as `bode`, with models over it and their mismatch below."""
     flight = comparison.flight
-    with settings():
-        figure = empty(8.2)
-        axes = figure.subplots(5, 1, sharex=True, height_ratios=[1.5, 1.5, 0.9, 1.1, 1.1])
-        labels = {f"{name} (J = {one.cost:.3g})": one.response for name, one in comparison.mismatches.items()}
-        draw_gain_and_phase(axes[0], axes[1], flight, labels)
-        draw_coherence(axes[2], flight)
-        _draw_mismatch(axes[3], axes[4], comparison)
-        frequency_axis(axes, flight)
-        legend(figure, [axes[0]], 2)
-    costs = "; ".join(f"{name}: J = {one.cost:.3g}" for name, one in comparison.mismatches.items())
+    found = comparison.mismatches
+    labels = {name: f"{name} (J = {one.cost:.3g})" for name, one in found.items()}
+    drawn_so = {name: look.called(labels[name]) for name, look in looks(found, next(iter(found), None)).items()}
+    models = {drawn_so[name]: one.response for name, one in found.items()}
+    panels = [*gain_and_phase(flight, models), _coherence(flight), *_mismatch(comparison, drawn_so)]
+    costs = "; ".join(f"{name}: J = {one.cost:.3g}" for name, one in found.items())
     return Picture(
         name=f"bode_{file_name(flight.output)}_{file_name(flight.input)}",
-        figure=figure,
-        histories=True,
+        figure=Figure(rows=stacked(panels)),
         title=f"{_name(flight.output)} to {_name(flight.input)}",
         caption=f"Response of {_name(flight.output)} to {_name(flight.input)}: flight and models, and models less "
         f"flight. {costs}, over {comparison.band[0]:.3g} to {comparison.band[1]:.3g} rad/s. Grey: coherence below "
         f"{USABLE:g}. J is the cost of the mismatch: up to 100 is acceptable, up to 50 nearly indistinguishable.",
-        alt=f"Bode diagrams of {flight.output} to {flight.input}: flight, {', '.join(comparison.mismatches)}.",
+        alt=f"Bode diagrams of {flight.output} to {flight.input}: flight, {', '.join(found)}.",
     )
 
 
-def draw_gain_and_phase(
-    gain: Axes, phase: Axes, flight: FrequencyResponse, models: Mapping[str, np.ndarray], label: str = "flight"
-) -> None:
-    """Flight with its error of two standard deviations, and models by label."""
+def gain_and_phase(flight: FrequencyResponse, models: Mapping[Look, np.ndarray]) -> tuple[Panel, Panel]:
+    """Return panels of flight with its error of two standard deviations, and models by look."""
     omega = flight.omega
     error = np.minimum(_SIGMAS * flight.random_error, 0.999)
-    shown = np.where(flight.usable, 1.0, np.nan)
-    for ax, values, low, high in (
-        (gain, flight.gain_db, 20.0 * np.log10(1.0 - error), 20.0 * np.log10(1.0 + error)),
-        (phase, flight.phase_deg, -np.degrees(error), np.degrees(error)),
+    usable = np.where(flight.usable, 1.0, np.nan)
+    decibels = 20.0 * np.log10(1.0 - error), 20.0 * np.log10(1.0 + error)
+    gains = {look: gain_db(one) for look, one in models.items()}
+    phases = {look: _nearest_turn(phase_deg(one), flight) for look, one in models.items()}
+    panels = []
+    for own, (low, high), others in (
+        (flight.gain_db, decibels, gains),
+        (flight.phase_deg, (-np.degrees(error), np.degrees(error)), phases),
     ):
-        _grey(ax, flight)
-        band = (values + low) * shown, (values + high) * shown
-        ax.fill_between(omega, *band, color=MEASURED, alpha=0.18, lw=0, label="± 2 standard deviations")
-        ax.plot(omega, values, color=FAINT, lw=0.8)
-        ax.plot(omega, values * shown, color=MEASURED, lw=2.0, label=label)
-    for (name, response), (colour, dash) in zip(models.items(), CURVES, strict=False):
-        gain.plot(omega, gain_db(response), dash, color=colour, lw=1.6, label=name)
-        phase.plot(omega, _nearest_turn(phase_deg(response), flight), dash, color=colour, lw=1.6)
-    _limit(gain, flight, [flight.gain_db, *(gain_db(one) for one in models.values())])
-    _limit(phase, flight, [flight.phase_deg, *(_nearest_turn(phase_deg(one), flight) for one in models.values())])
-    unit = f"({unit_of(flight.output) or '1'})/({unit_of(flight.input) or '1'})"
-    gain.set_ylabel("gain [dB]" if unit in ("(1)/(1)", "(rad)/(rad)") else f"gain [dB]\n{_pretty(unit)}")
-    phase.set_ylabel("phase [deg]")
-    span = np.ptp(phase.get_ylim())
-    phase.yaxis.set_major_locator(MultipleLocator(_TURN * max(1, round(span / _TURN / 5))))
+        of_a_phase = others is phases
+        parts = (
+            *_unused(flight),
+            Band(look=_ERROR, x=omega, low=(own + low) * usable, high=(own + high) * usable),
+            Curve(look=_EVERYWHERE, x=omega, y=own),
+            Curve(look=_FLIGHT, x=omega, y=own * usable),
+            *(Curve(look=look.called("") if of_a_phase else look, x=omega, y=y) for look, y in others.items()),
+        )
+        unit = f"({unit_of(flight.output) or '1'})/({unit_of(flight.input) or '1'})"
+        gain = "gain [dB]" if unit in ("(1)/(1)", "(rad)/(rad)") else f"gain [dB] of {_pretty(unit)}"
+        bottom, top = _limits(flight, [own, *others.values()])
+        label, step = ("phase [deg]", _TURN) if of_a_phase else (gain, None)
+        y = Axis(label=label, low=bottom, high=top, step=step)
+        panels.append(Panel(parts=parts, x=_frequency(flight), y=y, height=1.5))
+    gain, phase = panels
+    return gain, phase
 
 
-def draw_coherence(ax: Axes, flight: FrequencyResponse) -> None:
-    """Coherence, with the limit below which it is grey."""
-    _grey(ax, flight)
-    ax.plot(flight.omega, flight.coherence, color=MEASURED, lw=1.4, label="coherence")
-    ax.plot(
-        flight.omega, np.maximum(USABLE, flight.by_chance), color=FAINT, lw=0.9, ls="--", label="least that is used"
+def _coherence(flight: FrequencyResponse) -> Panel:
+    """Return the coherence, with the limit below which it is grey."""
+    least = np.maximum(USABLE, flight.by_chance) + np.zeros(len(flight.omega))
+    parts = (
+        *_unused(flight),
+        Curve(look=_LEAST, x=flight.omega, y=least),
+        Curve(look=replace(_FLIGHT, width=1.4), x=flight.omega, y=flight.coherence),
     )
-    ax.set_ylim(0.0, 1.03)
-    ax.set_ylabel("coherence")
+    return Panel(parts=parts, x=_frequency(flight), y=Axis(label="coherence", low=0.0, high=1.03), height=0.95)
 
 
-def _draw_mismatch(gain: Axes, phase: Axes, comparison: ResponseComparison) -> None:
+def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, Look]) -> list[Panel]:
+    """Return the gain and the phase of models less those of flight, the envelope, and what is outside of it."""
     flight = comparison.flight
     envelope = comparison.envelope
-    shown = np.where(flight.usable, 1.0, np.nan)
-    for ax in (gain, phase):
-        _grey(ax, flight)
-        ax.axhline(0.0, color=MEASURED, lw=0.9)
-    if envelope is not None:
-        _draw_envelope(gain, phase, envelope)
-    for one, (colour, dash) in zip(comparison.mismatches.values(), CURVES, strict=False):
-        for ax, values in ((gain, one.gain_db), (phase, one.phase_deg)):
-            ax.plot(flight.omega, values * shown, dash, color=colour, lw=1.6)
+    usable = np.where(flight.usable, 1.0, np.nan)
+    panels = []
+    for quantity, ending, unit in (("gain", "db", "dB"), ("phase", "deg", "deg")):
+        parts: list[Part] = [*_unused(flight), Rule(look=replace(ZERO, colour=INK), at=0.0, axis="y")]
+        if envelope is not None:
+            low, high = (getattr(envelope, f"{quantity}_{end}_{ending}") for end in ("low", "high"))
+            inside = Look(name=f"envelope: {envelope.name}", colour=GREEN, alpha=0.12)
+            parts.append(Band(look=inside, x=envelope.omega, low=low, high=high))
+            parts += [Curve(look=_BOUND, x=envelope.omega, y=bound) for bound in (low, high)]
+        for name, one in comparison.mismatches.items():
+            look = drawn_so[name].called("")
+            values = getattr(one, f"{quantity}_{ending}")
+            parts.append(Curve(look=look, x=flight.omega, y=values * usable))
             if one.within is not None:
                 out = one.judged & ~one.within
-                ax.plot(flight.omega[out], values[out], "x", color=colour, ms=5, mew=1.4)
-    gain.set_ylabel("model less\nflight [dB]")
-    phase.set_ylabel("model less\nflight [deg]")
-    for ax in (gain, phase):
-        ax.yaxis.set_major_locator(MaxNLocator(5))
+                cross = replace(look, dash="", marker="x", size=5.0)
+                parts.append(Curve(look=cross, x=flight.omega[out], y=values[out]))
+        y = Axis(label=f"{quantity} of model less flight [{unit}]")
+        panels.append(Panel(parts=tuple(parts), x=_frequency(flight), y=y, height=1.1))
+    return panels
 
 
-def _draw_envelope(gain: Axes, phase: Axes, envelope: MismatchEnvelope) -> None:
-    for ax, low, high in (
-        (gain, envelope.gain_low_db, envelope.gain_high_db),
-        (phase, envelope.phase_low_deg, envelope.phase_high_deg),
-    ):
-        ax.fill_between(envelope.omega, low, high, color=EXPLAINED, alpha=0.12, lw=0)
-        for bound in (low, high):
-            ax.plot(envelope.omega, bound, color=EXPLAINED, lw=1.0)
-    gain.annotate(envelope.name, (0.01, 0.97), xycoords="axes fraction", va="top", fontsize=8.5, color=EXPLAINED)
-
-
-def _grey(ax: Axes, flight: FrequencyResponse) -> None:
-    """Grey where the coherence is low."""
+def _unused(flight: FrequencyResponse) -> list[Span]:
+    """Return spans where the coherence is low."""
     edges = np.sqrt(flight.omega[1:] * flight.omega[:-1])
     edges = np.concatenate([flight.omega[:1], edges, flight.omega[-1:]])
-    low = np.concatenate([[0], (~flight.usable).astype(int), [0]])
-    for start, stop in zip(np.flatnonzero(np.diff(low) == 1), np.flatnonzero(np.diff(low) == -1), strict=True):
-        ax.axvspan(edges[start], edges[stop], color=NOISE, alpha=0.7, lw=0, zorder=0)
+    low = np.diff(np.concatenate([[0], (~flight.usable).astype(int), [0]]))
+    ends = zip(np.flatnonzero(low == 1), np.flatnonzero(low == -1), strict=True)
+    return [Span(look=_UNUSED, low=float(edges[start]), high=float(edges[stop])) for start, stop in ends]
 
 
 def _nearest_turn(angle: np.ndarray, flight: FrequencyResponse) -> np.ndarray:
-    """A phase [deg] moved by whole turns to where that of flight is."""
+    """Return a phase [deg] moved by whole turns to where that of flight is."""
     used = flight.usable if flight.usable.any() else np.ones(len(angle), dtype=bool)
     return angle + 360.0 * np.round(np.median((flight.phase_deg - angle)[used]) / 360.0)
 
 
-def _limit(ax: Axes, flight: FrequencyResponse, curves: list[np.ndarray]) -> None:
-    """Show what is usable, without parts of low coherence."""
+def _limits(flight: FrequencyResponse, curves: list[np.ndarray]) -> tuple[float | None, float | None]:
+    """Return limits that show what is usable; low coherence has no say."""
     used = flight.usable if flight.usable.any() else np.ones(len(flight.omega), dtype=bool)
     values = np.concatenate([curve[used] for curve in curves])
     values = values[np.isfinite(values)]
-    if len(values):
-        margin = max(_MARGIN * np.ptp(values), 1.0)
-        ax.set_ylim(values.min() - margin, values.max() + margin)
+    if not len(values):
+        return None, None
+    margin = max(_MARGIN * float(np.ptp(values)), 1.0)
+    return float(values.min()) - margin, float(values.max()) + margin
 
 
-def frequency_axis(axes: np.ndarray, flight: FrequencyResponse) -> None:
-    """The axis of the frequency below the last of the panels."""
-    last: Axes = axes[-1]
-    last.set_xscale("log")
-    last.set_xlim(flight.omega[0], flight.omega[-1])
-    last.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    last.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    last.xaxis.set_minor_locator(NullLocator())
-    last.set_xlabel("frequency ω [rad/s]")
+def _frequency(flight: FrequencyResponse) -> Axis:
+    ends = float(flight.omega[0]), float(flight.omega[-1])
+    return Axis(label="frequency ω [rad/s]", log=True, low=ends[0], high=ends[1])
 
 
 def _name(channel: str) -> str:
@@ -197,34 +202,23 @@ def _pretty(unit: str) -> str:
 _WIDEST = 4  # responses side by side
 
 
-def plot(fit: ResponseFit) -> Figure:
-    """A column for each response: points measured, a line fitted."""
-    labels = list(fit.responses)
-    columns = min(len(labels), _WIDEST)
-    rows = -(-len(labels) // columns)
-    (colour, _), *_ = CURVES[1:]
-    with settings():
-        figure = window(4.2 * rows)
-        axes = figure.subplots(2 * rows, columns, sharex=True, squeeze=False)
-        for k, label in enumerate(labels):
-            gain, phase = (axes[2 * (k // columns) + part, k % columns] for part in (0, 1))
-            one = fit.responses[label]
-            fitted = fit.fitted[label]
-            turn = 360.0 * np.round(np.mean(phase_deg(one.response) - phase_deg(fitted)) / 360.0)
-            for ax, measured, model in (
-                (gain, gain_db(one.response), gain_db(fitted)),
-                (phase, phase_deg(one.response), phase_deg(fitted) + turn),
-            ):
-                ax.plot(one.omega, measured, "o", ms=4.0, color=MEASURED, label="measured")
-                ax.plot(one.omega, model, color=colour, lw=1.8, label="fitted")
-            gain.set_title(f"{label} (J = {fit.costs[label]:.3g})")
-            phase.set_xlabel("frequency [rad/s]")
-            phase.set_xscale("log")
-            phase.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-            phase.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-            phase.xaxis.set_minor_locator(NullLocator())
-            if k % columns == 0:
-                gain.set_ylabel("gain [dB]")
-                phase.set_ylabel("phase [deg]")
-        legend(figure, [axes[0, 0]], 2)
-    return figure
+def plot(fit: ResponseFit) -> Any:
+    """Return a column for each response, points measured, a line fitted, for a notebook."""
+    columns = []
+    (fitted_so,) = looks(["fitted"]).values()
+    for label, one in fit.responses.items():
+        fitted = fit.fitted[label]
+        turn = 360.0 * np.round(np.mean(phase_deg(one.response) - phase_deg(fitted)) / 360.0)
+        pair = []
+        for name, measured, model in (
+            ("gain [dB]", gain_db(one.response), gain_db(fitted)),
+            ("phase [deg]", phase_deg(one.response), phase_deg(fitted) + turn),
+        ):
+            parts = (Curve(look=_POINTS, x=one.omega, y=measured), Curve(look=fitted_so, x=one.omega, y=model))
+            title = "" if pair else f"{label} (J = {fit.costs[label]:.3g})"
+            x = Axis(label="frequency ω [rad/s]", log=True)
+            pair.append(Panel(parts=parts, x=x, y=Axis(label=name), title=title, height=1.8))
+        columns.append(pair)
+    beside = range(0, len(columns), _WIDEST)
+    rows = [tuple(pair[part] for pair in columns[k : k + _WIDEST]) for k in beside for part in (0, 1)]
+    return shown(Figure(rows=tuple(rows)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from casid.diagnosis.document import NextStep
-from casid.report.style import Picture
+from casid.report.figure import Picture
 from casid.report.templating import ReportTable, drawn_into, figures_of, render
 
 GOOD = "#00694E"

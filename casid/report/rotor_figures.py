@@ -5,12 +5,27 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from matplotlib.patches import Circle
 
 from casid.diagnosis.document import Document
 from casid.model.rotors import acting, effectiveness, thrust_of
 from casid.model.station import control
-from casid.report.style import BASELINE, EXTENDED, FAINT, MEASURED, Picture, blank, settings
+from casid.report.figure import (
+    BLUE,
+    EXTENDED,
+    FAINT,
+    GIVEN,
+    INK,
+    ORANGE,
+    Axis,
+    Curve,
+    Figure,
+    Look,
+    Note,
+    Panel,
+    Part,
+    Picture,
+    stacked,
+)
 from casid.report.words import digits
 
 
@@ -28,38 +43,46 @@ def rotors_from_above(document: Document) -> Picture | None:
     told = []
     low = np.inf
     high = -np.inf
-    with settings():
-        figure = blank(4.6)
-        ax = figure.subplots()
-        for (x, y), one in zip(places, rotors.each, strict=True):
-            thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
-            mean = one.effectiveness * float(np.mean(thrust))
-            name = effectiveness(one.name)
-            says = document.flight[name]
-            cause = named.get(one.name)
-            value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
-            changed = 100.0 * value
-            wide = 100.0 * std / (1.0 if cause else one.effectiveness)
-            colour = BASELINE if cause or name in against else EXTENDED
-            ax.plot([0.0, x], [0.0, y], color=FAINT, lw=3, zorder=1)
-            ax.add_patch(Circle((x, y), 0.42 * size, facecolor="white", edgecolor=colour, lw=2, zorder=2))
-            deviation = f"{changed:+.0f} ± {digits(wide, 1)} %".replace("-", "−")
-            if not (cause or says.determined):
-                deviation = "as stated"
-            text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
-            ax.text(x, y, text, ha="center", va="center", fontsize=10.5, color=MEASURED, zorder=3)
-            told.append(f"{one.name} {f'{changed:+.0f} per cent' if cause or says.determined else 'as stated'}")
-            low = min(low, y)
-            high = max(high, y)
-        top = high + 0.62 * size
-        ax.annotate("front", (0.0, top), (0.0, top - 0.4 * size), arrowprops={"arrowstyle": "->"}, ha="center")
-        ax.set_xlim(-1.6 * size, 1.6 * size)
-        ax.set_ylim(low - 0.6 * size, top + 0.1 * size)
-        ax.set_aspect("equal")
-        ax.axis("off")
+    turn = np.linspace(0.0, 2.0 * np.pi, 49)
+    parts: list[Part] = []
+    for (x, y), one in zip(places, rotors.each, strict=True):
+        thrust = np.concatenate([one.static_thrust(acting(one, r.t, r[one.name])) for r in records])
+        mean = one.effectiveness * float(np.mean(thrust))
+        name = effectiveness(one.name)
+        says = document.flight[name]
+        cause = named.get(one.name)
+        value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
+        changed = 100.0 * value
+        wide = 100.0 * std / (1.0 if cause else one.effectiveness)
+        look = Look(colour=ORANGE if cause or name in against else BLUE, width=2.0)
+        arm = max(1.0 - 0.42 * size / max(math.hypot(x, y), 1e-9), 0.0)
+        parts.append(Curve(look=Look(colour=FAINT, width=3.0), x=np.array([0.0, arm * x]), y=np.array([0.0, arm * y])))
+        circle = x + 0.42 * size * np.cos(turn), y + 0.42 * size * np.sin(turn)
+        parts.append(Curve(look=look, x=circle[0], y=circle[1]))
+        deviation = f"{changed:+.0f} ± {digits(wide, 1)} %".replace("-", "−")
+        if not (cause or says.determined):
+            deviation = "as stated"
+        text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
+        parts.append(Note(text=text, x=float(x), y=float(y), align="center"))
+        told.append(f"{one.name} {f'{changed:+.0f} per cent' if cause or says.determined else 'as stated'}")
+        low = min(low, y)
+        high = max(high, y)
+    top = high + 0.62 * size
+    parts.append(Curve(look=Look(colour=INK), x=np.zeros(2), y=np.array([top - 0.4 * size, top - 0.1 * size])))
+    tip = Look(colour=INK, dash="", marker="^", size=7.0)
+    parts.append(Curve(look=tip, x=np.zeros(1), y=np.array([top - 0.1 * size])))
+    parts.append(Note(text="front", x=0.0, y=top + 0.04 * size, align="center"))
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(low=-1.6 * size, high=1.6 * size),
+        y=Axis(low=low - 0.6 * size, high=top + 0.1 * size),
+        height=4.2,
+        square=True,
+        bare=True,
+    )
     return Picture(
         name="rotors",
-        figure=figure,
+        figure=Figure(rows=((panel,),)),
         title="The rotors from above",
         caption="Mean thrust by the file of the commands that were flown, and by how much the true one differs, with "
         "±1σ; as stated: these records do not tell it better than the file. Orange: named, or inconsistent with the "
@@ -73,22 +96,19 @@ def response_of_axes(document: Document) -> Picture | None:
     found = document.axis_responses
     if found is None:
         return None
-    with settings():
-        figure = blank(4.6)
-        panels = figure.subplots(2, 2, sharex=True).flat
-        told = []
-        for ax, (axis, given) in zip(panels, found.as_given.items(), strict=True):
-            scale, unit = (1.0, "m/s") if axis == "climb" else (math.degrees(1.0), "deg/s")
-            ax.plot(1e3 * found.t, scale * given, "--", color=BASELINE, label="as given")
-            ax.plot(1e3 * found.t, scale * found.extended[axis], color=EXTENDED, label="by the records")
-            ax.set_ylabel(f"{axis} [{unit}]")
-            told.append(f"{axis} {100.0 * (found.extended[axis][-1] / given[-1] - 1.0):+.0f} per cent")
-        figure.axes[0].legend(loc="upper left")
-        for ax in figure.axes[2:]:
-            ax.set_xlabel("time [ms]")
+    told = []
+    panels = []
+    for axis, given in found.as_given.items():
+        scale, unit = (1.0, "m/s") if axis == "climb" else (math.degrees(1.0), "deg/s")
+        curves = (
+            Curve(look=GIVEN, x=1e3 * found.t, y=scale * given),
+            Curve(look=EXTENDED.called("by the records"), x=1e3 * found.t, y=scale * found.extended[axis]),
+        )
+        panels.append(Panel(parts=curves, x=Axis(label="time [ms]"), y=Axis(label=f"{axis} [{unit}]"), height=1.7))
+        told.append(f"{axis} {100.0 * (found.extended[axis][-1] / given[-1] - 1.0):+.0f} per cent")
     return Picture(
         name="axes",
-        figure=figure,
+        figure=Figure(rows=stacked(panels, 2)),
         title="Response of each axis",
         caption="Rate after a step of the commands that, by the file, turns or lifts with 1 rad/s² or 1 m/s²; "
         "about the mean commands of these records, with lag and delay of the rotors.",

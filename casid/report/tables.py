@@ -12,8 +12,8 @@ from casid.diagnosis.cause import NAMED
 from casid.diagnosis.document import Document, ReportedCause, Simulated
 from casid.model.vocabulary import KINDS
 from casid.report.aircraft_figures import compared
+from casid.report.figure import channel_scale
 from casid.report.statements import about_cause, about_data, about_value
-from casid.report.style import channel_scale
 from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,8 +12,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from casid.errors import noting
-from casid.report.interactive import data_of, library, licence
-from casid.report.style import Picture
+from casid.report import uplot
+from casid.report.figure import Picture
+from casid.report.svg import svg
 from casid.report.words import pretty, probability_in_words
 
 
@@ -83,9 +83,9 @@ def drawn_into(
     drawn: dict[str, tuple[Picture, bytes]] = {}
     for name, picture in shown.items():
         with noting(failed, name):
-            drawn[name] = (picture, picture.svg())
-    for name, (_, svg) in drawn.items():
-        (place / f"{name}.svg").write_bytes(svg)
+            drawn[name] = (picture, svg(picture.figure))
+    for name, (_, text) in drawn.items():
+        (place / f"{name}.svg").write_bytes(text)
     return drawn
 
 
@@ -97,10 +97,10 @@ def figures_of(
         name: Figure(
             number=number,
             picture=picture,
-            data=base64.b64encode(svg).decode("ascii"),
+            data=base64.b64encode(text).decode("ascii"),
             claims=claims.get(name, ()),
         )
-        for number, (name, (picture, svg)) in enumerate(drawn.items(), 1)
+        for number, (name, (picture, text)) in enumerate(drawn.items(), 1)
     }
 
 
@@ -124,18 +124,13 @@ def render(template: str, context: Mapping[str, Any]) -> str:
     used: list[str] = []
 
     def curves(picture: Picture) -> str | None:
-        if not picture.histories or library() is None:
-            return None
-        used.append(picture.name)
-        return data_of(picture.figure)
+        told = uplot.curves(picture.figure)
+        if told:
+            used.append(picture.name)
+        return told
 
     def drawing() -> dict[str, str] | None:
-        found = library()
-        if not used or found is None:
-            return None
-        own = files("casid.report").joinpath("templates/interactive.js").read_text(encoding="utf-8")
-        script, style = (one.replace("</", "<\\/") for one in (f"{found[0]}\n{own}", found[1]))
-        return {"script": script, "style": style, "licence": licence()}
+        return uplot.drawing() if used else None
 
     environment.globals |= {"curves": curves, "drawing": drawing}
     return environment.get_template(template).render(context)

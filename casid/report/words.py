@@ -12,7 +12,7 @@ from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.terms import in_words
 from casid.model.vocabulary import LABELS, title_of
-from casid.report.style import shown_unit
+from casid.report.figure import shown_unit
 from casid.signals import label_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")

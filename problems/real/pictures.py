@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from casid.report.style import Picture
+from casid.report.figure import Picture
+from casid.report.svg import svg
 
 
 def write_pictures(pictures: Iterable[Picture], folder: Path) -> list[Path]:
@@ -14,6 +15,6 @@ def write_pictures(pictures: Iterable[Picture], folder: Path) -> list[Path]:
     paths = []
     for picture in pictures:
         path = folder / f"{picture.name}.svg"
-        path.write_bytes(picture.svg())
+        path.write_bytes(svg(picture.figure))
         paths.append(path)
     return paths

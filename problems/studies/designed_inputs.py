@@ -11,7 +11,7 @@ from casid.design import Experiment, InputDesign
 from casid.estimation import Problem, solve
 from casid.model.dynamics import aircraft_model
 from casid.model.trim import trim
-from casid.report.style import RECORD_COLOURS, Picture, blank, legend, settings
+from casid.report.figure import INK, Axis, Bar, Curve, Figure, Look, Panel, Part, Picture, Rule, each
 from problems.do328 import THRUST, V_TRIM, do328
 
 NOISE = MappingProxyType(
@@ -121,22 +121,24 @@ def volume_std(estimates: np.ndarray, sizes: np.ndarray, criterion: str = "D") -
 
 def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequence[tuple[float, float]]]) -> Picture:
     """(measured, predicted) scatter over that of the standard input, per design and parameter."""
-    with settings():
-        drawn = blank(0.9 + 0.28 * len(parameters))
-        axis = drawn.subplots()
-        at = np.arange(len(parameters))
-        for k, (colour, (title, pairs)) in enumerate(zip(RECORD_COLOURS[1:], ratios.items(), strict=False)):
-            offset = 0.8 * ((k + 0.5) / len(ratios) - 0.5)
-            axis.barh(at + offset, [m for m, _ in pairs], 0.8 / len(ratios), color=colour, label=title)
-            axis.plot([p for _, p in pairs], at + offset, "k|", markersize=8)
-        axis.axvline(1.0, color="#222222", linewidth=1.0)
-        axis.set_yticks(at, parameters)
-        axis.invert_yaxis()
-        axis.set_xlabel("scatter of the estimates over that of the standard 3-2-1-1")
-        legend(drawn, [axis], len(ratios))
+    at = np.arange(len(parameters))
+    height = 0.8 / len(ratios)
+    parts: list[Part] = [Rule(look=Look(colour=INK, width=1.0), at=1.0)]
+    for k, (title, pairs) in enumerate(ratios.items()):
+        places = at + 0.8 * ((k + 0.5) / len(ratios) - 0.5)
+        look = each(k + 1, title)
+        parts += [Bar(look=look, at=y, low=0.0, high=m, height=height) for y, (m, _) in zip(places, pairs, strict=True)]
+        mark = Look(colour=INK, dash="", marker="|", size=8.0)
+        parts.append(Curve(look=mark, x=np.array([p for _, p in pairs]), y=places))
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(label="scatter of the estimates over that of the standard 3-2-1-1", low=0.0),
+        y=Axis(names=tuple(parameters)),
+        height=0.28 * len(parameters) + 0.2,
+    )
     return Picture(
         name=f"{name}_scatter",
-        figure=drawn,
+        figure=Figure(rows=((panel,),)),
         title=f"What it gains, {name}",
         caption="Bars: measured in simulated flights. Marks: predicted by the bound.",
         alt="Bars of the scatter of each parameter relative to the standard 3-2-1-1.",

@@ -14,9 +14,10 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.document import Document
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.result import Diagnosis
+from casid.report.figure import Picture
 from casid.report.folder import provenance
 from casid.report.page import pictures, write_report
-from casid.report.style import Picture
+from casid.report.svg import svg
 
 
 @pytest.fixture(scope="session")
@@ -36,7 +37,7 @@ def shown(document: Document) -> dict[str, Picture]:
 
 @pytest.fixture(scope="session")
 def drawn(shown: dict[str, Picture]) -> dict[str, bytes]:
-    return {name: picture.svg() for name, picture in shown.items()}
+    return {name: svg(picture.figure) for name, picture in shown.items()}
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,9 @@ from casid.diagnosis.shown import drawn_cause
 from casid.model.effect import Effect
 from casid.model.effects import effect_named
 from casid.report.cause_figures import cause_response
+from casid.report.figure import Curve, Picture
 from casid.report.page import write_report
-from casid.report.style import Picture
+from casid.report.svg import svg
 
 
 def drawn(diagnosis: Diagnosis, document: Document, named: Cause) -> Picture | None:
@@ -38,9 +39,9 @@ def cause(diagnosis: Diagnosis, effect: Effect, value: float = 0.1, onset_s=None
 def test_it_is_drawn_of_what_the_cause_acts_on(diagnosis: Diagnosis, document: Document, name: str, shown: str) -> None:
     picture = drawn(diagnosis, document, cause(diagnosis, effect_named(name)))
     assert picture is not None and shown in picture.alt
-    gain, _, phase, _ = picture.figure.axes
-    assert len(gain.get_lines()) == len(phase.get_lines()) == 4  # flight twice, file as given, extended model
-    assert b"<svg" in picture.svg()
+    gain, _, phase, _ = picture.figure.panels
+    assert len(gain.of(Curve)) == len(phase.of(Curve)) == 4  # flight twice, file as given, extended model
+    assert b"<svg" in svg(picture.figure)
 
 
 def test_an_aerodynamic_term_has_none(diagnosis: Diagnosis, document: Document) -> None:

@@ -8,6 +8,7 @@ import pytest
 import casid as cs
 from casid.records.record import Record
 from casid.report.data_pages import check_figure
+from casid.report.figure import Curve, Span
 from problems.blind.sets import fly_set
 
 
@@ -23,11 +24,11 @@ def test_suspected_channels_are_drawn_as_recorded_and_as_they_should_be(healthy:
     found = cs.check(healthy.with_channels(q=q, az=az))
     picture = check_figure(found.findings, found.recorded, found.records)
     assert picture is not None
-    by_title = {axis.get_title(loc="right"): axis for axis in picture.figure.axes}
-    lines = by_title["pitch rate"].lines
-    assert np.allclose(np.asarray(lines[0].get_ydata()), np.degrees(q))
-    assert np.allclose(np.asarray(lines[1].get_ydata()), -np.degrees(q))
-    assert len(np.asarray(by_title["vertical specific force"].lines[-1].get_xdata())) == 2
+    by_title = {panel.title: panel.of(Curve) for panel in picture.figure.panels}
+    recorded, corrected = by_title["pitch rate"]
+    assert np.allclose(recorded.y, np.degrees(q))
+    assert np.allclose(corrected.y, -np.degrees(q))
+    assert len(by_title["vertical specific force"][-1].x) == 2
     assert "pitch rate" in picture.alt
 
 
@@ -44,7 +45,5 @@ def test_intervals_of_a_frozen_channel_are_shaded(healthy: Record) -> None:
     found = cs.check(healthy.with_channels(beta=beta))
     picture = check_figure(found.findings, found.recorded, found.records)
     assert picture is not None
-    spans = [
-        patch.get_extents().transformed(patch.axes.transData.inverted()) for patch in picture.figure.axes[0].patches
-    ]
-    assert any(abs(box.x0 - 10.0) < 0.1 and abs(box.x1 - 15.0) < 0.1 for box in spans)
+    spans = picture.figure.panels[0].of(Span)
+    assert any(abs(one.low - 10.0) < 0.1 and abs(one.high - 15.0) < 0.1 for one in spans)

@@ -14,18 +14,20 @@ from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
 from casid.report.estimate_figures import estimates
+from casid.report.figure import ORANGE, Curve
 from problems.do328 import do328
 
 
 def test_estimates_stand_at_their_ratio_to_the_reference() -> None:
     """-1.138 where the file has -1.6 is 0.711 of it; an opposite sign is below zero; a zero has no ratio."""
     pairs = {"file": [(-1.6, 0.0), (-0.25, 0.0), (0.0, 0.0)], "flight": [(-1.138, 0.1), (0.2, 0.05), (0.003, 0.001)]}
-    ratios, zeros = estimates(["Cm_alpha", "Cl_delta_a", "bias_q"], pairs, "file").figure.axes
-    file, flight = (container.lines[0].get_xdata() for container in ratios.containers)
-    np.testing.assert_allclose(file, [1.0, 1.0])
-    np.testing.assert_allclose(flight, [1.138 / 1.6, -0.8])
-    assert [t.get_text() for t in ratios.get_yticklabels()] == ["Cm_alpha", "Cl_delta_a"]
-    assert zeros.containers[1].lines[0].get_xdata() == pytest.approx(3.0)  # standard errors
+    ratios, zeros = estimates(["Cm_alpha", "Cl_delta_a", "bias_q"], pairs, "file").figure.panels
+    file, flight = ratios.of(Curve)
+    np.testing.assert_allclose(file.x, [1.0, 1.0])
+    np.testing.assert_allclose(flight.x, [1.138 / 1.6, -0.8])
+    assert ratios.y.names == ("Cm_alpha", "Cl_delta_a")
+    assert zeros.of(Curve)[1].x == pytest.approx(3.0)  # standard errors
+    assert file.look.colour == ORANGE != flight.look.colour, "what is given has one colour in every figure"
 
 
 def test_a_priori_values_of_an_estimate_have_the_bars_of_their_prior() -> None:
@@ -46,8 +48,6 @@ def test_a_priori_values_of_an_estimate_have_the_bars_of_their_prior() -> None:
     applied = flown_records(file, [flown.records[0].with_channels(q=rate + 1e-4 * np.sin(9.0 * t))])
     fit = solve(Problem(applied.model, applied.records, free=free, prior=True))
     (picture,) = [one for one in pictures(applied, fit) if one.name == "estimates"]
-    ratios, zeros = picture.figure.axes
-    (segment,) = ratios.containers[0].lines[2][0].get_segments()
-    np.testing.assert_allclose(segment[:, 0], [0.4, 1.6])
-    (segment,) = zeros.containers[0].lines[2][0].get_segments()
-    np.testing.assert_allclose(segment[:, 0], [0.0, 0.0])
+    ratios, zeros = (panel.of(Curve)[0] for panel in picture.figure.panels)
+    np.testing.assert_allclose([ratios.x - ratios.std_x, ratios.x + ratios.std_x], [[0.4], [1.6]])
+    np.testing.assert_allclose([zeros.x - zeros.std_x, zeros.x + zeros.std_x], [[0.0], [0.0]])

@@ -34,11 +34,12 @@ from casid.model.effects import effect_named
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
 from casid.report.evidence_figures import kinematic
+from casid.report.figure import Bar, Curve, Picture, Span, smooth
 from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, gained, pictures
 from casid.report.statements import statements
-from casid.report.style import Picture, settings, smooth
+from casid.report.svg import paint, svg
 from casid.report.tables import derivatives, shares, unseen
 from casid.report.words import digits, percent, pretty, quantity, with_std
 
@@ -92,12 +93,13 @@ def test_channels_are_drawn_in_all_records_with_what_was_left_out(diagnosis: Dia
     """Measured lines are the records, one after the other; the frozen second is shaded on its own channel alone."""
     pictures_ = {one.name: one for one in tracks(wrong_in_all)}
     assert set(pictures_) == {"tracks_longitudinal", "tracks_lateral"}
-    axes = {axis.get_ylabel().split("\n")[0]: axis for axis in pictures_["tracks_lateral"].figure.axes}
-    assert list(axes)[:2] == ["delta_a", "delta_r"] and {"beta", "p", "r", "phi", "ay"} <= set(axes)
-    assert len(axes["beta"].patches) == len(axes["p"].patches) + 1  # beside the shade of the held-out record
-    measured = axes["beta"].lines[0]
+    panels = {panel.y.label.split(" ")[0]: panel for panel in pictures_["tracks_lateral"].figure.panels}
+    assert list(panels)[:2] == ["delta_a", "delta_r"] and {"beta", "p", "r", "phi", "ay"} <= set(panels)
+    assert len(panels["beta"].of(Span)) == len(panels["p"].of(Span)) + 1  # beside the shade of the held-out record
+    measured = panels["beta"].of(Curve)[0]
     record = diagnosis.as_given.fit.flight.records[0]
-    assert np.allclose(np.asarray(measured.get_ydata()), np.degrees(record["beta"]))
+    assert np.allclose(measured.y[: len(record)], np.degrees(record["beta"]))
+    assert np.isnan(measured.y[len(record)]), "a gap between records"
 
 
 # -- the figures -------------------------------------------------------------------------------------------------------
@@ -116,28 +118,26 @@ def undrawn(figure: Figure) -> set[Text]:
 def test_no_text_is_cut_off_at_the_edge(shown: dict[str, Picture], drawn: dict[str, bytes]) -> None:
     assert set(drawn) == set(shown)
     for picture in shown.values():
-        with settings():
-            picture.figure.draw_without_rendering()
-        edge = picture.figure.bbox.padded(1.0)
-        for text in set(picture.figure.findobj(Text)) - undrawn(picture.figure):
+        figure = paint(picture.figure)
+        figure.draw_without_rendering()
+        edge = figure.bbox.padded(1.0)
+        for text in set(figure.findobj(Text)) - undrawn(figure):
             if text.get_visible() and text.get_text().strip():
                 corners = text.get_window_extent().corners()
                 assert all(edge.contains(x, y) for x, y in corners), (picture.name, text.get_text())
 
 
 def test_figures_are_the_same_bytes_each_time(folder: Path, drawn: dict[str, bytes]) -> None:
-    for name, svg in drawn.items():
-        assert svg == (folder / FIGURES / f"{name}.svg").read_bytes(), name
+    for name, text in drawn.items():
+        assert text == (folder / FIGURES / f"{name}.svg").read_bytes(), name
 
 
 def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Picture]) -> None:
     """The dots were made without knowing the term; they must lie about HIDDEN alpha^2."""
-    lines = {str(line.get_label()): line for line in shown["shape"].figure.axes[0].lines}
-    dots = next(line for label, line in lines.items() if label.startswith("reconstructed"))
-    x, y = np.array(dots.get_data(), dtype=float)
-    parabola = HIDDEN * np.radians(x) ** 2
-    assert np.corrcoef(y, parabola)[0, 1] > 0.8
-    assert np.polyfit(parabola, y, 1)[0] == pytest.approx(1.0, abs=0.35)
+    dots = next(one for one in shown["shape"].figure.panels[0].of(Curve) if one.look.name.startswith("reconstructed"))
+    parabola = HIDDEN * np.radians(dots.x) ** 2
+    assert np.corrcoef(dots.y, parabola)[0, 1] > 0.8
+    assert np.polyfit(parabola, dots.y, 1)[0] == pytest.approx(1.0, abs=0.35)
 
 
 def test_without_a_cause_the_page_shows_the_simulation(document: Document) -> None:
@@ -184,7 +184,7 @@ def test_a_document_has_no_fit_in_it_and_is_drawn_from_a_file(document: Document
     held = {type(one) for part in vars(document).values() for one in parts_of(part, set())}
     assert not held & {FlightFit, Evidence, Effect, Attached, Candidate, Trial}
     again = pictures(pickle.loads(pickle.dumps(document)))
-    assert {name: picture.svg() for name, picture in again.items()} == drawn
+    assert {name: svg(picture.figure) for name, picture in again.items()} == drawn
 
 
 # -- words and numbers -------------------------------------------------------------------------------------------------
@@ -237,7 +237,7 @@ def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, drawn: dict[s
     found = load(tmp_path / "found.casid")
     assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
     assert found.extended_aircraft == diagnosis.extended_aircraft
-    assert {name: picture.svg() for name, picture in pictures(found.document()).items()} == drawn
+    assert {name: svg(picture.figure) for name, picture in pictures(found.document()).items()} == drawn
 
 
 def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnosis) -> None:
@@ -273,7 +273,7 @@ def test_the_kinematic_check_says_how_many_bars_it_draws(document: Document) -> 
     picture = kinematic(document)
     assert picture is not None
     (cleared, among) = map(int, re.findall(r"\d+", picture.title))
-    drawn = len(picture.figure.axes[0].patches)
+    drawn = len(picture.figure.panels[0].of(Bar))
     assert cleared <= among
     assert drawn == among or str(drawn) in re.findall(r"\d+", picture.caption)
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from casid.report.estimate_figures import correlations
-from casid.report.style import blank, settings
+from casid.report.svg import blank, paint, settings
 
 _ROUNDING = 0.5  # pixels
 
@@ -28,7 +28,7 @@ def boxes_of(figure: Figure) -> list[Bbox]:
 def crowded(legend: str) -> Figure:
     """Panels of unlike numbers with titles, labels, a note at the right edge and a legend; one spans two cells."""
     with settings():
-        figure = blank(6.0)
+        figure = blank(6.0, 5.6)
         grid = figure.add_gridspec(3, 2, height_ratios=(1.0, 2.0, 0.3))
         places = [grid[0, 0], grid[0, 1], grid[1, 0], grid[1, 1], grid[2, :]]
         for k, ax in enumerate(figure.add_subplot(place) for place in places):
@@ -75,13 +75,14 @@ def test_a_figure_that_is_too_small_is_drawn_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 6, 40])
-def test_the_label_of_a_scale_beside_a_square_matrix_stands_off_its_numbers(count: int) -> None:
+def test_the_scale_below_a_square_matrix_stands_off_it_and_its_label_off_its_numbers(count: int) -> None:
     """The square is smaller than its cell where the figure is wide: labels go by what is drawn, not by the cell."""
-    figure = correlations([f"Cm_{k}" for k in range(count)], np.eye(count)).figure
+    figure = paint(correlations([f"Cm_{k}" for k in range(count)], np.eye(count)).figure)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    _, scale = figure.axes
-    label = scale.yaxis.label.get_window_extent(canvas.get_renderer())
-    numbers = [one.get_window_extent(canvas.get_renderer()) for one in scale.get_yticklabels() if one.get_text()]
-    assert numbers and label.x0 > max(box.x1 for box in numbers) - _ROUNDING
-    assert label.height < figure.bbox.height
+    matrix, scale = figure.axes
+    label = scale.xaxis.label.get_window_extent(canvas.get_renderer())
+    numbers = [one.get_window_extent(canvas.get_renderer()) for one in scale.get_xticklabels() if one.get_text()]
+    assert numbers and label.y1 < min(box.y0 for box in numbers) + _ROUNDING
+    assert scale.get_window_extent().y1 < matrix.get_window_extent().y0
+    assert label.y0 >= -_ROUNDING

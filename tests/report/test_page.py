@@ -23,10 +23,10 @@ from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.report.figure import Picture
 from casid.report.folder import provenance, whole_folder
 from casid.report.next_flight import NextFlights
 from casid.report.page import FIGURES, write_report
-from casid.report.style import Picture
 from casid.report.words import pretty
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

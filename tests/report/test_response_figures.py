@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from matplotlib.patches import Rectangle
 
 import casid as cs
 from casid.frequency.response import FrequencyResponse
+from casid.report.figure import Curve, Span
 from casid.report.response_figures import bode, bode_mismatch
 
 OMEGA = np.geomspace(0.5, 20.0, 60)
@@ -39,20 +39,20 @@ def test_low_coherence_is_grey(flight: FrequencyResponse) -> None:
     figure = bode(flight).figure
     usable = np.flatnonzero(flight.usable)
     below, above = (float(np.sqrt(OMEGA[k] * OMEGA[k + 1])) for k in (usable[0] - 1, usable[-1]))
-    for ax in figure.axes:
-        grey = sorted((p.get_x(), p.get_x() + p.get_width()) for p in ax.patches if isinstance(p, Rectangle))
+    for panel in figure.panels:
+        grey = sorted((one.low, one.high) for one in panel.of(Span))
         assert grey == [pytest.approx((OMEGA[0], below)), pytest.approx((above, OMEGA[-1]))]
 
 
 def test_curves_are_the_response_where_it_is_usable(flight: FrequencyResponse) -> None:
     picture = bode(flight)
-    gain, phase, coherence = picture.figure.axes
-    for ax, values in ((gain, flight.gain_db), (phase, flight.phase_deg)):
-        faint, solid = (np.asarray(line.get_ydata(), dtype=float) for line in ax.get_lines())
+    gain, phase, coherence = picture.figure.panels
+    for panel, values in ((gain, flight.gain_db), (phase, flight.phase_deg)):
+        faint, solid = (one.y for one in panel.of(Curve))
         assert faint == pytest.approx(values)
         assert solid[flight.usable] == pytest.approx(values[flight.usable])
         assert np.isnan(solid[~flight.usable]).all()
-    assert np.asarray(coherence.get_lines()[0].get_ydata()) == pytest.approx(flight.coherence)
+    assert coherence.of(Curve)[-1].y == pytest.approx(flight.coherence)
     assert "pitch rate q" in picture.title and "m1, m2" in picture.caption
 
 
@@ -62,7 +62,7 @@ def test_a_model_a_turn_away_is_drawn_beside_flight(flight: FrequencyResponse) -
         flight, {"m": lambda w: np.conj(-2.0 + 0.0j) * np.exp(-0.2j * w) / (1.0 + 0.3j * w)}
     )
     figure = bode_mismatch(compared).figure
-    model = np.asarray(figure.axes[1].get_lines()[-1].get_ydata(), dtype=float)
+    model = figure.panels[1].of(Curve)[-1].y
     assert model[flight.usable] == pytest.approx(flight.phase_deg[flight.usable])
 
 
@@ -79,9 +79,8 @@ def test_what_leaves_the_envelope_is_marked(flight: FrequencyResponse) -> None:
     compared = cs.compare_responses(flight, late, envelope=bounds)
     figure = bode_mismatch(compared).figure
     out = flight.usable & (np.radians(20.0) / 0.1 < OMEGA)
-    for ax in figure.axes[3:]:
-        marks = np.asarray(ax.get_lines()[-1].get_xdata(), dtype=float)
-        assert marks == pytest.approx(OMEGA[out])
+    for panel in figure.panels[3:]:
+        assert panel.of(Curve)[-1].x == pytest.approx(OMEGA[out])
     assert f"J = {compared.mismatches['late'].cost:.3g}" in bode_mismatch(compared).caption
 
 

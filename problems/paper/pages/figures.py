@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
-from casid.report.style import BASELINE, EXPLAINED, EXTENDED, MEASURED, Picture, blank, channel_axis, settings
+from casid.report.figure import (
+    BLUE,
+    GREEN,
+    MEASURED,
+    ORANGE,
+    TIME,
+    Axis,
+    Curve,
+    Figure,
+    Look,
+    Panel,
+    Picture,
+    channel_axis,
+    stacked,
+)
 
-_COLOURS = {"equation": BASELINE, "output": EXTENDED, "combined": EXPLAINED}
-_DASHES = {"equation": (0, (5, 1.5)), "output": (0, (1, 1)), "combined": "-"}
+_TRUTH = MEASURED.called("truth")
+_LOOKS = {
+    "equation": Look(name="equation error", colour=ORANGE, dash="--"),
+    "output": Look(name="output error", colour=BLUE, dash=":"),
+    "combined": Look(name="combined error", colour=GREEN),
+}
 
 
 def histories(
@@ -24,24 +42,12 @@ def histories(
 ) -> Picture:
     """Time histories one above the other. truth: name -> (N,); estimates: estimator -> name -> (N,), in the same unit;
     labels: name -> axis."""
-    with settings():
-        drawing = blank(1.25 * len(truth) + 0.9)
-        axes = np.atleast_1d(drawing.subplots(len(truth), 1, sharex=True))
-        for place, (key, values) in zip(axes, truth.items(), strict=True):
-            place.plot(t, values, color=MEASURED, linewidth=2.2, alpha=0.45, label="truth")
-            for estimator, own in estimates.items():
-                place.plot(
-                    t,
-                    own[key],
-                    color=_COLOURS[estimator],
-                    linestyle=_DASHES[estimator],
-                    linewidth=1.2,
-                    label=f"{estimator} error",
-                )
-            place.set_ylabel(labels[key])
-        axes[-1].set_xlabel("t [s]")
-        handles, words = axes[0].get_legend_handles_labels()
-        drawing.legend(handles, words, loc="outside lower center", ncols=4)
+    panels = []
+    for key, values in truth.items():
+        curves = (Curve(look=_LOOKS[estimator], x=t, y=own[key]) for estimator, own in estimates.items())
+        parts = (Curve(look=_TRUTH, x=t, y=values), *curves)
+        panels.append(Panel(parts=parts, x=TIME, y=Axis(label=labels[key]), height=1.1))
+    drawing = Figure(rows=stacked(panels))
     alt = f"Time histories of {', '.join(truth)}: truth and the three estimators."
     return Picture(name=name, figure=drawing, title=title, caption=caption, alt=alt)
 
@@ -64,29 +70,15 @@ def over_variable(
     estimates: Mapping[str, Mapping[str, np.ndarray]],
 ) -> Picture:
     """Each term over its own variable: what is nonlinear in truth is straight in the model; by term."""
-    columns = 3
-    rows = -(-len(truth) // columns)
-    with settings():
-        drawing = blank(1.9 * rows + 0.8)
-        axes = drawing.subplots(rows, columns, squeeze=False).ravel()
-        for place, (key, values) in zip(axes, truth.items(), strict=False):
-            place.plot(x[key], values, ".", color=MEASURED, markersize=1.5, alpha=0.5, label="truth")
-            order = np.argsort(x[key])[[0, -1]]
-            for estimator, own in estimates.items():
-                place.plot(
-                    x[key][order],
-                    own[key][order],
-                    color=_COLOURS[estimator],
-                    linestyle=_DASHES[estimator],
-                    label=f"{estimator} error",
-                )
-            place.set_title("{} due to {}".format(*key.split("_", 1)))
-            for axis in (place.xaxis, place.yaxis):
-                axis.set_major_locator(MaxNLocator(3))
-                axis.set_major_formatter("{x:g}")
-        for place in axes[len(truth) :]:
-            place.set_visible(False)
-        handles, words = axes[0].get_legend_handles_labels()
-        drawing.legend(handles, words, loc="outside lower center", ncols=4, markerscale=5)
+    panels = []
+    dots = replace(_TRUTH, dash="", marker=".", size=2.0, alpha=0.5)
+    for key, values in truth.items():
+        ends = np.argsort(x[key])[[0, -1]]
+        lines = (
+            Curve(look=_LOOKS[estimator], x=x[key][ends], y=own[key][ends]) for estimator, own in estimates.items()
+        )
+        title = "{} due to {}".format(*key.split("_", 1))
+        panels.append(Panel(parts=(Curve(look=dots, x=x[key], y=values), *lines), title=title, height=1.5))
+    drawing = Figure(rows=stacked(panels, 3), linked=False)
     alt = "Contribution of each term over its variable: truth as points, estimates as straight lines."
     return Picture(name=name, figure=drawing, title=title, caption=caption, alt=alt)

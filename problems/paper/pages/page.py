@@ -9,7 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from casid.report.style import Picture
+from casid.report.figure import Picture
+from casid.report.svg import svg as painted
 
 _STYLE = """
 * { box-sizing: border-box; }
@@ -72,7 +73,7 @@ def number(value: float | int | None) -> str:
 
 def figure(picture: Picture, svg: bytes | None = None) -> str:
     """The picture inside the page; `svg` where it has been drawn already."""
-    data = base64.b64encode(picture.svg() if svg is None else svg).decode("ascii")
+    data = base64.b64encode(painted(picture.figure) if svg is None else svg).decode("ascii")
     return (
         f"<figure><h3>{escape(picture.title)}</h3><img src='data:image/svg+xml;base64,{data}' "
         f"alt='{escape(picture.alt)}'><figcaption>{escape(picture.caption)}</figcaption></figure>"

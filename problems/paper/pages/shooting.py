@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import MaxNLocator
 
-from casid.report.style import BASELINE, EXPLAINED, FAINT, Picture, blank, settings
+from casid.report.figure import FAINT, GREEN, INK, ORANGE, Axis, Bar, Curve, Figure, Look, Panel, Picture, stacked
 from problems.paper.pages.page import Section, figure, paragraph, table, write_page
 
 Results = Mapping[str, Mapping[str, Any]]  # "aircraft/method/kind ..." -> result
 _KINDS = ("right optimum", "wrong, claimed converged", "wrong, said so")
-_COLOURS = (EXPLAINED, BASELINE, FAINT)
+_LOOKS = tuple(Look(name=name, colour=colour) for name, colour in zip(_KINDS, (GREEN, ORANGE, FAINT), strict=True))
 
 
 def outcome(result: Mapping[str, Any]) -> int:
@@ -70,27 +70,24 @@ HEAD = (
 
 def success_picture(results: Results, aircraft: Sequence[str], methods: Sequence[str]) -> Picture:
     """Share of the random starts by what became of them, for every method."""
-    with settings():
-        drawing = blank(0.3 * len(methods) + 1.4)
-        axes = drawing.subplots(1, len(aircraft), sharey=True)
-        for place, name in zip(np.atleast_1d(axes), aircraft, strict=True):
-            left = np.zeros(len(methods))
-            for kind, colour in enumerate(_COLOURS):
-                groups = [[outcome(r) for r in _of(results, name, m, "random")] for m in methods]
-                share = np.array([100.0 * group.count(kind) / max(len(group), 1) for group in groups])
-                place.barh(range(len(methods)), share, left=left, color=colour, label=_KINDS[kind], height=0.75)
-                left += share
-            place.set_title(name)
-            place.set_xlabel("random starts [%]")
-            place.set_yticks(range(len(methods)), methods)
-            place.grid(axis="y", visible=False)
-            place.set_xlim(0, 100)
-        np.atleast_1d(axes)[0].invert_yaxis()
-        handles, labels = np.atleast_1d(axes)[0].get_legend_handles_labels()
-        drawing.legend(handles, labels, loc="outside lower center", ncols=3)
+    panels = []
+    for name in aircraft:
+        bars = []
+        left = np.zeros(len(methods))
+        for kind, look in enumerate(_LOOKS):
+            groups = [[outcome(r) for r in _of(results, name, m, "random")] for m in methods]
+            share = np.array([100.0 * group.count(kind) / max(len(group), 1) for group in groups])
+            bars += [
+                Bar(look=look, at=at, low=float(left[at]), high=float(left[at] + share[at]))
+                for at in range(len(methods))
+            ]
+            left += share
+        x = Axis(label="random starts [%]", low=0.0, high=100.0)
+        y = Axis(names=tuple(methods))
+        panels.append(Panel(parts=tuple(bars), x=x, y=y, title=name, height=0.3 * len(methods) + 0.2))
     return Picture(
         name="success",
-        figure=drawing,
+        figure=Figure(rows=stacked(panels, len(panels))),
         title="Who finds the right optimum from far away",
         caption="Starts: every derivative U(0, 2) times its true value, a fifth of the signs flipped.",
         alt="Bars: share of random starts that end in the right optimum, by method.",
@@ -99,33 +96,24 @@ def success_picture(results: Results, aircraft: Sequence[str], methods: Sequence
 
 def basin_picture(results: Results, aircraft: Sequence[str], methods: Sequence[str], names: Sequence[str]) -> Picture:
     """Where a start may lie in the plane of two derivatives: one square per start, coloured by what became of it."""
-    with settings():
-        drawing = blank(2.2 * len(aircraft) + 0.8)
-        axes = drawing.subplots(len(aircraft), len(methods), squeeze=False, sharex=True, sharey=True)
-        for i, name in enumerate(aircraft):
-            for j, method in enumerate(methods):
-                place = axes[i, j]
-                for key, result in results.items():
-                    if key.startswith(f"{name}/{method}/basin"):
-                        x, y = (float(part) for part in key.split()[-2:])
-                        place.plot(x, y, "s", color=_COLOURS[outcome(result)], markersize=9)
-                place.plot(1.0, 1.0, "+", color="black", markersize=9, markeredgewidth=1.5)
-                if i == 0:
-                    place.set_title(method)
-                place.margins(0.08)
-                place.xaxis.set_major_locator(MaxNLocator(4, integer=True))
-                if i == len(aircraft) - 1:
-                    place.set_xlabel(f"{names[0]} / true")
-                if j == 0:
-                    place.set_ylabel(f"{name}\n{names[1]} / true")
-        marks = [
-            axes[0, 0].plot([], [], "s", color=colour, label=kind)[0]
-            for kind, colour in zip(_KINDS, _COLOURS, strict=True)
-        ]
-        drawing.legend(handles=marks, loc="outside lower center", ncols=3)
+    panels = []
+    truth = Curve(look=Look(colour=INK, dash="", marker="P", size=7.0), x=np.ones(1), y=np.ones(1))
+    for name in aircraft:
+        for method in methods:
+            kinds: dict[int, list[tuple[float, float]]] = {}
+            for key, result in results.items():
+                if key.startswith(f"{name}/{method}/basin"):
+                    x, y = (float(part) for part in key.split()[-2:])
+                    kinds.setdefault(outcome(result), []).append((x, y))
+            squares = [
+                Curve(look=replace(_LOOKS[kind], dash="", marker="s", size=9.0), x=places[:, 0], y=places[:, 1])
+                for kind, places in ((kind, np.array(starts)) for kind, starts in kinds.items())
+            ]
+            x, y = (Axis(label=f"{one} / true") for one in names)
+            panels.append(Panel(parts=(*squares, truth), x=x, y=y, title=f"{name}, {method}", height=1.9))
     return Picture(
         name="basin",
-        figure=drawing,
+        figure=Figure(rows=stacked(panels, len(methods)), linked=False),
         title="The basin of attraction, cut along two derivatives",
         caption="Each square is a start; the other derivatives start at 0.7 times their true values. The cross is the "
         "truth. Upper row: the stable aircraft; lower row: the destabilised one.",

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from matplotlib.ticker import FixedLocator, NullLocator
 
-from casid.report.style import FAINT, RECORD_COLOURS, RECORD_MARKERS, Picture, blank, settings
+from casid.report.figure import ZERO, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, each
 from problems.paper.pages.page import table
 
 _ENDS = {"0": "output", "1": "equation"}
-_TICKS = (0.4, 0.5, 0.6, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5)
 Results = Mapping[str, Mapping[str, Any]]
 
 
@@ -47,39 +46,25 @@ def curve_table(rows: Sequence[Sequence[Any]], domains: Mapping[str, Sequence[st
 
 def trade_off(rows: Sequence[Sequence[Any]], cases: Mapping[str, str]) -> Picture:
     """Output-domain match over equation-domain match, one curve per case, along the weight."""
-    with settings():
-        drawing = blank(4.6)
-        axes = drawing.subplots()
-        for i, (case, words) in enumerate(cases.items()):
-            own = [row for row in rows if row[0] == case]
-            x, y = [row[2] for row in own], [row[3] for row in own]
-            axes.plot(x, y, f"-{RECORD_MARKERS[i]}", color=RECORD_COLOURS[i], markersize=4, label=f"{case}: {words}")
-            for row in own:
-                if row[1] in _ENDS:
-                    axes.annotate(
-                        _ENDS[row[1]],
-                        (row[2], row[3]),
-                        textcoords="offset points",
-                        xytext=(0, 7),
-                        fontsize=8.5,
-                        color=RECORD_COLOURS[i],
-                        ha="center",
-                    )
-        axes.set_xlabel("mismatch in the equation domain / that at 50/50")
-        axes.set_ylabel("mismatch in the output domain / that at 50/50")
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(FixedLocator(_TICKS))
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_locator(NullLocator())
-        axes.axhline(1.0, color=FAINT, linewidth=0.8, zorder=0)
-        axes.axvline(1.0, color=FAINT, linewidth=0.8, zorder=0)
-        axes.margins(0.1)
-        axes.legend()
+    parts: list[Part] = [Rule(look=ZERO, at=1.0), Rule(look=ZERO, at=1.0, axis="y")]
+    for i, (case, words) in enumerate(cases.items()):
+        own = [row for row in rows if row[0] == case]
+        look = replace(each(i, f"{case}: {words}"), dash="-")
+        parts.append(Curve(look=look, x=np.array([row[2] for row in own]), y=np.array([row[3] for row in own])))
+        parts += [
+            Note(text=_ENDS[row[1]], x=row[2], y=row[3], align="center", offset=(0.0, 9.0), colour=look.colour)
+            for row in own
+            if row[1] in _ENDS
+        ]
+    panel = Panel(
+        parts=tuple(parts),
+        x=Axis(label="mismatch in the equation domain / that at 50/50", log=True),
+        y=Axis(label="mismatch in the output domain / that at 50/50", log=True),
+        height=3.6,
+    )
     return Picture(
         name="trade_off",
-        figure=drawing,
+        figure=Figure(rows=((panel,),)),
         title="Trade-off between the two domains",
         caption="Mean absolute differences from noise-free truth, geometric mean over the channels of a domain; "
         "the weight of the equation part grows along a curve from 'output' (pure output error) to 'equation' (pure "

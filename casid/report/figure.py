@@ -1,0 +1,434 @@
+"""Figures as data: panels of curves, bands, spans, rules, bars, cells and notes, each with its look and its unit.
+
+Two painters draw them, `svg.py` for print, mail and notebooks, `uplot.py` for a reader who zooms. Colours and names of
+what is measured, as given, extended, and of the noise are defined here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from casid.signals import unit_of
+
+# inches; a page shows them up to 40 and 46 rem wide
+WIDTH = 5.6
+WIDE = 8.2
+# Okabe and Ito, Color Universal Design (2008)
+INK = "#222222"
+ORANGE = "#D55E00"
+BLUE = "#0072B2"
+GREEN = "#009E73"
+PINK = "#CC79A7"
+YELLOW = "#E69F00"
+SKY = "#56B4E9"
+GREY = "#DDDDDD"
+FAINT = "#9A9A9A"
+_ROOM = 0.05  # part of a range that stays free around what is drawn
+_ROOM_ALONG = 0.01  # the same along a curve
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """How a part is drawn, and what the legend calls it, "" for nothing."""
+
+    colour: str
+    name: str = ""
+    width: float = 1.3
+    dash: str = "-"  # "-", "--", "-.", ":", or "" for no line
+    marker: str = ""  # "o", "s", "^", "D", "v", "P", "x", "<", ">", "."
+    size: float = 4.0
+    alpha: float = 1.0
+    hatch: str = ""
+    edge: str = ""
+
+    def called(self, name: str) -> Look:
+        """Return the look under another name in the legend."""
+        return replace(self, name=name)
+
+
+MEASURED = Look(name="measured", colour=INK, width=3.4, alpha=0.32)
+SAMPLES = Look(name="samples", colour=FAINT, dash="", marker=".", size=1.8)
+GIVEN = Look(name="as given", colour=ORANGE, dash="--")
+EXTENDED = Look(name="extended", colour=BLUE)
+INPUT = Look(name="recorded input", colour=GREEN, width=1.1)
+EXPLAINED = Look(name="explained", colour=GREEN, dash="--")
+NOISE = Look(name="±1σ noise of the instrument", colour=GREY)
+DEVIATION = Look(name="±2σ", colour="#BBD7EA")
+RIVAL = Look(colour=PINK, dash="--")
+FAULT = Look(name="a fault", colour=PINK, alpha=0.35)
+ZERO = Look(colour=FAINT, width=0.8)
+LIMIT = Look(colour=INK, width=1.2, dash=":")
+_MODELS = (GIVEN, EXTENDED, EXPLAINED.called(""), Look(colour=PINK, dash=":"), Look(colour=SKY), Look(colour=YELLOW))
+_EACH = tuple(zip((BLUE, GREEN, PINK, YELLOW, SKY, ORANGE), "os^DvP", strict=True))
+
+
+def looks(models: Iterable[str], given: str | None = None) -> dict[str, Look]:
+    """Return the looks of models by name: `given`, and else the first of several, is the simulation as given."""
+    names = list(models)
+    first = given if given is not None else names[0] if len(names) > 1 or names == [GIVEN.name] else None
+    others = iter(_MODELS[1:] * len(names))
+    return {name: (GIVEN if name == first else next(others)).called(name) for name in names}
+
+
+def each(number: int, name: str = "") -> Look:
+    """Return the look of one of several that are alike, such as records: dots in a colour and a shape of its own."""
+    colour, marker = _EACH[number % len(_EACH)]
+    return Look(name=name, colour=colour, dash="", marker=marker)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Curve:
+    """A line, or dots, through places (N,); NaN is a gap. `std` and `std_x` (N,) are drawn as bars about each place."""
+
+    look: Look
+    x: np.ndarray
+    y: np.ndarray
+    std: np.ndarray | None = None
+    std_x: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Band:
+    """What lies between two curves (N,)."""
+
+    look: Look
+    x: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """What lies between two places of an axis; `part` of the height of the panel, from its foot."""
+
+    look: Look
+    low: float
+    high: float
+    axis: str = "x"
+    part: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rule:
+    """A line across the panel at a place of an axis."""
+
+    look: Look
+    at: float
+    axis: str = "x"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bar:
+    """A bar from `low` to `high` beside a place of the vertical axis."""
+
+    look: Look
+    at: float
+    low: float
+    high: float
+    height: float = 0.7
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """The colours of numbers between `low` and `high`, with a `label` where it is drawn below the panels."""
+
+    low: float
+    high: float
+    colours: str
+    log: bool = False
+    label: str = ""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cells:
+    """Numbers (rows, columns) as colours, the first row on top, with a text (row, column) in some of them."""
+
+    values: np.ndarray
+    scale: Scale
+    texts: Mapping[tuple[int, int], str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Note:
+    """A text at a place; without `y` above the panel. `offset` moves it [points]."""
+
+    text: str
+    x: float
+    y: float | None = None
+    align: str = "left"
+    offset: tuple[float, float] = (0.0, 0.0)
+    bold: bool = False
+    colour: str = INK
+
+
+Marked = Curve | Band | Span | Rule | Bar  # parts with a look
+Part = Marked | Cells | Note
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """An axis: its label with the unit; limits, where what is drawn does not give them; `names` of the places 0, 1, 2.
+
+    Some names are `bold`; with `edges` they stand between the places. `step`: what is between two numbers.
+    """
+
+    label: str = ""
+    low: float | None = None
+    high: float | None = None
+    log: bool = False
+    names: tuple[str, ...] = ()
+    bold: frozenset[int] = frozenset()
+    edges: bool = False
+    step: float | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Panel:
+    """Parts in the order in which they are drawn, between two axes; the label of `y` and the `title` stand above it.
+
+    `height` in inches. `square`: one unit is as long on both axes. `bare`: neither axes nor grid.
+    """
+
+    parts: tuple[Part, ...]
+    x: Axis = field(default_factory=Axis)
+    y: Axis = field(default_factory=Axis)
+    title: str = ""
+    height: float = 1.35
+    square: bool = False
+    bare: bool = False
+
+    def of(self, kind: type) -> list:
+        """Return the parts of a kind."""
+        return [one for one in self.parts if isinstance(one, kind)]
+
+    @cached_property
+    def heading(self) -> str:
+        """Title and label of the vertical axis."""
+        return ": ".join(one for one in (self.title, self.y.label) if one)
+
+    @cached_property
+    def cells(self) -> Cells | None:
+        """Its matrix, where it has one."""
+        return next(iter(self.of(Cells)), None)
+
+    @property
+    def can_be_zoomed(self) -> bool:
+        """Whether it is made of curves along a common axis and what is drawn behind them."""
+        curves = self.of(Curve)
+        lines = [one for one in curves if one.look.dash and len(one.x) > 2]
+        return (
+            not (self.of(Bar) or self.of(Cells) or self.x.names or self.y.names or self.square)
+            and bool(lines)
+            and all(one.std is None and one.std_x is None for one in curves)
+            and all(bool(np.all(np.diff(one.x) >= 0.0)) for one in curves)
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Figure:
+    """Rows of panels; None leaves a place free. `linked`: panels whose horizontal axes have one label have one axis;
+    `alike`: all have one vertical axis. `width` in inches; `widths` are the shares of columns."""
+
+    rows: tuple[tuple[Panel | None, ...], ...]
+    width: float = WIDTH
+    widths: tuple[float, ...] = ()
+    linked: bool = True
+    alike: bool = False
+
+    @cached_property
+    def panels(self) -> list[Panel]:
+        """All panels, row by row."""
+        return [one for row in self.rows for one in row if one is not None]
+
+    @property
+    def can_be_zoomed(self) -> bool:
+        """Whether every panel can."""
+        return all(one.can_be_zoomed for one in self.panels)
+
+    @cached_property
+    def legend(self) -> dict[str, Marked]:
+        """Name -> the first part that is drawn so."""
+        found: dict[str, Marked] = {}
+        for part in (part for panel in self.panels for part in panel.parts if not isinstance(part, Cells | Note)):
+            if part.look.name:
+                found.setdefault(part.look.name, part)
+        return found
+
+    @cached_property
+    def scale(self) -> Scale | None:
+        """The colours that are explained below the panels."""
+        return next((one.cells.scale for one in self.panels if one.cells and one.cells.scale.label), None)
+
+    def linked_with(self, panel: Panel) -> list[Panel]:
+        """Return the panels with the same horizontal axis."""
+        return [one for one in self.panels if one is panel or (self.linked and one.x.label == panel.x.label)]
+
+    def x_range(self, panel: Panel) -> tuple[float, float]:
+        """Return the ends of the horizontal axis of a panel, the same for all that are linked."""
+        return _range(self.linked_with(panel), lambda one: one.x, _across)
+
+    def y_range(self, panel: Panel) -> tuple[float, float]:
+        """Return the ends of the vertical axis of a panel, the same for all that are alike."""
+        return _range(self.panels if self.alike else [panel], lambda one: one.y, _upward)
+
+
+def stacked(panels: Iterable[Panel], columns: int = 1) -> tuple[tuple[Panel | None, ...], ...]:
+    """Return rows of panels in so many columns; the last row may have free places."""
+    every = list(panels)
+    columns = max(1, min(columns, len(every)))
+    free = [None] * (-len(every) % columns)
+    filled = [*every, *free]
+    return tuple(tuple(filled[k : k + columns]) for k in range(0, len(filled), columns))
+
+
+def _range(panels: Sequence[Panel], axis: Callable[[Panel], Axis], drawn: Callable) -> tuple[float, float]:
+    """Return the limits of an axis, or what is drawn along it and some room around."""
+    own = axis(panels[0])
+    if own.names:
+        return -0.5, len(own.names) - (1.5 if own.edges else 0.5)
+    if own.low is not None and own.high is not None:
+        return own.low, own.high
+    values = np.concatenate([np.ravel(one) for panel in panels for one in drawn(panel)] or [np.zeros(0)])
+    values = values[np.isfinite(values) & ((values > 0.0) | (not own.log))]
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    along = drawn is _across and not any(one.std_x is not None for panel in panels for one in panel.of(Curve))
+    room = _ROOM_ALONG if along else _ROOM
+    if own.log:
+        factor = (high / low) ** room if high > low else 2.0
+        found = low / factor, high * factor
+    else:
+        free = room * (high - low) if high > low else 0.5 * abs(high) or 1.0
+        found = low - free, high + free
+    return (found[0] if own.low is None else own.low), (found[1] if own.high is None else own.high)
+
+
+def _across(panel: Panel) -> Iterator[np.ndarray | list[float]]:
+    """Yield what is drawn along the horizontal axis."""
+    for one in panel.parts:
+        if isinstance(one, Curve):
+            spread = 0.0 if one.std_x is None else np.nan_to_num(one.std_x)
+            yield one.x - spread
+            yield one.x + spread
+        elif isinstance(one, Band):
+            yield one.x
+        elif isinstance(one, Bar):
+            yield [one.low, one.high]
+        elif isinstance(one, Rule) and one.axis == "x":
+            yield [one.at]
+        elif isinstance(one, Span) and one.axis == "x":
+            yield [one.low, one.high]
+
+
+def _upward(panel: Panel) -> Iterator[np.ndarray | list[float]]:
+    """Yield what is drawn along the vertical axis."""
+    for one in panel.parts:
+        if isinstance(one, Curve):
+            spread = 0.0 if one.std is None else np.nan_to_num(one.std)
+            yield one.y - spread
+            yield one.y + spread
+        elif isinstance(one, Band):
+            yield one.low
+            yield one.high
+        elif isinstance(one, Rule) and one.axis == "y":
+            yield [one.at]
+        elif isinstance(one, Span) and one.axis == "y":
+            yield [one.low, one.high]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Picture:
+    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it."""
+
+    name: str
+    figure: Figure
+    title: str
+    caption: str
+    alt: str
+
+    @property
+    def wide(self) -> bool:
+        """Whether it is scrolled sideways where there is no room for it."""
+        return self.figure.width > WIDTH
+
+
+TIME = Axis(label="time t [s]")
+
+
+def history(
+    channel: str,
+    t: np.ndarray,
+    curves: Mapping[Look, np.ndarray],
+    *,
+    x: Axis = TIME,
+    title: str = "",
+    height: float = 1.35,
+) -> Panel:
+    """Return a panel of a channel in the unit that people read: curves (N,) by look, what is measured first."""
+    factor = channel_scale(channel)[0]
+    parts = tuple(Curve(look=look, x=t, y=factor * values) for look, values in curves.items())
+    return Panel(parts=parts, x=x, y=Axis(label=channel_axis(channel)), title=title, height=height)
+
+
+def thinned(x: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the least and the largest value of each stretch of a curve with more points than can be seen.
+
+    Where a gap begins is kept.
+    """
+    if len(x) <= points:
+        return x, y
+    edges = np.linspace(0, len(x), points // 2 + 1).astype(int)
+    low = np.where(np.isfinite(y), y, np.inf)
+    high = np.where(np.isfinite(y), y, -np.inf)
+    keep = {
+        place
+        for first, last in zip(edges[:-1], edges[1:], strict=True)
+        for place in (first + int(low[first:last].argmin()), first + int(high[first:last].argmax()))
+    }
+    gaps = np.flatnonzero(np.diff(np.isnan(y).astype(int)) > 0) + 1
+    chosen = np.array(sorted({*keep, *gaps.tolist()}))
+    return x[chosen], y[chosen]
+
+
+def joined(pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return curves one after the other as one, with a gap between them."""
+    x: list[np.ndarray] = []
+    y: list[np.ndarray] = []
+    for t, values in pieces:
+        x += [t, t[-1:] + 1e-6 * max(1.0, abs(float(t[-1])))]
+        y += [values, np.array([np.nan])]
+    return np.concatenate(x[:-1]), np.concatenate(y[:-1])
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return (factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
+    if unit.startswith("rad"):
+        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
+    return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
+        "rad3", "rad³"
+    )
+
+
+def channel_scale(channel: str) -> tuple[float, str]:
+    """Return (factor, unit) for showing a channel."""
+    return shown_unit(unit_of(channel))
+
+
+def channel_axis(channel: str) -> str:
+    """Return the label of an axis of a channel with its unit, e.g. "q [deg/s]"."""
+    unit = channel_scale(channel)[1]
+    return f"{channel} [{unit}]" if unit else channel
+
+
+def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:
+    """Return the Gaussian mean of 1-sigma width `width_s`, over what is not NaN."""
+    half = int(np.ceil(3.0 * width_s / dt))
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * dt / width_s) ** 2)
+    seen = np.isfinite(values)
+    weight = np.convolve(seen, kernel)[half : half + len(values)]
+    total = np.convolve(np.where(seen, values, 0.0), kernel)[half : half + len(values)]
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)
