@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
+from casid.diagnosis.reasons import clause
 from casid.errors import InputError, nearest, unknown
 from casid.keeping import by_fields, plain
 from casid.model.effect import Effect
+from casid.model.effects import effect_named
 from casid.model.vocabulary import title_of
 from casid.signals import label_of
 
@@ -19,6 +22,7 @@ IN_A_SET = "in a set"
 MINOR = "minor"
 REFUSED = "refused"
 NOT_TRIED = "not tried"
+_OUTCOMES = {NAMED: "named", IN_A_SET: "cannot be told apart", MINOR: "too small to matter"}
 OUTCOMES = (NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED)
 
 
@@ -64,19 +68,6 @@ class Gate:
     def passed(self) -> bool:
         """Return True if the comparison holds or one of the alternatives passes."""
         return self.holds or any(other.passed for other in self.or_else)
-
-    @property
-    def margin(self) -> float:
-        """Value over threshold, or its inverse for an upper limit: 1 at the threshold, more if the comparison holds."""
-        value, threshold = (self.value, self.threshold) if self.least else (self.threshold, self.value)
-        return value / threshold if threshold > 0.0 else math.copysign(math.inf, value - threshold)
-
-    @property
-    def words(self) -> str:
-        """The comparison as a clause, as "gain 12, at least 40 needed"."""
-        sense = "at least" if self.least else "at most"
-        value = f"{self.value:.3g}" if math.isfinite(self.value) else "without bound"
-        return f"{self.gate} {value}, {sense} {self.threshold:.3g} needed"
 
     def __str__(self) -> str:
         sign = ">=" if self.least else "<="
@@ -137,6 +128,8 @@ class Decision:
         The comparisons, in the order in which they were made.
     against
         Names of the causes that it was compared with.
+    statistic
+        Its likelihood-ratio statistic in this round, 2 ln L; NaN where it was not fitted.
 
     Examples
     --------
@@ -152,6 +145,15 @@ class Decision:
     outcome: str
     gates: tuple[Gate, ...]
     against: tuple[str, ...] = ()
+    statistic: float = math.nan
+
+    @property
+    def title(self) -> str:
+        """A short name of the cause for a person; its own name where it is none of the catalogue."""
+        with suppress(InputError):
+            effect = effect_named(self.cause)
+            return f"{title_of(effect)} ({effect.variant})" if effect.variant else title_of(effect)
+        return self.cause
 
     @property
     def failed(self) -> tuple[Gate, ...]:
@@ -177,6 +179,7 @@ class Decision:
             outcome=entry["outcome"],
             gates=gates,
             against=tuple(entry.get("against", ())),
+            statistic=math.nan if entry.get("statistic") is None else float(entry["statistic"]),
         )
 
 
@@ -260,17 +263,29 @@ class Trace:
                 best[one.cause] = one
         return tuple(sorted(best.values(), key=lambda one: (OUTCOMES.index(one.outcome), one.round)))
 
-    def summary(self, most: int = 12) -> str:
-        """One line for each cause with the gate that decided, named ones first, then `most` of the others.
+    def reason(self, decision: Decision) -> str:
+        """Return why a cause was named or not, as a sentence: the gate that it failed, or else those that it passed."""
+        first = next((one for one in self.decisions if one.cause in decision.against), None)
+        same = [one for one in self.decisions if first and one.cause == first.cause and one.round == decision.round]
+        behind = same[0].statistic - decision.statistic if same else math.nan
+        of = {gate.gate.partition(", in the final")[0]: gate for gate in decision.failed[:1] or decision.gates}
+        told = sorted(of.values(), key=lambda gate: not gate.gate.startswith("gain"))
+        title = first.title if first else ""
+        said = [clause(gate.gate, gate.passed, (gate.value, gate.threshold), title, behind) for gate in told]
+        text = "; ".join(dict.fromkeys(one for one in said if one))
+        return f"{text[0].upper()}{text[1:]}." if text else ""
 
-        `most` is the number of lines for refused and untried causes; those with the most gates come first.
-        """
+    def summary(self, most: int = 6) -> str:
+        """A line for each cause that was named or came near, and `most` of those that were fitted and not named."""
         chosen = [one for one in self.deciding if one.outcome in (NAMED, IN_A_SET, MINOR)]
-        rest = [one for one in self.deciding if one not in chosen and one.failed]
-        rest.sort(key=lambda one: (OUTCOMES.index(one.outcome), -len(one.gates), -one.failed[0].margin))
-        lines = [_line(one) for one in (*chosen, *rest[:most])]
-        more = len(rest) - most
-        return "\n".join([*lines, *([f"and {more} more causes that were refused or not tried"] if more > 0 else [])])
+        rest = [one for one in self.deciding if one.outcome == REFUSED and one.failed and one.title != one.cause]
+        rest.sort(key=lambda one: -one.statistic if math.isfinite(one.statistic) else math.inf)
+        lines = [f"{_OUTCOMES[one.outcome]}: {one.title} [{one.cause}]. {self.reason(one)}" for one in chosen]
+        lines += [f"not named: {one.title} [{one.cause}]. {self.reason(one)}" for one in rest[:most]]
+        more = len(self.deciding) - len(lines)
+        return "\n".join(
+            [*lines, *([f"And {more} more that were not named, of which each has its reason."] if more else [])]
+        )
 
     def __str__(self) -> str:
         return "\n".join(str(one) for one in self.decisions)
@@ -303,15 +318,6 @@ def _most_alike(said: str, causes: Iterable[str]) -> dict[str, float]:
 
 def _words(text: str) -> list[str]:
     return re.findall(r"[a-z0-9]+", text.lower().replace("_", " "))
-
-
-def _line(one: Decision) -> str:
-    """A decision in one line, with the first gate that failed or the tightest one that passed."""
-    compared = [gate for gate in one.gates if gate.holds and gate.criterion]
-    tightest = min(compared, key=lambda gate: gate.margin, default=None)
-    decided = one.failed[0] if one.failed else tightest
-    because = "" if decided is None else f" ({'failed' if one.failed else 'tightest'}: {decided})"
-    return f"{one.outcome:<10} {one.cause}{because}"
 
 
 def trace_of(document: Mapping[str, Any]) -> Trace:

@@ -171,7 +171,7 @@ def alternatives(document: Document) -> ReportTable:
         decision = decided.get((one.name, one.round))
         if decision is None or decision.outcome == NAMED:
             continue
-        why = decision.failed[0].words if decision.failed else decision.outcome
+        why = document.trace.reason(decision)
         size = quantity(one.value, one.unit)
         rows.append(Row(cells=(pretty(one.title), str(one.round), size, digits(one.statistic), why)))
     return ReportTable(

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from casid.diagnosis.cause import Cause, Decision, Gate, Trace
+from casid.diagnosis import gates
+from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Gate, Trace
+from casid.diagnosis.gates import stands_beside
 from casid.errors import InputError
 from casid.model.causes import actuator_lag, aero_term, input_delay
+from casid.model.numbers import digits
 from casid.model.vocabulary import title_of
 
 
@@ -32,7 +38,34 @@ def test_what_it_cannot_be_told_from_is_told_by_titles() -> None:
 @pytest.mark.parametrize("value", [float("inf"), float("-inf"), float("nan")])
 def test_a_number_without_bound_is_written_in_words(value: float) -> None:
     gate = Gate(gate="gain behind the first", value=value, threshold=1.0, least=False)
-    assert all(not {"inf", "-inf", "nan"} & set(re.split(r"[ ,:]+", text)) for text in (str(gate), gate.words))
+    assert all(not {"inf", "-inf", "nan"} & set(re.split(r"[ ,:]+", text)) for text in (str(gate),))
+
+
+def trace_of_round(*gates: Gate, statistic: float) -> Trace:
+    """Return decisions of one round: a lag that is named with 2 ln L = 1000, and a delay with `gates`."""
+    lag = Decision(cause="actuator_lag(delta_e)", round=1, outcome=NAMED, gates=(), statistic=1000.0)
+    against = ("actuator_lag(delta_e)",)
+    delay = Decision(
+        cause="input_delay(delta_e)", round=1, outcome=REFUSED, gates=gates, against=against, statistic=statistic
+    )
+    return Trace(decisions=(lag, delay))
+
+
+@given(statistic=st.floats(0.0, 999.0))
+def test_a_reason_says_by_how_much_another_cause_fits_better(statistic: float) -> None:
+    trace = trace_of_round(stands_beside(10.0), statistic=statistic)
+    reason = trace.reason(trace.decisions[1])
+    assert title_of(actuator_lag("delta_e")) in reason and f"{digits(1000.0 - statistic, 2)} in 2 ln L" in reason
+
+
+def test_every_comparison_that_fails_has_a_reason_in_words() -> None:
+    """Of all gates that the file of gates makes: no reason is the name of the gate with its numbers."""
+    made = re.findall(r'at_(?:least|most)\(f?"([^"{(]+)', Path(gates.__file__).read_text(encoding="utf-8"))
+    assert len(made) > 30
+    for name in made:
+        trace = trace_of_round(Gate(gate=name, value=0.5, threshold=1.0), statistic=500.0)
+        reason = trace.reason(trace.decisions[1])
+        assert reason.endswith(".") and not reason.lower().startswith(name.lower().rstrip(", ")), name
 
 
 CONSIDERED = tuple(

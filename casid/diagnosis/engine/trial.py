@@ -154,6 +154,7 @@ class Round:
             outcome=NAMED if leads and self.named else outcome,
             gates=asked,
             against=tuple(dict.fromkeys(against)),
+            statistic=trial.gain.raw,
         )
 
     @property
