@@ -34,6 +34,12 @@ def test_code_of_a_page_runs_as_it_stands(page: str, capsys) -> None:
     assert re.search("converged|explained", capsys.readouterr().out)
 
 
+def test_the_page_of_systems_has_every_kind_of_cause() -> None:
+    table = re.findall(r"(?m)^\| .*", (DOCS / "systems.md").read_text(encoding="utf-8"))
+    listed = set(re.findall(r"`(\w+)`", "\n".join(table)))
+    assert listed == {name for name, kind in KINDS.items() if kind.of_systems}
+
+
 @pytest.mark.slow
 def test_commands_of_the_page_of_tasks_run(script_here, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In their order, on the records of the demonstration, whose elevator has a lag of 0.12 s. Status 1 is that of a
