@@ -19,6 +19,7 @@ from casid.estimation.noise import Huber, StudentT
 from casid.estimation.solvers.kkt import without_starts
 from casid.estimation.solvers.levels import NoiseLevels
 from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.own import OwnObjective
 from casid.estimation.transcriptions.dynamics import Blocks
 from casid.estimation.transcriptions.layout import Layout
 from casid.estimation.transcriptions.shooting import Shooting
@@ -38,6 +39,7 @@ class Together:
     def __init__(self, fit: Fit, tolerance: float) -> None:
         end = fit.uncertainty.solved
         solved = end.objective.problem
+        assert not isinstance(end.objective, OwnObjective)  # `takes` leaves those
         shooting = SingleShooting(substeps=fit.substeps, implicit=fit.implicit).dynamics(solved)
         assert isinstance(shooting, Shooting)
         self.problem = solved

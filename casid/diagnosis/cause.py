@@ -219,7 +219,7 @@ class Trace:
         begun = tuple(wanted.removesuffix(")") + mark for mark in ":,")  # a target without its term or variant
         found = found or [one for one in self.decisions if one.cause.startswith(begun)]
         causes = dict.fromkeys(one.cause for one in self.decisions)
-        by_words = _most_alike(cause, causes) if not found else {}
+        by_words = {} if found or "(" in cause else _most_alike(cause, causes)  # a name in its form is no words
         found = found or [one for one in self.decisions if by_words.get(one.cause, 0.0) == 1.0]
         if not found:
             kinds = {name.partition("(")[0] for name in causes}  # a list of all causes would fill a screen
