@@ -47,7 +47,7 @@ from casid.estimation import (
     limit_trajectory,
     solve,
 )
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.formats.export import export
 from casid.formats.fmu import fmu_model
 from casid.formats.petab import read_petab

@@ -36,7 +36,7 @@ from casid.diagnosis.numerics import Numerics
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation import Fit, Problem, solve
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.model.simulate import simulate
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelation, autocorrelations, estimates, histories

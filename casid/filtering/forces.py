@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from casid.estimation.problem import Problem
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.filtering.innovations import PointFunctions, make_batch
 
 

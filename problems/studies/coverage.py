@@ -21,7 +21,7 @@ from scipy.stats import binom
 
 from casid.analysis import bootstrap, profile
 from casid.estimation import Fit, OutputError, Problem, solve
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.model.system import Model, define_model
 from casid.records.record import Record
 from problems.do328 import MOMENT_DERIVATIVES

@@ -28,7 +28,7 @@ from casid.estimation import (
     solve,
 )
 from casid.estimation.transcriptions.steps import output_function, step_function
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.model.system import define_model
 from casid.records.record import Record
 from problems.studies.input_noise import _Caused, _gains, _groups, input_noise_errors, with_noisy_inputs

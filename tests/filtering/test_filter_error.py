@@ -26,7 +26,7 @@ from casid.estimation import (
 )
 from casid.estimation.solvers.own import OwnObjective
 from casid.estimation.solvers.point import NoiseState, ObjectiveValue, Point
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.filtering.likelihood import FilterLikelihood
 from casid.filtering.noise_score import unit_variances, variance_score
 from casid.model.simulate import simulate

@@ -26,7 +26,7 @@ from casid.estimation.solvers.gauss_newton import FilterSearch
 from casid.estimation.solvers.iteration import Iteration
 from casid.estimation.solvers.levels import noise_levels
 from casid.estimation.solvers.timed import Clock
-from casid.filtering.filter_error import FilterError
+from casid.filtering.cost import FilterError
 from casid.model.system import define_model
 from casid.records.record import Record
 
