@@ -141,8 +141,8 @@ def _by_implicit_shooting(objective: Objective, method: Stepping, solver: Timed)
 
 
 def _by_many_steps(objective: Objective, method: Stepping, solver: Timed) -> Attempt:
-    """Where a motion jumps within a sample interval, so that implicit steps as long as can be afforded have no solution
-    or another one: explicit steps as short as the jump, which are quick."""
+    """Integrate by explicit steps as short as a jump of the motion within a sample interval, which are quick, where
+    implicit steps as long as can be afforded have no solution or another one."""
     problem = objective.problem
     steps = max(_IN_ALL // (sum(map(len, problem.records)) * len(problem.model.states)), MOST_STEPS)
     ends = list[Attempt]()

@@ -209,7 +209,7 @@ def _of_one_name(
 
 
 def _place(table: RawTable, headers: Sequence[Header], index: int) -> str:
-    """By which a map names a column, unlike every other one."""
+    """Return the name by which a map finds a column, unlike every other one."""
     leaves = [header.leaf for header in headers]
     return headers[index].name if leaves.count(headers[index].leaf) > 1 else table.path(index)
 
@@ -379,7 +379,7 @@ def _converted(table: RawTable, headers: Sequence[Header], index: int, channel: 
 
 
 def _factor(unit: str, channel: str, where: str = "") -> float:
-    """As `si_factor`; g is a gram of a mass that casid does not know."""
+    """Return `si_factor`; g is a gram of a mass that casid does not know."""
     gram = unit == "g" and channel not in CHANNELS and "mass" in channel.lower()
     return 1e-3 if gram else si_factor(unit, channel, where)
 

@@ -27,7 +27,7 @@ ANGLES = ("phi", "theta", "psi")
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """How four columns are read as a quaternion w x y z from body to earth axes."""
+    """Reading of four columns as a quaternion w x y z from body to earth axes."""
 
     order: tuple[int, int, int, int]  # of the columns: where w x y z stand
     conjugate: bool  # whether they are the turn from earth to body axes

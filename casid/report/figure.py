@@ -34,7 +34,7 @@ _ROOM_ALONG = 0.01  # the same along a curve
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """How a part is drawn, and what the legend calls it, "" for nothing."""
+    """Look of a part, and its name in the legend, "" for none."""
 
     colour: str
     name: str = ""
@@ -94,7 +94,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Band:
-    """What lies between two curves (N,)."""
+    """Area between two curves (N,)."""
 
     look: Look
     x: np.ndarray
@@ -104,7 +104,7 @@ class Band:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """What lies between two places of an axis; `part` of the height of the panel, from its foot."""
+    """Area between two places of an axis; `part` of the height of the panel, from its foot."""
 
     look: Look
     low: float
@@ -218,7 +218,7 @@ class Panel:
 
     @property
     def can_be_zoomed(self) -> bool:
-        """Whether it is made of curves along a common axis and what is drawn behind them."""
+        """Return True if it is made of curves along a common axis and what is drawn behind them."""
         curves = self.of(Curve)
         lines = [one for one in curves if one.look.dash and len(one.x) > 2]
         return (
@@ -247,7 +247,7 @@ class Figure:
 
     @property
     def can_be_zoomed(self) -> bool:
-        """Whether every panel can."""
+        """Return True if every panel can be zoomed."""
         return all(one.can_be_zoomed for one in self.panels)
 
     @cached_property
@@ -352,7 +352,7 @@ class Picture:
 
     @property
     def wide(self) -> bool:
-        """Whether it is scrolled sideways where there is no room for it."""
+        """Return True if it is scrolled sideways where there is no room for it."""
         return self.figure.width > WIDTH
 
 
