@@ -22,7 +22,7 @@ from casid.estimation.initial_state import InitialState
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.gauss_newton import GaussNewton
 from casid.estimation.solvers.objective import Objective
-from casid.estimation.transcriptions.transcription import MultipleShooting
+from casid.estimation.transcriptions.transcription import MultipleShooting, finest_interval
 from casid.model.built import cached, share_cache
 from casid.model.simulate import cvodes_step, flown, steps_of
 from casid.model.system import Model, unguessed_states
@@ -112,7 +112,7 @@ def _smoothed_at(problem: Problem, larger: float, deadline: float) -> tuple[Mapp
         initial_state=_with_sizes(problem, larger),
     )
     wander = {s: larger * _WANDER * model.state_scale[s] / np.sqrt(duration) for s in model.states}
-    method = MultipleShooting(interval=1, process_noise=wander, substeps=1)
+    method = MultipleShooting(interval=finest_interval(problem), process_noise=wander, substeps=1)
     seconds = min(max(deadline - time.perf_counter(), 1e-3), _SECONDS)
     try:
         objective = Objective(smoothing, method.dynamics(smoothing))

@@ -41,6 +41,7 @@ from casid.estimation.transcriptions.transcription import (
     Stepping,
     Transcription,
     as_stepping,
+    finest_interval,
     is_implicit,
 )
 
@@ -52,7 +53,6 @@ _TRIED = 60  # evaluations of an attempt from another start
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
 _NOWHERE = 1.0  # of the readings: a simulation further from them than zero follows nothing
 _NEAR = 0.1  # standard deviations between two ends of one minimum
-_NODES = 20_000  # of a record: with more samples, several share a state
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,8 +176,9 @@ def _fine(problem: Problem, method: Stepping, implicit: bool) -> Stepping:
     where it took them."""
     if isinstance(method, Collocation):
         return method
-    most = max(len(record) for record in problem.records)
-    return MultipleShooting(interval=-(-most // _NODES), substeps=method.substeps, implicit=method.implicit or implicit)
+    return MultipleShooting(
+        interval=finest_interval(problem), substeps=method.substeps, implicit=method.implicit or implicit
+    )
 
 
 def _same(first: Attempt, other: Attempt) -> bool:

@@ -113,7 +113,8 @@ def test_a_departed_motion_leaves_nothing_known():
     """Sensitivities that grew to 1e150 make an information matrix of garbage: no parameter is known, no exception."""
     problem = SimpleNamespace(parameters=("a", "b"), start_vector=np.ones(2))
     levels = SimpleNamespace(proportional=False, share=np.ones(1))
-    objective: Any = SimpleNamespace(free_directions=lambda *_: np.eye(2), problem=problem)
+    limits = SimpleNamespace(free_directions=lambda *_: np.eye(2))
+    objective: Any = SimpleNamespace(limits=limits, problem=problem)
     linear: Any = SimpleNamespace(hessian=-1e300 * np.ones((2, 2)), point=SimpleNamespace(theta=np.ones(2)))
     value: Any = SimpleNamespace(noise=SimpleNamespace(levels=levels))
     nothing = Uncertainty(objective=objective, value=value, linear=linear, limit_multipliers=np.zeros(0))

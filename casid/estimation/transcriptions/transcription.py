@@ -17,6 +17,9 @@ from casid.estimation.transcriptions.layout import Layout, build_layout
 from casid.estimation.transcriptions.shooting import Shooting
 from casid.model.system import check_continuous
 
+# of a record: nodes, and entries of a matrix (states, states) at each; a step takes a hundred bytes for each of these
+_NODES = 20_000
+_CELLS = 5_000_000
 _STAGES = 3  # of Radau's method, as in Hairer and Wanner's RADAU5
 # of Runge and Kutta's method, and of Radau's
 _EXPLICIT_ORDER = 4
@@ -217,6 +220,14 @@ class Collocation:
 
 
 Stepping = SingleShooting | MultipleShooting | Collocation  # the transcriptions that choose their steps
+
+
+def finest_interval(problem: Problem) -> int:
+    """Return the samples between states for multiple shooting with a state at every sample: one, and more where the
+    longest record would have more states than memory and time allow."""
+    most = max(len(record) for record in problem.records)
+    nodes = min(_NODES, max(_CELLS // max(len(problem.model.states), 1) ** 2, 1))
+    return -(-most // nodes)
 
 
 def as_stepping(method: Transcription) -> Stepping | None:
