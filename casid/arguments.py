@@ -32,9 +32,15 @@ def is_path(value: Any) -> TypeGuard[str | Path]:
     return isinstance(value, (str, Path))
 
 
+_LONGEST_NAME = 255  # bytes
+
+
 def a_path(value: Any, what: str) -> Path:
     """`value` as the name of a file; InputError for anything else."""
     if is_path(value):
+        for part in Path(value).parts:
+            if len(part.encode(errors="replace")) > _LONGEST_NAME or "\0" in part:
+                raise InputError(f"{what}: '{part:.60}' cannot be the name of a file")
         return Path(value)
     raise InputError(f"{what}: the path is {given(value)}; expected a file name")
 

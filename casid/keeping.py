@@ -120,13 +120,16 @@ def load(path: str | Path) -> Any:
     casid.errors.InputError: pyproject.toml: no result of casid; expected a file that fit.save or diagnosis.save wrote
     """
     try:
-        head, _, body = Path(path).read_bytes().partition(b"\n")
-    except (OSError, TypeError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        file = Path(path)
+        if file.exists() and not file.is_file():
+            raise InputError(f"{path}: cannot be read: is {'a folder' if file.is_dir() else 'no file but a device'}")
+        head, _, body = file.read_bytes().partition(b"\n")
+    except (OSError, TypeError, ValueError) as error:
+        raise InputError(f"{str(path)[:200]}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     try:
         said = json.loads(head)
         schema = said["schema"]
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         raise InputError(f"{path}: no result of casid; expected a file that fit.save or diagnosis.save wrote") from None
     if schema != f"{_MAGIC}/{_FORMAT}":
         raise InputError(

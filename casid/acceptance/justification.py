@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,8 +12,12 @@ from casid.acceptance.checks import EXTENDED, GIVEN, in_words
 from casid.acceptance.matched import Cost, MatchedTest
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
+from casid.records.limits import read_json, sound
 
 _TOLD = 3  # parts that are listed where no single one decides
+
+
+_EXPECTED = "the folder that casid diagnose --out wrote"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,26 +54,24 @@ def findings_of(diagnosis: Diagnosis | str | Path) -> Findings:
         return _findings(diagnosis.to_dict(), diagnosis.extended_aircraft)
     folder = Path(diagnosis)
     file = folder / "diagnosis.json"
-    try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise InputError(f"{file}: {said}; expected the folder that casid diagnose --out wrote") from None
-    if not isinstance(told, dict) or not str(told.get("schema", "")).startswith("casid.diagnosis/"):
-        raise InputError(f"{file}: no diagnosis; expected the folder that casid diagnose --out wrote")
-    return _findings(told, folder / "extended.toml")
+    told = read_json(file, _EXPECTED)
+    if not str(told.get("schema", "")).startswith("casid.diagnosis/"):
+        raise InputError(f"{file}: no diagnosis; expected {_EXPECTED}")
+    with sound(file, _EXPECTED):
+        return _findings(told, folder / "extended.toml")
 
 
 def _findings(told: Mapping[str, Any], extended: Any) -> Findings:
     gain = (told.get("gain") or {}).get("held_out") or {}
-    held_out = tuple(gain.get("records") or ())
+    held_out = tuple(map(str, gain.get("records") or ()))
     named = [*(told.get("causes") or []), *(told.get("data") or [])]
-    records = {*(told.get("notes") or {}), *(name for one in named for name in one.get("records") or [])}
+    quoted = (*(told.get("notes") or {}), *(name for one in named for name in one.get("records") or []))
+    records = set(map(str, quoted))
     return Findings(
-        sentences={one["name"]: _with_probability(one) for one in told.get("causes") or []},
+        sentences={str(one["name"]): _with_probability(one) for one in told.get("causes") or []},
         fitted=tuple(sorted(records - set(held_out))),
         held_out=held_out,
-        ratios={name: ratio for name, ratio in (gain.get("rms_ratio") or {}).items() if ratio is not None},
+        ratios={str(name): float(ratio) for name, ratio in (gain.get("rms_ratio") or {}).items() if ratio is not None},
         extended=extended,
     )
 

@@ -20,6 +20,7 @@ from casid.cli.options import AsJson, Files, Folder, Maps, records_of, say_idle_
 from casid.cli.simulate import fleet
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.records.limits import read_json, sound
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.modes_page import text_table, theil_text, write_modes
 
@@ -70,7 +71,9 @@ def modes(
             flight = SteadyFlight(one)
             found[label] = handbook(flight, known_by_file(flight), point, usual_speeds(point["V"]))
             if label == first and estimate is not None:
-                known = known_by_document(flight, _document(estimate), str(estimate))
+                written = read_json(estimate, "the estimate.json of casid estimate")
+                with sound(estimate, "the estimate.json of casid estimate"):
+                    known = known_by_document(flight, written, str(estimate))
                 found[f"{label}, estimated"] = handbook(flight, known, point, usual_speeds(point["V"]))
         compared = _theil(files, read) if read else {}
         text = json.dumps(document(found, compared), indent=1)
@@ -101,11 +104,3 @@ def _theil(files: dict[str, Aircraft], read: Sequence[Any]) -> dict[str, dict[st
         for name in (name for name, channels in by_record.items() if not channels):
             print(f"note: {label} diverges on {name}: no coefficients of Theil", file=sys.stderr)
     return {r.name: {label: by_record[r.name] for label, by_record in by_label.items()} for r in read}
-
-
-def _document(path: Path) -> dict[str, Any]:
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read as JSON: {getattr(error, 'strerror', None) or error}") from None
-    return found if isinstance(found, dict) else {}

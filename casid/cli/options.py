@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter, Token
 
+from casid.arguments import a_path
 from casid.diagnosis.document import Called
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
@@ -71,7 +72,7 @@ def records_of(
 
 def _is_map(word: str) -> bool:
     """Say whether a word is a column map, CHANNEL=COLUMN, and no file."""
-    return re.match(r"[A-Za-z_]\w*=", word) is not None and not Path(word).exists()
+    return re.match(r"[A-Za-z_]\w*=", word) is not None and not a_path(word, "--map").exists()
 
 
 def say_notes(records: Sequence[Record]) -> None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP)
 _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 _IMPORTERS = ("<frozen importlib._bootstrap>", "<frozen importlib._bootstrap_external>")
 _received: list[int] = []  # signals that came after `ready`: an import in mid-air may swallow what they raise
@@ -118,6 +119,8 @@ def _said(error: Exception) -> int:
 
     if isinstance(error, CasidError):
         message = str(error)
+    elif isinstance(error, OSError) and error.errno in _NO_NAME:
+        message = f"{str(error.filename)[:100]}: {error.strerror}; give the name of a file"
     elif isinstance(error, OSError) and error.errno in _NO_ROOM:
         message = f"the disk is full{f', at {error.filename}' if error.filename else ''}; nothing was changed"
     elif isinstance(error, MemoryError):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +11,10 @@ from cyclopts import Parameter
 
 from casid.cli.options import AsJson
 from casid.diagnosis.cause import Trace, trace_of
-from casid.errors import InputError
+from casid.records.limits import read_json, sound
+
+_STATISTIC = "2 ln L is the likelihood-ratio statistic: 14 is 1000 times more probable."
+_EXPECTED = "the folder of a diagnosis, or its diagnosis.json"
 
 
 def why(
@@ -33,21 +36,21 @@ def why(
         Target of the cause, where it is given as a word of its own.
     """
     path = out / "diagnosis.json" if out.is_dir() else out
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror}; expected the folder of a diagnosis") from None
-    except ValueError:
-        raise InputError(f"{path}: no JSON; expected the diagnosis.json of a diagnosis") from None
-    whole = trace_of(document)
-    trace = whole if cause is None else whole.of(" ".join((cause, *target)))
-    if as_json:
-        print(json.dumps([one.to_dict() for one in trace.decisions], indent=1))
-    else:
-        for one in document.get("claims", ()) if cause is None else ():
-            print(f"{'stated' if one['said'] else 'not stated'}: {one['statement']}{_because(one)}")
-        print(trace.summary() if cause is None else "\n".join(_told(trace, whole)))
-        print("2 ln L is the likelihood-ratio statistic: 14 is 1000 times more probable.")
+    document = read_json(path, _EXPECTED)
+    with sound(path, _EXPECTED):
+        whole = trace_of(document)
+        trace = whole if cause is None else whole.of(" ".join((cause, *target)))
+        told = _told(trace, whole) if cause is not None else _summary(trace, document.get("claims", ()))
+        text = json.dumps([one.to_dict() for one in trace.decisions], indent=1) if as_json else "\n".join(told)
+    print(text)
+
+
+def _summary(trace: Trace, claims: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Yield the claims, and one line for each cause."""
+    for one in claims:
+        yield f"{'stated' if one['said'] else 'not stated'}: {one['statement']}{_because(one)}"
+    yield trace.summary()
+    yield _STATISTIC
 
 
 def _told(trace: Trace, whole: Trace) -> Iterator[str]:
@@ -55,6 +58,7 @@ def _told(trace: Trace, whole: Trace) -> Iterator[str]:
     for one in trace.decisions:
         yield f"{one.title}. {whole.reason(one)}".strip()
         yield f"{one}\n"
+    yield _STATISTIC
 
 
 def _because(claim: Mapping[str, str]) -> str:

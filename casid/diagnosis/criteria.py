@@ -7,7 +7,6 @@ by a factor of 1.4, left verdict and names of 86 of 88 blind sets as they were (
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +16,8 @@ from casid.criterion import Criterion, Value, listed, number, overridden
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
 from casid.diagnosis.systems.rotor_criteria import RotorCriteria
-from casid.errors import InputError
 from casid.model.library import SystemCriteria
+from casid.records.toml_file import read_toml
 
 _GAIN = "2 ln L"
 
@@ -429,8 +428,4 @@ class Criteria:
 
         raises  InputError for a file that cannot be read, an unknown name or a value of another kind
         """
-        try:
-            table = tomllib.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise InputError(f"{path}: no criteria can be read from it: {error}") from None
-        return cls().with_values(table, str(path))
+        return cls().with_values(read_toml(path), str(path))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from casid.arguments import given
+from casid.arguments import a_path, given
 from casid.errors import InputError
 from casid.formats.sbml import SbmlModel, read_sbml
 from casid.records.limits import read_bytes, read_text_of
@@ -88,7 +88,7 @@ def _named(file: Path, content: Mapping[str, Any], key: str) -> list[Path]:
     if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         raise InputError(f"{file}: '{key}' is {given(names):.60}; expected names of files")
     for name in names:
-        if not (file.parent / name).is_file():
+        if not (file.parent / a_path(name, f"{file}: '{key}'")).is_file():
             raise InputError(f"{file}: '{key}' names '{name}', which is no file beside it")
     return [file.parent / name for name in names]
 

@@ -18,6 +18,7 @@ from casid.frames import brief
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
 from casid.keeping import plain
+from casid.records.limits import read_text_of
 
 # Cost of Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012): 20 points, weights of dB
 # and of deg, which make an error of 1 dB as large as one of 7.57 deg, and the weight of the coherence.
@@ -101,9 +102,9 @@ class MismatchEnvelope:
         """
         file = a_path(path, "MismatchEnvelope.read")
         try:
-            with file.open(encoding="utf-8", newline="") as stream:
-                rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
-        except (OSError, UnicodeDecodeError, csv.Error) as error:
+            lines = read_text_of(file).splitlines()
+            rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
+        except csv.Error as error:
             raise InputError(f"{file}: cannot be read: {error}") from None
         for name in _COLUMNS:
             if not rows or name not in rows[0]:

@@ -1,7 +1,8 @@
 """The folder of compiled libraries: owned by the user alone, checked by content, bounded in size.
 
-What is loaded is executed. A folder that somebody else owns or may write to is therefore not used. A library is
-named by the checksum of its content, so that a truncated or foreign one is built again instead of loaded.
+What is loaded is executed. A folder that somebody else owns or may write to, or may put another in the place of, is
+therefore not used, nor is a library of somebody else. A library is named by the checksum of its content, so that a
+truncated or foreign one is built again instead of loaded.
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ def keep(key: str, binary: Path) -> Path:
     """Take a library into the cache, in one step: another process sees the whole library or none."""
     folder = _folder(cache_folder())
     library = folder / f"{key}-{_checksum(binary)}.so"
+    binary.chmod(0o700)
     os.replace(binary, library)
     _bound(folder, library)
     return library
@@ -118,14 +120,42 @@ def _is_ours(folder: Path) -> bool:
     """Return True if the folder is a real one of this user, into which nobody else may write."""
     if not hasattr(os, "getuid"):
         return True
-    state = folder.lstat()
-    if not stat.S_ISDIR(state.st_mode) or state.st_uid != os.getuid():
-        return False
-    return not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return stat.S_ISDIR(folder.lstat().st_mode) and _of_us_alone(folder.lstat()) and _stays(folder)
+
+
+def _of_us_alone(state: os.stat_result) -> bool:
+    """Return True if this user owns something into which nobody else may write."""
+    return state.st_uid == os.getuid() and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _stays(folder: Path) -> bool:
+    """Return True if nobody else may put another folder in the place of this one, or of one above it."""
+    for above in Path(os.path.realpath(folder)).parents:
+        state = above.stat()
+        if state.st_uid not in (0, os.getuid()):
+            return False
+        shared = state.st_mode & stat.S_IWOTH or (state.st_mode & stat.S_IWGRP and not _is_own_group(state.st_gid))
+        if shared and not state.st_mode & stat.S_ISVTX:  # where that is set, each may replace what is their own
+            return False
+    return True
+
+
+def _is_own_group(group: int) -> bool:
+    """Return True for the group that has the name of the user, who alone is in it."""
+    import grp
+    import pwd
+
+    with suppress(KeyError):
+        found = grp.getgrgid(group)
+        own = pwd.getpwuid(os.getuid()).pw_name
+        return found.gr_name == own and set(found.gr_mem) <= {own}
+    return False
 
 
 def _is_whole(library: Path) -> bool:
-    state = library.stat()
+    state = library.lstat()
+    if not stat.S_ISREG(state.st_mode) or (hasattr(os, "getuid") and not _of_us_alone(state)):
+        return False
     if _seen.get(library) == (state.st_mtime, state.st_size):
         return True
     return library.stem.rpartition("-")[2] == _checksum(library)

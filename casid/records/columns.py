@@ -46,12 +46,17 @@ class Columns:
     contents: Contents
 
 
+FORMULA = "=+-@"  # begins what a spreadsheet evaluates: a name with it is written behind an apostrophe
+
+
 def split_header(header: str) -> tuple[str, str]:
     """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike. A
     number right behind the name, `xyz[1]`, is no unit."""
-    match = _HEADER.fullmatch(header.strip())
-    if not match or re.fullmatch(r".*\S[\[(]\d+[\])]", header.strip()):
-        return header.strip(), ""
+    header = header.strip()
+    header = header[1:] if header[:1] == "'" and header[1:2] in tuple(FORMULA) else header
+    match = _HEADER.fullmatch(header)
+    if not match or re.fullmatch(r".*\S[\[(]\d+[\])]", header):
+        return header, ""
     unit = (match[2] or match[3] or "").strip()
     return (match[1], unit) if unit else with_suffix(match[1])
 

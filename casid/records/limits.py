@@ -8,6 +8,7 @@ from __future__ import annotations
 import faulthandler
 import gzip
 import io
+import json
 import mmap
 import os
 import pickle
@@ -16,11 +17,12 @@ import sys
 import warnings
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
+from casid.arguments import a_path
 from casid.errors import InputError
 
 MOST_BYTES = 1 << 29  # of a text, unpacked
@@ -38,9 +40,9 @@ Made = TypeVar("Made")
 
 def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     """Read a regular file, unpacked where it ends in .gz. InputError where that fails or has more than `most` bytes."""
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path}: cannot be read: is {'a folder' if path.is_dir() else 'no file but a device'}")
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: cannot be read: is {'a folder' if path.is_dir() else 'no file but a device'}")
         packed = path.suffix.lower() == ".gz"
         with gzip.open(path) if packed else path.open("rb") as file:
             block = _BLOCK if packed else min(most, path.stat().st_size) + 1  # a larger one would be taken at once
@@ -51,7 +53,7 @@ def read_bytes(path: Path, most: int = MOST_BYTES) -> bytes:
     except (EOFError, zlib.error, gzip.BadGzipFile):
         raise InputError(f"{path}: not a whole .gz file; pack it again") from None
     except (OSError, ValueError) as error:  # ValueError: a name with a zero in it
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        raise InputError(f"{str(path)[:200]}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if len(raw) > most:
         raise InputError(f"{path}: has more than {most / 1e6:.0f} MB; take a part of it, or a lower rate")
     return raw
@@ -63,6 +65,31 @@ def read_text_of(path: Path) -> str:
         return read_bytes(path, MOST_BYTES_OF_A_MODEL).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: is no text in UTF-8: byte {error.start}") from None
+
+
+def read_json(path: Path, expected: str) -> dict[str, Any]:
+    """Read the table of a JSON file. InputError for what is none, with what is `expected`."""
+    try:
+        found = json.loads(read_bytes(path))
+    except (ValueError, RecursionError) as error:  # ValueError: bad JSON, bad UTF-8, a number of thousands of digits
+        fault = str(error).splitlines()[0] if isinstance(error, ValueError) else "nested too deeply"
+        raise InputError(f"{path}: no JSON: {fault}; expected {expected}") from None
+    except InputError as error:
+        raise InputError(f"{error}; expected {expected}") from None
+    if not isinstance(found, dict):
+        raise InputError(f"{path}: holds no table; expected {expected}")
+    return found
+
+
+@contextmanager
+def sound(path: Path, expected: str) -> Iterator[None]:
+    """A block that makes something of the content of a file: what it trips over is a fault of the file, an InputError
+    with what is `expected`."""
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, AttributeError, LookupError, ArithmeticError) as error:
+        fault = " ".join(str(error).split())[:120]
+        raise InputError(f"{path}: damaged: {type(error).__name__}: {fault}; expected {expected}") from None
 
 
 def xml_root(content: str | bytes) -> ET.Element:
@@ -88,8 +115,8 @@ def xml_root(content: str | bytes) -> ET.Element:
 
 def beside(folder: Path, name: str, what: str) -> Path:
     """Find a file that another file of `folder` names; InputError for one that does not lie beside it or below."""
-    file = folder / name
-    if "\0" in name or not file.resolve().is_relative_to(folder.resolve()):
+    file = folder / a_path(name, what)
+    if not Path(os.path.realpath(file)).is_relative_to(os.path.realpath(folder)):
         raise InputError(f"{what}: '{name}' does not lie beside this file or below; put it there")
     return file
 

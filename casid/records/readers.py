@@ -22,7 +22,7 @@ from casid.records.checks import (
     checked_fields,
 )
 from casid.records.column_map import ColumnMap
-from casid.records.columns import split_header
+from casid.records.columns import FORMULA, split_header
 from casid.records.crazyflie import MAGICS as CRAZYFLIE
 from casid.records.crazyflie import read_crazyflie
 from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
@@ -148,7 +148,7 @@ def read_record(
     """
     if not is_path(path):
         raise InputError(f"read_record: the path is {given(path)}; expected a file name{_IN_MEMORY}")
-    path = Path(path)
+    path = a_path(path, "read_record")
     column_map = ColumnMap.of(column_map)
     with np.errstate(all="ignore"):  # absurd numbers overflow on the way to the check that refuses them
         return Record(**checked_fields(read_table(path, column_map), _stem(path), column_map, own, a_span(between)))
@@ -286,17 +286,21 @@ def write_record(record: Record, path: str | Path) -> None:
 def _header(record: Record, name: str) -> str:
     """The name of a channel; with its unit where values are right in that unit only."""
     large = np.abs(record[name]) > RADIAN_LIMITS.get(name, np.inf)
-    return f"{name} [{unit_of(name)}]" if name in record.stated and large.any() else name
+    written = f"'{name}" if name[0] in FORMULA else name  # which no spreadsheet evaluates
+    return f"{written} [{unit_of(name)}]" if name in record.stated and large.any() else written
 
 
 def _matches(item: str | Path) -> list[Path]:
     if not is_path(item):
         raise InputError(f"read_records: got {given(item)} in the list; expected file names or patterns")
-    if Path(item).exists():
+    if a_path(item, "records").exists():
         return [Path(item)]
     found = [Path(name) for name in sorted(glob.glob(str(item)))]
     if not found:
         raise InputError(f"{item}: no such file, and no file matches it as a pattern")
+    for file in found:
+        if not file.exists():
+            raise InputError(f"{file}: cannot be read: is a link to itself or to nothing")
     return found
 
 

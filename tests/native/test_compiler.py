@@ -216,6 +216,31 @@ def test_a_folder_that_others_may_write_to_is_not_used(own_cache, caplog):
 
 
 @needs_compiler
+@pytest.mark.parametrize("mode", [0o777, 0o757])
+def test_a_folder_that_others_may_exchange_is_not_used(own_cache, caplog, mode):
+    """Who may write to a folder above may rename this one and put another in its place."""
+    own_cache.parent.chmod(mode)
+    assert compiled() == pytest.approx(2.0 * np.sin(2.0), rel=1e-15)
+    assert not list(own_cache.glob("*.so")) and "this run only" in caplog.text
+    own_cache.parent.chmod(0o1777)  # there each may rename what is their own alone
+    cache._folder.cache_clear()
+    compiled()
+    assert list(own_cache.glob("*.so"))
+
+
+@needs_compiler
+def test_a_library_that_others_may_write_to_is_built_again(own_cache, monkeypatch):
+    compiled()
+    (library,) = own_cache.glob("*.so")
+    library.chmod(0o777)
+    loaded = []
+    monkeypatch.setattr(cache, "check_loads", loaded.append)
+    compiled()
+    assert library.stat().st_mode & 0o777 == 0o700
+    assert library not in loaded
+
+
+@needs_compiler
 def test_a_new_folder_is_of_the_user_alone(own_cache):
     compiled()
     assert own_cache.stat().st_mode & 0o777 == 0o700

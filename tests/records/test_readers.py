@@ -1,5 +1,6 @@
 """Reading and writing flight records. Truth: the written numbers themselves, and definitions of units."""
 
+import csv
 import pickle
 
 import numpy as np
@@ -305,3 +306,24 @@ def test_a_record_that_is_sent_to_another_process_keeps_its_units(tmp_path):
     old = dict(again.__getstate__(), stated=frozenset({"delta_e"}))  # as a file that was kept before has it
     again.__setstate__(old)
     assert not again.stated
+
+
+@given(
+    first=st.sampled_from("=+-@"),
+    rest=st.text(alphabet="abcxyz()!|1", min_size=1, max_size=12),
+)
+def test_no_spreadsheet_evaluates_a_header_and_it_is_read_back(
+    first: str, rest: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Excel and LibreOffice evaluate a cell that begins with = + - @ (OWASP, CSV injection)."""
+    name = f"{first}{rest}"
+    file = tmp_path_factory.mktemp("formula") / "m.csv"
+    t = 0.02 * np.arange(200)
+    record = Record(name="m", t=t, channels={name: np.sin(t)})
+    try:
+        write_record(record, file)
+    except InputError:  # a name that ends like a unit
+        return
+    header = file.read_text(encoding="utf-8").splitlines()[0]
+    assert not any(cell[:1] in "=+-@" for cell in next(csv.reader([header])))
+    assert np.array_equal(read_record(file, own=[name])[name], record[name])
