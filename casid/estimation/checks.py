@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import casadi as ca
@@ -113,6 +114,22 @@ def check_start(start: Any, valid: Sequence[str]) -> None:
     for name in numbers_by_name(start, "Problem: start"):
         if name not in valid:
             raise unknown("parameter", name, valid, "Problem: start")
+
+
+def with_prior(model: Model, prior: Any, free: Sequence[str]) -> Model:
+    """Return the model with given means and 1-sigmas as what is known before, and nothing else. Raises InputError for
+    what is no table of free parameters and such pairs."""
+    where = "Problem: prior"
+    nominal = dict(model.nominal)
+    std = {}
+    for name, pair in table_of(prior, f"{where} (True, False or a table)", "{'Cm_q': (-12.0, 2.0)}").items():
+        if name not in free:
+            raise unknown("free parameter", name, free, where)
+        if isinstance(pair, str) or np.shape(pair) != (2,):
+            raise InputError(f"{where}: '{name}' is {given(pair)}; expected its mean and 1-sigma, (-12.0, 2.0)")
+        nominal[name] = number(pair[0], f"{where}: mean of '{name}'")
+        std[name] = number(pair[1], f"{where}: 1-sigma of '{name}'", positive=True)
+    return replace(model, nominal=nominal, prior_std=std)
 
 
 def check_of_records(
@@ -231,5 +248,5 @@ def check_feedback(feedback: Any, model: Model) -> None:
         return
     check_continuous(model, "Problem: a control law in the loop")
     require(feedback, SampledFeedback, "Problem: feedback", "cs.SampledFeedback(model=model, received=...)")
-    if feedback.model is not model:
+    if feedback.model.x is not model.x or feedback.model.u is not model.u:
         raise EstimationError("Problem: the feedback was made for another model; make it with this one's x and u")

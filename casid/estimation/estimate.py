@@ -73,8 +73,8 @@ def solve(
         prior is distributed, else within a decade either way. "converged" means a minimum, not the lowest one: several
         starts show whether there are others. With Automatic() those that Gauss-Newton loses give way to further ones,
         up to five times as many, before more is tried from them. By default one, and with up to 30 readings per unknown
-        six quick ones more beyond the interval of its end, of which a more likely end is taken; ``starts=1`` leaves
-        them out.
+        six quick searches more beyond the interval of its end, of which a more likely end is taken; ``starts=1``
+        leaves them out.
     seed
         Of these draws.
 
@@ -126,10 +126,7 @@ def solve(
         fit = _solved(problem, method, solver)
         if quick is None:
             return fit
-        further = clock.with_solver(quick)
-        return confirmed(
-            problem, fit, lambda one: _solved(one, method, further.limited()) if further.left > 0.0 else None
-        )
+        return confirmed(problem, fit, lambda one: _solved(one, method, clock.limited()), clock)
     if whole(starts, "solve: starts") == 1:
         return _solved(problem, method, solver)
     tried = None if quick is None else lambda one: _solved(one, method, quick)

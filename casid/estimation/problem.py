@@ -24,11 +24,13 @@ from casid.estimation.checks import (
     check_spread,
     check_start,
     with_measured_states,
+    with_prior,
 )
 from casid.estimation.constraints import Constraint, LinearConstraint, NonlinearConstraint, PathConstraint
 from casid.estimation.cost import Cost, OutputError, OwnLikelihood, RangeWeights, check_cost, weights_of
 from casid.estimation.initial_state import InitialState, of_record
 from casid.estimation.noise import Huber, Noise, StudentT
+from casid.model.built import share_cache
 from casid.model.feedback import SampledFeedback
 from casid.model.splines import cubic_inputs
 from casid.model.system import Model, bare_name
@@ -77,7 +79,8 @@ class Problem:
     initial_state
         What is known of the initial states, see `InitialState`.
     prior
-        Use `model.prior_std` about the nominal values, for the free parameters that have one.
+        True: `model.prior_std` about the nominal values, for the free parameters that have one. Or free parameter ->
+        (mean, 1-sigma), which stand in the place of the model's; the mean is then its start too.
     constraints
         From `limit_parameter`, `limit_combination`, `limit_function`, `limit_trajectory`.
     measured
@@ -116,7 +119,7 @@ class Problem:
     start: Mapping[str, float] = field(default_factory=dict)
     cost: Cost | OwnLikelihood = field(default_factory=OutputError)
     noise: Mapping[str, float | str | Noise] | RangeWeights | StudentT | Huber | np.ndarray | str | None = None
-    prior: bool = False
+    prior: bool | Mapping[str, tuple[float, float]] = False
     constraints: Sequence[Constraint] = ()
     initial_state: InitialState = field(default_factory=InitialState)
     measured: Mapping[str, str] = field(default_factory=dict)
@@ -138,13 +141,16 @@ class Problem:
         object.__setattr__(self, "log", names_of(self.log, "Problem: log"))
         if not self.parameters and not self.simulated:
             raise EstimationError("Problem: no parameter is free; name some in free or per_record")
+        if not isinstance(self.prior, bool):
+            model = with_prior(self.model, self.prior, (*self.shared, *self.local))
+            object.__setattr__(self, "model", share_cache(model, self.model))
+            object.__setattr__(self, "prior", True)
         check_start(self.start, (*self.parameters, *self.model.parameters))
         require(self.initial_state, InitialState, "Problem: initial_state", "cs.InitialState(value={...}, std={...})")
         check_initial_state(self.model, self.initial_state, own)
         check_spread(self.spread, self.local, own)
         check_feedback(self.feedback, self.model)
         check_noise(self.noise, self.model)
-        require(self.prior, bool, "Problem: prior", "prior=True or prior=False")
         if isinstance(self.noise, str | np.ndarray) and self.weights != (1.0, 0.0):
             raise EstimationError(
                 "Problem: correlated noise is that of simulated outputs alone; equations take noise per channel"

@@ -17,6 +17,15 @@ from casid.estimation.fit import Fit
 from casid.estimation.fitted import Minimum, Starts
 from casid.estimation.integration import MET
 from casid.estimation.problem import Problem
+from casid.estimation.solvers.effort import Effort
+from casid.estimation.solvers.gauss_newton import FilterSearch
+from casid.estimation.solvers.iteration import Iteration
+from casid.estimation.solvers.objective import Objective
+from casid.estimation.solvers.point import Point
+from casid.estimation.solvers.solver import Outcome
+from casid.estimation.solvers.timed import Clock, Timed
+from casid.estimation.uncertainty import Uncertainty
+from casid.estimation.working import natural
 from casid.model.system import bare_name
 
 _DECADES = 1.0  # either way of a start of which nothing else is known
@@ -65,8 +74,13 @@ _ROUNDED = 1e-6  # of an estimate, likewise
 _DRAWS = 5  # times as many starts, where some are lost
 # readings per unknown: of 37 problems (`bench_ends.py`) those with a lower minimum within a decade have 2 and 20
 _FEW = 30
-_TIMES = (4.0, -4.0, 8.0, -8.0, 16.0, -16.0)  # standard deviations: intervals end at two or three
-_FAR = 30.0  # of a logarithm, which numbers bear
+# standard deviations: intervals end at two or three, and the farther a search begins the more it may find
+_TIMES = (16.0, -16.0, 8.0, -8.0, 4.0, -4.0)
+_BACK = 2.0  # standard deviations from the end: the search has come back
+_LEAST = 64  # evaluations of all searches, which cost less than twice what else a small solution takes
+_EACH = 0.5  # of them for one search
+_QUICK = 1e-3  # standard deviations: nearer to its end no search goes
+_STEPS = 40  # of a search
 _LINEAR = 2  # steps, of which the second finds nothing left
 
 
@@ -100,12 +114,13 @@ def best_of(
     return _best(problem, fits, [fit for _, fit in lost[again:]])
 
 
-def confirmed(problem: Problem, first: Fit, tried: Callable[[Problem], Fit | None]) -> Fit:
-    """A solution on few readings, or the best that quick searches from beyond its interval find.
+def confirmed(problem: Problem, first: Fit, solved: Callable[[Problem], Fit], clock: Timed) -> Fit:
+    """Return a solution on few readings, or a more likely one that quick searches from beyond its interval find.
 
     A minimum that is not the lowest leaves no trace in few residuals, and the intervals do not reach another. So
-    searches begin on both sides of it, along what the data determine least. An end is judged by itself and not by its
-    start. Nothing else is tried where the problem is linear or has more readings. `tried` is None when time is up.
+    searches begin on both sides of it, along what the data determine least, and end where they come back to it; all
+    together they cost no more than twice what the solution has. What is lower is `solved` anew. Nothing else is tried
+    where the problem is linear or has more readings.
     """
     readings = sum(channel.samples for channel in first.channels.values())
     unknowns = len(problem.parameters) + int((problem.initial_knowledge[1] > 0.0).sum())
@@ -116,27 +131,52 @@ def confirmed(problem: Problem, first: Fit, tried: Callable[[Problem], Fit | Non
         or readings > _FEW * unknowns
     ):
         return first
-    starts = [replace(problem, start=start) for start in _beyond(problem, first)]
-    ends = [end for one in starts if (end := tried(one)) is not None and end.converged]
-    found = _best(problem, [first, *ends], [])
+    told = first.uncertainty.solved
+    end = min(_lower(told, clock), key=lambda end: told.objective.misfit(end.value), default=None)
+    if end is None:
+        return first
+    there = dict(zip(problem.parameters, end.point.theta.tolist(), strict=True))
+    second = solved(replace(problem, start=natural(problem, there)))
+    found = _best(problem, [first, second] if second.converged else [first], [])
     return found if found.starts is not None and len(found.starts.minima) > 1 else first
 
 
-def _beyond(problem: Problem, fit: Fit) -> Iterator[dict[str, float]]:
-    """Parameters at some standard deviations from estimates, along the main axis of their correlation."""
-    theta = np.array(list(fit.values.values()))
-    std = np.sqrt(np.maximum(np.diagonal(fit.covariance), 0.0))
-    if not np.isfinite(fit.covariance).all() or not (std > 0.0).all():
+def _beyond(told: Uncertainty) -> Iterator[np.ndarray]:
+    """Parameters at some standard deviations from an end, along the main axis of their correlation."""
+    covariance = told.covariance
+    std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    if told.linear is None or not np.isfinite(covariance).all() or not (std > 0.0).all():
         return
-    sizes, axes = np.linalg.eigh(fit.covariance / np.outer(std, std))
+    sizes, axes = np.linalg.eigh(covariance / np.outer(std, std))
     axis = np.sqrt(max(float(sizes[-1]), 0.0)) * std * axes[:, -1]
-    logarithmic = np.array([name in problem.logarithmic for name in problem.bare])
     for times in _TIMES:
-        factor = np.exp(np.clip(times * axis / np.where(logarithmic, theta, np.inf), -_FAR, _FAR))
-        moved = np.where(logarithmic, theta * factor, theta + times * axis)
-        yield {
-            n: float(np.clip(v, *own)) for n, v, own in zip(problem.parameters, moved, problem.bounds.T, strict=True)
-        }
+        yield np.clip(told.linear.point.theta + times * axis, *told.objective.problem.bounds)
+
+
+def _lower(told: Uncertainty, clock: Timed) -> Iterator[Outcome]:
+    """Ends of searches from beyond an end that are more likely; one that comes back to it is given up."""
+    linear = told.linear
+    given = told.objective
+    if linear is None or not isinstance(given, Objective):
+        return
+    pool = max(2.0 * given.effort.spent, _LEAST)
+    objective = Objective(given.problem, given.dynamics, effort=Effort())
+
+    def is_back(point: Point) -> bool:
+        apart = point.theta - linear.point.theta
+        return bool(apart @ linear.hessian @ apart < _BACK**2)
+
+    for theta in _beyond(told):
+        if clock.left <= 0.0 or objective.effort.spent >= pool:
+            break
+        objective.effort.allowed = min(objective.effort.spent + _EACH * pool, pool)
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            begin = replace(linear.point, theta=theta)
+            iteration = Iteration(objective, Clock(clock.left, objective), _QUICK, begin)
+            end = iteration.run(FilterSearch(iteration), _STEPS, until=is_back)
+            is_lower = objective.misfit(end.value) < given.misfit(told.value) - _LIKELY
+        if is_lower and end.value.worst() < MET:
+            yield end
 
 
 def _best(problem: Problem, fits: Sequence[Fit], lost: Sequence[Fit]) -> Fit:

@@ -9,7 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from estimation_cases import NOISE, START, TRUTH, flight, short_period
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+import casid as cs
 from casid.errors import EstimationError, InputError
 from casid.estimation import (
     Collocation,
@@ -145,3 +148,40 @@ def test_the_initial_state_is_free_with_a_prior():
     assert held.states["m1"].nodes[0] == pytest.approx([0.5, 0.0], abs=1e-5)
     loose = solve(problem(initial_state=InitialState(value={"alpha": 0.5, "q": 0.0})))
     assert loose.states["m1"].nodes[0] == pytest.approx([0.01, -0.02], abs=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(-3.0, 3.0), st.floats(0.05, 5.0), st.integers(0, 99))
+def test_a_given_prior_is_that_of_bayes_for_a_line(mean, std, seed):
+    """Truth: the posterior of a linear model with normal noise, in closed form. The model's own prior has no part."""
+    rng = np.random.default_rng(seed)
+    h = rng.standard_normal((15, 2))
+    y = h @ [1.0, -2.0] + 0.5 * rng.standard_normal(15)
+    model = cs.define_regression(
+        "line",
+        inputs=["h0", "h1"],
+        parameters={"a": 7.0, "b": 1.0},
+        outputs=["y"],
+        output=lambda s: {"y": s.a * s.h0 + s.b * s.h1},
+        prior_std={"b": 1e-3},
+    )
+    record = cs.Record(name="r", t=np.arange(15.0), channels={"h0": h[:, 0], "h1": h[:, 1], "y": y})
+    fit = cs.solve(cs.Problem(model, [record], free=["*"], noise={"y": 0.5}, prior={"a": (mean, std)}))
+    information = h.T @ h / 0.25 + np.diag([1.0 / std**2, 0.0])
+    best = np.linalg.solve(information, h.T @ y / 0.25 + [mean / std**2, 0.0])
+    assert list(fit.values.values()) == pytest.approx(best, rel=1e-6, abs=1e-6)
+    errors = np.sqrt(np.diagonal(np.linalg.inv(information)))
+    assert [e.std_cramer_rao for e in fit.parameters.values()] == pytest.approx(errors, rel=1e-6)
+    assert fit["a"].prior == mean and fit["a"].prior_std == std and not np.isfinite(fit["b"].prior_std)
+
+
+@pytest.mark.parametrize(
+    "prior", [{"k": (1.0, 1.0)}, {"T": 1.0}, {"T": (1.0,)}, {"T": (1.0, 0.0)}, {"T": ("1", 1.0)}, "T", 1]
+)
+def test_a_prior_that_is_none_is_told(prior):
+    model = cs.define_regression(
+        "line", inputs=["u"], parameters={"T": 1.0, "k": 1.0}, outputs=["y"], output=lambda s: {"y": s.T * s.u + s.k}
+    )
+    record = cs.Record(name="r", t=np.arange(4.0), channels={"u": np.arange(4.0), "y": np.arange(4.0)})
+    with pytest.raises(cs.InputError, match="prior"):
+        cs.Problem(model, [record], free=["T"], prior=prior)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,43 @@ def test_a_stationary_point_that_is_no_minimum_is_not_converged(solver):
     problem = cs.Problem(model, [record], free=["*"], noise={"y": 0.1, "z": 1.0})
     fit = cs.solve(problem, solver=solver)
     assert not fit.converged or abs(fit["a"].value) > 0.9
+
+
+def test_looking_for_lower_minima_costs_twice_the_solution_at_most():
+    """Processor seconds of small fits by default beside those from one start, both warm."""
+    rng = np.random.default_rng(0)
+    h = np.array([1.0, 2, 3, 4, 5, 7, 9, 10, 12, 15])
+    y = 19.0 * (1.0 - np.exp(-0.5 * h)) + rng.standard_normal(10)
+    model = cs.define_regression(
+        "rise",
+        inputs=["h"],
+        parameters={"a": 10.0, "b": 0.2},
+        outputs=["y"],
+        output=lambda s: {"y": s.a * (1.0 - np.exp(-s.b * s.h))},
+    )
+    t = np.linspace(0.0, 5.0, 40)
+    decay = cs.define_model(
+        "decay",
+        states=["x"],
+        inputs=[],
+        parameters={"k": 0.3},
+        outputs=["y"],
+        dynamics=lambda s: {"x": -s.k * s.x},
+        output=lambda s: {"y": s.x},
+    )
+    noisy = 3.0 * np.exp(-0.7 * t) + 0.1 * rng.standard_normal(40)
+    problems = [
+        cs.Problem(model, [cs.Record(name="r", t=h, channels={"h": h, "y": y})], free=["*"]),
+        cs.Problem(decay, [cs.Record(name="r", t=t, channels={"y": noisy})], free=["k"]),
+    ]
+
+    def seconds(problem: cs.Problem, starts: int | None) -> float:
+        least = np.inf
+        for _ in range(8):
+            begin = time.process_time()
+            cs.solve(problem, starts=starts)
+            least = min(least, time.process_time() - begin)
+        return least
+
+    for problem in problems:
+        assert seconds(problem, None) < 3.5 * seconds(problem, 1)

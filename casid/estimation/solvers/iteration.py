@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -31,13 +32,13 @@ class Search(Protocol):
 
 
 class Iteration:
-    """State of one minimisation from the objective's start: its point with value and linearisation."""
+    """State of one minimisation from a point, the objective's start if None: its point with value and linearisation."""
 
-    def __init__(self, objective: AnyObjective, clock: Clock, tolerance: float) -> None:
+    def __init__(self, objective: AnyObjective, clock: Clock, tolerance: float, begin: Point | None = None) -> None:
         self.objective = objective
         self.clock = clock
         self.tolerance = tolerance
-        self.point = objective.start()
+        self.point = begin or objective.start()
         self.value = objective.value(self.point)
         self.linear: Linearised | None = None
         self.multipliers = np.zeros(len(objective.limits))
@@ -46,14 +47,23 @@ class Iteration:
         self.attracted = False
         self.course: list[float] = []  # stationarity of all iterations
 
-    def run(self, search: Search, iterations: int, kind: str = "iterations", patient: bool = True) -> Outcome:
-        """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status."""
+    def run(
+        self,
+        search: Search,
+        iterations: int,
+        kind: str = "iterations",
+        patient: bool = True,
+        until: Callable[[Point], bool] | None = None,
+    ) -> Outcome:
+        """Iterate until a solution, the end of descent, or too many steps; a bad course is said in the status.
+        `until` is asked at every point whether to give up there."""
         count = 0
         status = None if np.isfinite(self.value.cost) else DIVERGES
         while status is None:
             count += 1
             status = self._advanced(search)
-            if status is None and not patient and self._creeps():
+            given_up = (status is None and not patient and self._creeps()) or (until is not None and until(self.point))
+            if status is None and given_up:
                 status = CREEPS
             elif status is None and self.clock.is_up():
                 status = self.clock.status
