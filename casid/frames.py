@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -16,26 +16,79 @@ if TYPE_CHECKING:
 _LATEX = str.maketrans({c: "\\" + c for c in "_%#&$"} | {"^": r"\textasciicircum{}", "~": r"\textasciitilde{}"})
 
 
-def data_frame(rows: Mapping[str, Mapping[str, object]], index: str) -> DataFrame:
-    """A pandas data frame of rows by name. Raises InputError where pandas is not installed."""
-    try:
-        import pandas
-    except ImportError:
-        raise InputError("to_frame needs pandas; install it with: pip install 'casid[pandas]'") from None
-    table = pandas.DataFrame.from_dict({name: dict(row) for name, row in rows.items()}, orient="index")
-    table.index.name = index
-    return table
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """One table of a result, for a terminal, a notebook, a paper and a data frame.
+
+    `heads`: head of a column -> form of its numbers, as ".4g"; the first column names the row. `keys`: head -> name of
+    the column in a data frame, where that is another one. `rows` has numbers and texts; None is an empty cell.
+    """
+
+    heads: Mapping[str, str]
+    rows: Sequence[Sequence[object]]
+    keys: Mapping[str, str] = field(default_factory=dict)
+
+    def cells(self) -> list[list[str]]:
+        """Return the rows as they are read."""
+        forms = list(self.heads.values())
+        return [[_cell(value, form) for value, form in zip(row, forms, strict=True)] for row in self.rows]
+
+    def text(self) -> str:
+        """Return aligned lines, numbers to the right."""
+        lines = [list(self.heads), *self.cells()]
+        widths = [max(len(line[k]) for line in lines) for k in range(len(self.heads))]
+        sides = [">" if form else "<" for form in self.heads.values()]
+        columns = list(zip(widths, sides, strict=True))
+        aligned = (
+            [f"{cell:{side}{width}}" for cell, (width, side) in zip(line, columns, strict=True)] for line in lines
+        )
+        return "\n".join("  ".join(line).rstrip() for line in aligned)
+
+    def html(self) -> str:
+        """Return a table, the first column and texts to the left; nothing for no rows."""
+        sides = ["right" if form else "left" for form in self.heads.values()]
+        top = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
+        body = "".join(
+            f"<tr><th style='text-align:left'>{escape(first)}</th>"
+            + "".join(
+                f"<td style='text-align:{side}'>{escape(cell)}</td>"
+                for cell, side in zip(cells, sides[1:], strict=True)
+            )
+            + "</tr>"
+            for first, *cells in self.cells()
+        )
+        return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>" if body else ""
+
+    def latex(self) -> str:
+        """Return a tabular with rules of booktabs."""
+        sides = "".join("r" if form else "l" for form in self.heads.values())
+        lines = [rf"\begin{{tabular}}{{{sides}}}", r"\toprule"]
+        lines += [" & ".join(head.translate(_LATEX) for head in self.heads) + r" \\", r"\midrule"]
+        lines += [" & ".join(map(_in_latex, row)) + r" \\" for row in self.rows]
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+
+    def frame(self) -> DataFrame:
+        """Return a pandas data frame. Raises InputError where pandas is not installed."""
+        try:
+            import pandas
+        except ImportError:
+            raise InputError("to_frame needs pandas; install it with: pip install 'casid[pandas]'") from None
+        names = [self.keys.get(head, head) for head in self.heads]
+        return pandas.DataFrame([list(row) for row in self.rows], columns=names).set_index(names[0])
 
 
-def latex_table(heads: Sequence[str], rows: Mapping[str, Sequence[float]]) -> str:
-    """A tabular of numbers by name, with rules of booktabs."""
-    lines = [r"\begin{tabular}{l" + "r" * (len(heads) - 1) + "}", r"\toprule"]
-    lines += [" & ".join(heads) + r" \\", r"\midrule"]
-    lines += [" & ".join((name.translate(_LATEX), *map(_number, row))) + r" \\" for name, row in rows.items()]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"])
+def _cell(value: object, form: str) -> str:
+    if value is None:
+        return ""
+    if not form or isinstance(value, str):
+        return str(value)
+    assert isinstance(value, float | int)
+    return f"{value:{form}}" if math.isfinite(value) else "–"
 
 
-def _number(value: float) -> str:
+def _in_latex(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, float | int):
+        return ("" if value is None else str(value)).translate(_LATEX)
     if not math.isfinite(value):
         return "--"
     digits, _, power = f"{value:.4g}".partition("e")
@@ -51,20 +104,6 @@ def html_list(items: Iterable[str]) -> str:
     """A list of sentences; nothing for none."""
     lines = "".join(f"<li>{escape(item)}</li>" for item in items)
     return f"<ul>{lines}</ul>" if lines else ""
-
-
-def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of texts, the first column to the left, the others to the right; nothing for no rows."""
-    left = "text-align:left"
-    right = "text-align:right"
-    top = "".join(f"<th>{escape(cell)}</th>" for cell in head)
-    body = "".join(
-        f"<tr><th style='{left}'>{escape(first)}</th>"
-        + "".join(f"<td style='{right}'>{escape(cell)}</td>" for cell in cells)
-        + "</tr>"
-        for first, *cells in rows
-    )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>" if body else ""
 
 
 def brief(self: Any) -> str:

@@ -26,7 +26,7 @@ from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.estimation.fit import Fit
-from casid.frames import brief
+from casid.frames import Rows, brief
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.dynamics import standard_density
@@ -116,10 +116,13 @@ class Handbook:
         return ask_above("Handbook.plot", self)
 
     def __str__(self) -> str:
-        lines = [f"{self.aircraft}: V = {self.flight['V']:.4g} m/s, rho = {self.flight['rho']:.4g} kg/m3"]
-        for label, value in rows(self):
-            lines.append(f"{label:32}  {value.value:12.5g} +- {value.std:<10.3g} {value.unit}")
-        return "\n".join([*lines, *(f"! {note}" for note in self.notes)])
+        head = f"{self.aircraft}: V = {self.flight['V']:.4g} m/s, rho = {self.flight['rho']:.4g} kg/m3"
+        return "\n".join([head, self.rows().text(), *(f"! {note}" for note in self.notes)])
+
+    def rows(self) -> Rows:
+        """Numbers of the modes and of the trim as rows."""
+        rows = [(label, one.value, one.std, one.unit) for label, one in labelled(self)]
+        return Rows(heads={"number": "", "value": ".5g", "std": ".3g", "unit": ""}, rows=rows)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers, lists and texts; a number that does not exist is None."""
@@ -141,7 +144,7 @@ class Handbook:
         }
 
 
-def rows(found: Handbook) -> list[tuple[str, Number]]:
+def labelled(found: Handbook) -> list[tuple[str, Number]]:
     """(label, number) of all modes and numbers, in the order of the table."""
     of_modes = [
         (f"{name}: {key.replace('_', ' ')}", one)

@@ -14,7 +14,7 @@ from casid.acceptance.checks import EXTENDED, GIVEN, VERDICTS, in_words
 from casid.acceptance.justification import Findings, Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.tolerances import Standard
-from casid.frames import data_frame
+from casid.frames import Rows
 from casid.keeping import plain
 
 if TYPE_CHECKING:
@@ -103,13 +103,19 @@ class ProofOfMatch:
 
     def to_frame(self) -> DataFrame:
         """A row for each row of each test, as a pandas data frame; needs the extra `pandas`."""
-        rows: dict[str, dict[str, object]] = {}
+        return self.rows().frame()
+
+    def rows(self) -> Rows:
+        """A row for each row of each test and side."""
+        numbers = ("used", "deviation", "limit", "at_s", "in_s", "out_s")
         every = ((one, *sides) for one in self.tests for sides in one.sides.items())
+        rows = []
         for one, label, check in ((one, label, check) for one, label, side in every for check in side.checks):
             name = f"{one.test.id} {one.record.name} {one.window.start:g} s: {check.tolerance.name}, {label}"
-            numbers = {key: getattr(check, key) for key in ("used", "deviation", "limit", "at_s", "in_s", "out_s")}
-            rows[name] = {"passed": check.passed, **numbers, "paragraph": one.test.paragraph, "why": check.why}
-        return data_frame(rows, "row")
+            values = (getattr(check, key) for key in numbers)
+            rows.append((name, check.passed, *values, one.test.paragraph, check.why))
+        heads = {"row": "", "passed": "", **dict.fromkeys(numbers, ".3g"), "paragraph": "", "why": ""}
+        return Rows(heads=heads, rows=rows)
 
     def plot(self, test: str | None = None) -> Any:
         """The figure of a test like ``2.c.10``, or of the first one: flight, simulations and tolerance bands.

@@ -21,7 +21,7 @@ from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.estimation.solvers.identified import determined
 from casid.estimation.transcriptions.transcription import MultipleShooting
-from casid.frames import brief
+from casid.frames import Rows, brief
 from casid.model.system import Model, bare_name
 from casid.native.singular import singular_is
 from casid.native.threads import single_threaded
@@ -173,14 +173,19 @@ class Identifiability:
                 lines.append(
                     f"- the a-priori value of {b.name} is {b.surprise:.1f} standard deviations from the data's"
                 )
-        width = max(len(name) for name in self.names)
-        columns = f"  {'a priori':>20}  {'blended':>20}" if self.blends else ""
-        lines += ["", f"{'parameter':{width}}  {'std inflated by':>15}{columns}"]
+        return "\n".join([*lines, "", self.rows().text()])
+
+    def rows(self) -> Rows:
+        """A row for each parameter: inflation of its deviation, and where there are priors, them and the blend."""
+        heads = {"parameter": "", "std inflated by": ".2f"}
+        if self.blends:
+            heads |= {"a priori": ".4g", "a-priori std": ".2g", "blended": ".4g", "blended std": ".2g"}
+        rows = []
         for name in self.names:
             b = self.blends.get(name)
-            both = f"  {b.prior:11.4g} +-{b.prior_std:7.2g}  {b.value:11.4g} +-{b.std:7.2g}" if b else ""
-            lines.append(f"{name:{width}}  {self.inflation[name]:15.2f}{both}")
-        return "\n".join(lines)
+            both = (b.prior, b.prior_std, b.value, b.std) if b else (None,) * 4
+            rows.append((name, self.inflation[name], *(both if self.blends else ())))
+        return Rows(heads=heads, rows=rows)
 
 
 @single_threaded()

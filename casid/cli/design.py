@@ -18,6 +18,7 @@ from casid.design.level_flight import SURFACES, Limits, experiment_of, level_riv
 from casid.design.separation import NoManoeuvre, separating_manoeuvre
 from casid.diagnosis.document import NextStep
 from casid.errors import EstimationError, InputError
+from casid.frames import Rows
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of, effect_value
@@ -231,10 +232,9 @@ def table(designs: dict[str, InputDesign], shape: str) -> str:
     """Cramer-Rao bounds of both manoeuvres, one line per derivative."""
     standard = designs["3-2-1-1"]
     own = designs[shape]
-    lines = [
-        f"Least 1-sigma of each derivative (Cramer-Rao bound) with either manoeuvre; search: {own.status}",
-        f"{'derivative':16} {'3-2-1-1':>12} {shape:>12} {'ratio':>7}",
-    ]
-    for name, std in standard.std.items():
-        lines.append(f"{name:16} {std:12.4g} {own.std[name]:12.4g} {own.std[name] / std:7.2f}")
-    return "\n".join(lines)
+    rows = Rows(
+        heads={"derivative": "", "3-2-1-1": ".4g", shape: ".4g", "ratio": ".2f"},
+        rows=[(name, std, own.std[name], own.std[name] / std) for name, std in standard.std.items()],
+    )
+    head = f"Least 1-sigma of each derivative (Cramer-Rao bound) with either manoeuvre; search: {own.status}"
+    return f"{head}\n{rows.text()}"

@@ -13,6 +13,7 @@ from cyclopts import Parameter
 
 from casid.cli.options import AsJson, Begin, End, Folder, Maps, records_of
 from casid.errors import InputError
+from casid.frames import Rows
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.records.segments import Segment
@@ -88,14 +89,14 @@ def answer_of(found: Mapping[str, Sequence[Segment]]) -> Answer:
 
 def _table(found: Mapping[str, Sequence[Segment]]) -> str:
     """One line for each manoeuvre, angles in degrees."""
-    head = "surface r.m.s. deg (command: of 1); rate range deg/s"
-    lines = [f"{'log':16} {'no':>3} {'from s':>9} {'to s':>9}  {'axes':16} {head}"]
+    rows = []
     for name, some in found.items():
         if not some:
-            lines.append(f"{name:16} no manoeuvre stands out")
+            rows.append((name, None, None, None, "no manoeuvre stands out", None, None))
         for number, one in enumerate(some, 1):
             surfaces = ", ".join(f"{s} {for_a_person(unit_of(s))[0] * rms:.2g}" for s, rms in one.surfaces.items())
             rates = ", ".join(f"{r} {span / DEGREE:.3g}" for r, span in one.rates.items())
-            head = f"{name:16} {number:3} {one.start:9.2f} {one.stop:9.2f}"
-            lines.append(f"{head}  {'+'.join(one.axes):16} {surfaces}; {rates}")
-    return "\n".join(lines)
+            rows.append((name, number, one.start, one.stop, "+".join(one.axes), surfaces, rates))
+    heads = {"log": "", "no": "d", "from s": ".2f", "to s": ".2f", "axes": ""}
+    heads |= {"surface r.m.s. deg (command: of 1)": "", "rate range deg/s": ""}
+    return Rows(heads=heads, rows=rows).text()

@@ -26,6 +26,7 @@ from casid.cli.options import (
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.filtering.initial_state import fit_initial_state, measured_start
+from casid.frames import Rows
 from casid.model.aircraft import Aircraft
 from casid.model.flown_records import FlownRecords, flown_records
 from casid.model.simulate import simulate as fly_model
@@ -192,14 +193,14 @@ def table(results: dict[str, dict]) -> str:
     for record, row in results.items():
         found = {label: one for label, one in row.items() if "diverged" not in one}
         heads = [f"r.m.s. {label}" for label in found] + [f"R2 {label}" for label in found]
-        widths = [max(10, len(head)) for head in heads]
-        lines += ["", f"{record}: measured less simulated"]
-        lines.append(f"{'':16}" + "".join(f"  {head:>{width}}" for head, width in zip(heads, widths, strict=True)))
+        rows = []
         for channel in dict.fromkeys(c for one in found.values() for c in one):
             factor, unit = shown_unit(unit_of(channel))
-            cells = [f"{factor * one[channel]['rms']:.4g}" if channel in one else "" for one in found.values()]
-            cells += [f"{one[channel]['R2']:.4f}" if channel in one else "" for one in found.values()]
-            told = "".join(f"  {cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
-            lines.append(f"{f'{channel} [{unit}]':16}{told}")
+            sizes = [factor * one[channel]["rms"] if channel in one else None for one in found.values()]
+            shares = [one[channel]["R2"] if channel in one else None for one in found.values()]
+            rows.append((f"{channel} [{unit}]", *sizes, *shares))
+        forms = [".4g"] * len(found) + [".4f"] * len(found)
+        table = Rows(heads={"channel": "", **dict(zip(heads, forms, strict=True))}, rows=rows)
+        lines += ["", f"{record}: measured less simulated", table.text()]
         lines += [f"{label}: {one['diverged']}" for label, one in row.items() if "diverged" in one]
     return "\n".join(lines[1:])

@@ -16,6 +16,7 @@ from casid.design.next_flight import Question, Untold
 from casid.diagnosis.cause import Cause
 from casid.diagnosis.claims import percents, times
 from casid.diagnosis.document import Called, Document, NextStep
+from casid.frames import Rows
 from casid.model.aircraft import Aircraft
 from casid.model.effect import Effect
 from casid.model.numbers import digits
@@ -170,13 +171,9 @@ def _table(document: Document) -> list[str]:
     """Return the error of every channel after each step, worst as given first."""
     found = document.budget
     rows = {"all channels": found.together} | {name: found.channels[name] for name in found.worst()}
-    width = max(map(len, rows))
-    head = ("as given", "data corrected", "values", "causes")
-    lines = [f"{'error / noise':{max(width, 13)}}  " + "  ".join(f"{one:>14}" for one in head)]
-    for name, one in rows.items():
-        cells = (one.as_given, one.data_mended, one.values, one.structure)
-        lines.append(f"{name:{max(width, 13)}}  " + "  ".join(f"{_ratio(cell):>14}" for cell in cells))
-    return lines
+    steps = {"as given": "as_given", "data corrected": "data_mended", "values": "values", "causes": "structure"}
+    cells = [(name, *(_ratio(getattr(one, step)) for step in steps.values())) for name, one in rows.items()]
+    return Rows(heads={"error / noise": "", **dict.fromkeys(steps, "s")}, rows=cells).text().split("\n")
 
 
 def _ratio(value: float) -> str:

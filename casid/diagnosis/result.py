@@ -47,10 +47,9 @@ from casid.diagnosis.shown import (
 )
 from casid.diagnosis.systems.axis_responses import axis_responses
 from casid.errors import InputError, noting, unknown
-from casid.frames import data_frame, html_list, html_paragraph, html_table
+from casid.frames import Rows, html_list, html_paragraph
 from casid.keeping import plain, save, whole_file
 from casid.model.aircraft import Aircraft
-from casid.model.numbers import with_deviation
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -453,12 +452,10 @@ class Diagnosis:
         return f"<Diagnosis of '{self.diagnosed.name}': {self.verdict}; {count}; print it for the words>"
 
     def _repr_html_(self) -> str:
-        every = [(one, "") for one in self.causes] + [(one, "minor") for one in self.minor]
-        rows = [[c.name, f"{with_deviation(c.value, c.std)} {c.unit}", minor, c.sentence] for c, minor in every]
         return (
             html_paragraph(f"{self.diagnosed.name}: {self.verdict}", self.sentence)
             + html_list(one.sentence for one in (*self.data, *self.contradicted))
-            + html_table(("cause", "size ± 1σ", "", "what it is"), rows)
+            + self.rows().html()
         )
 
     def save(self, path: str | Path) -> None:
@@ -478,13 +475,17 @@ class Diagnosis:
 
     def to_frame(self) -> DataFrame:
         """Causes as a pandas data frame, a row for each, minor ones last; needs the extra `pandas`."""
-        told = ("kind", "target", "term", "value", "std", "unit", "held_out_gain", "sentence")
-        rows = {
-            cause.name: {name: getattr(cause, name) for name in told}
-            | {"records": ", ".join(cause.records), "minor": cause in self.minor}
-            for cause in (*self.causes, *self.minor)
-        }
-        return data_frame(rows, "cause")
+        return self.rows().frame()
+
+    def rows(self) -> Rows:
+        """Causes as rows, minor ones last."""
+        heads = {"kind": "", "target": "", "term": "", "value": ".4g", "std": ".2g", "unit": "", "held_out_gain": ".3g"}
+        heads = {"cause": "", **heads, "sentence": ""}
+        rows = [
+            (one.name, *(getattr(one, name) for name in list(heads)[1:]), ", ".join(one.records), one in self.minor)
+            for one in (*self.causes, *self.minor)
+        ]
+        return Rows(heads={**heads, "records": "", "minor": ""}, rows=rows)
 
     def __str__(self) -> str:
         return text(self.document(figures=False))

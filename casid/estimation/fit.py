@@ -19,7 +19,7 @@ from casid.estimation.remarks import jump_remarks, remarks
 from casid.estimation.solvers.status import Results, Status
 from casid.estimation.uncertainty import Rescaled, Uncertainty
 from casid.estimation.usable import Judgement, judge
-from casid.frames import data_frame, html_list, html_paragraph, html_table, latex_table
+from casid.frames import Rows, html_list, html_paragraph
 from casid.keeping import plain, save
 
 if TYPE_CHECKING:
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 
 # what estimate.json has of the attributes as they are
 _COLUMNS = {
-    "value": "value",
-    "std": "std",
-    "std_cramer_rao": "Cramer-Rao",
-    "prior": "a priori",
-    "prior_std": "a-priori std",
+    "value": ("value", ".6g"),
+    "std": ("std", ".3g"),
+    "std_cramer_rao": ("Cramer-Rao", ".3g"),
+    "prior": ("a priori", ".6g"),
+    "prior_std": ("a-priori std", ".3g"),
 }
 _IN_JSON = (
     "status reason remedy converged iterations method solver seconds cost log_likelihood log_prior log_posterior "
@@ -358,27 +358,43 @@ class Fit:
 
     def to_frame(self) -> DataFrame:
         """Estimates as a pandas data frame, a row for each parameter; needs the extra `pandas`."""
-        rows = {n: {c: getattr(one, c) for c in _COLUMNS} for n, one in self.parameters.items()}
-        return data_frame(rows, "parameter")
+        return self.rows().frame()
 
     def to_latex(self) -> str:
         """Estimates as a LaTeX table, for the package booktabs."""
-        rows = {n: [getattr(one, c) for c in _COLUMNS] for n, one in self.parameters.items()}
-        return latex_table(("parameter", *_COLUMNS.values()), rows)
+        return self.rows().latex()
+
+    def rows(self) -> Rows:
+        """Estimates as rows: a priori, estimated, with both standard deviations."""
+        return Rows(
+            heads={"parameter": "", **{head: form for head, form in _COLUMNS.values()}},
+            keys={head: key for key, (head, _) in _COLUMNS.items()},
+            rows=[(n, *(getattr(one, key) for key in _COLUMNS)) for n, one in self.parameters.items()],
+        )
+
+    def _of_channels(self) -> Rows:
+        return Rows(
+            heads={"channel": "", "rms": ".4g", "R2": ".5f", "Theil": ".4f", "samples": "d"},
+            rows=[(n, c.rms, c.R2, c.theil, c.samples) for n, c in self.channels.items()],
+        )
+
+    def _over_records(self) -> Rows:
+        rows = []
+        for name, one in self.population.items():
+            shown = f"ln {name}" if one.logarithmic else name
+            rows.append((shown, one.mean, one.mean_std, one.spread, *one.interval))
+        heads = {"over records": "", "mean": ".6g", "std": ".3g", "spread": ".3g", "from": ".3g", "to (95 %)": ".3g"}
+        return Rows(heads=heads, rows=rows)
 
     def _repr_html_(self) -> str:
         head = f"{self.problem.model.name}: {type(self.problem.cost).__name__}, {self.method}, {self.solver}"
         told = f"{self.status}; {self.iterations} iterations, ln(likelihood) {self.log_likelihood:.8g}"
-        numbers = {n: [getattr(one, c) for c in _COLUMNS] for n, one in self.parameters.items()}
-        cells = [[n, *(f"{v:.5g}" if math.isfinite(v) else "" for v in some)] for n, some in numbers.items()]
-        quality = self.channels.items()
-        channels = [[n, f"{c.rms:.4g}", f"{c.R2:.4f}", f"{c.theil:.3f}", str(c.samples)] for n, c in quality]
         return (
             html_paragraph(self.verdict, "; ".join(self.because))
             + html_paragraph(head, told)
             + html_list(one for one in self.remarks if one not in self.because)
-            + html_table(("parameter", *_COLUMNS.values()), cells)
-            + html_table(("channel", "rms", "R2", "Theil", "samples"), channels)
+            + self.rows().html()
+            + self._of_channels().html()
         )
 
     def __repr__(self) -> str:
@@ -403,25 +419,9 @@ class Fit:
         )
         head += f"\n{self.integrator}" if self.integrator else ""
         head += f"\n{self.starts!r}" if self.starts is not None else ""
-        width = max(map(len, self.values), default=len("parameter"))
         lines = [head, *(f"! {remark}" for remark in self.remarks if remark not in self.because), ""]
-        lines += [f"{'parameter':{width}}  {'value':>12} {'std':>10} {'Cramer-Rao':>10} {'a priori':>12}"]
-        for name, e in self.parameters.items():
-            lines.append(f"{name:{width}}  {e.value:12.6g} {e.std:10.3g} {e.std_cramer_rao:10.3g} {e.prior:12.6g}")
-        if self.population:
-            lines += [
-                "",
-                f"{'over records':{width}}  {'mean':>12} {'std':>10} {'spread':>10} {'95 % of the spread':>24}",
-            ]
-        for name, one in self.population.items():
-            low, high = one.interval
-            shown = f"ln {name}" if one.logarithmic else name
-            span = f"{low:.3g} to {high:.3g}"
-            lines.append(f"{shown:{width}}  {one.mean:12.6g} {one.mean_std:10.3g} {one.spread:10.3g} {span:>24}")
-        lines += ["", f"{'channel':{width}}  {'rms':>12} {'R2':>10} {'Theil':>10} {'samples':>12}"]
-        for name, c in self.channels.items():
-            lines.append(f"{name:{width}}  {c.rms:12.4g} {c.R2:10.5f} {c.theil:10.4f} {c.samples:12d}")
-        return "\n".join(lines)
+        tables = (self.rows(), self._over_records(), self._of_channels())
+        return "\n".join([*lines, "\n\n".join(one.text() for one in tables if one.rows)])
 
 
 def _process_noise(fit: Fit) -> dict[str, dict[str, float]]:

@@ -14,7 +14,7 @@ import numpy as np
 from casid.above import ask_above
 from casid.arguments import a_path, number, one_line
 from casid.errors import InputError
-from casid.frames import brief
+from casid.frames import Rows, brief
 from casid.frequency.model_response import LinearModel
 from casid.frequency.response import FrequencyResponse, gain_db, phase_deg
 from casid.keeping import plain
@@ -214,17 +214,20 @@ class ResponseComparison:
 
     def __str__(self) -> str:
         low, high = self.band
+        head = f"{self.flight.output} to {self.flight.input}, {low:.3g} to {high:.3g} rad/s: r.m.s. mismatch and cost"
+        return f"{head}\n{self.rows().text()}"
+
+    def rows(self) -> Rows:
+        """A row for each model: r.m.s. mismatch in gain and phase, cost, and whether it is within the envelope."""
+        low, high = self.band
         used = self.flight.usable & (self.flight.omega >= low) & (self.flight.omega <= high)
-        width = max(len(label) for label in self.mismatches)
-        lines = [
-            f"{self.flight.output} to {self.flight.input}, {low:.3g} to {high:.3g} rad/s: r.m.s. mismatch and cost",
-            f"{'':{width}} {'dB':>7} {'deg':>7} {'cost J':>8}",
-        ]
+        rows = []
         for label, one in self.mismatches.items():
             db, deg = (float(np.sqrt(np.mean(values[used] ** 2))) for values in (one.gain_db, one.phase_deg))
-            verdict = "" if one.passed is None else "  within the envelope" if one.passed else "  outside the envelope"
-            lines.append(f"{label:{width}} {db:7.2f} {deg:7.1f} {one.cost:8.1f}{verdict}")
-        return "\n".join(lines)
+            verdict = {None: "", True: "within the envelope", False: "outside the envelope"}[one.passed]
+            rows.append((label, db, deg, one.cost, verdict))
+        heads = {"model": "", "dB": ".2f", "deg": ".1f", "cost J": ".1f", "": ""}
+        return Rows(heads=heads, rows=rows, keys={"": "envelope"})
 
 
 def compare_responses(

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from casid.frames import brief
+from casid.frames import Rows, brief
 
 # Guidelines of CIFER: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed., AIAA 2012
 CRAMER_RAO_LIMIT = 20.0
@@ -86,14 +86,17 @@ class Precision:
 
     __repr__ = brief
 
+    def rows(self) -> Rows:
+        """Parameters as rows."""
+        heads = {"parameter": "", "value": ".5g", "Cramer-Rao %": ".2f", "insensitivity %": ".2f", "": ""}
+        rows = [
+            (name, one.value, one.cramer_rao_percent, one.insensitivity_percent, one.remark)
+            for name, one in self.parameters.items()
+        ]
+        return Rows(heads=heads, rows=rows, keys={"": "remark"})
+
     def __str__(self) -> str:
-        width = max(9, *(len(name) for name in self.parameters))
-        lines = [f"{'parameter':{width}} {'value':>12} {'Cramer-Rao':>11} {'insensitivity':>14}"]
-        for name, one in self.parameters.items():
-            row = (
-                f"{name:{width}} {one.value:12.5g} {one.cramer_rao_percent:9.2f} % {one.insensitivity_percent:12.2f} %"
-            )
-            lines.append(row + (f"  {one.remark}" if one.remark else ""))
+        lines = [self.rows().text()]
         lines.append(f"guidelines: Cramer-Rao {CRAMER_RAO_LIMIT:g} %, insensitivity {INSENSITIVITY_LIMIT:g} %")
         if self.drop:
             lines.append(f"to fix or drop, one after the other: {', '.join(self.drop)}")

@@ -13,7 +13,7 @@ import numpy as np
 from casid.above import ask_above
 from casid.arguments import given, names, number, require
 from casid.errors import InputError, unknown
-from casid.frames import brief, data_frame
+from casid.frames import Rows, brief
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
 from casid.keeping import plain, save
@@ -36,6 +36,21 @@ _SAMPLES_PER_PERIOD = 10  # at the highest frequency
 _CHANCE = 0.05  # of two unrelated channels to be taken for related ones
 _FEWEST = 1.5  # independent averages, below which a coherence means nothing
 _SURE = 1e-6  # random error that weighs no more than a smaller one
+
+_SHOWN = 15  # frequencies of a response as text
+# column -> head and form of its numbers
+_HEADS = {
+    "omega": ("rad/s", ".3f"),
+    "gain_db": ("dB", ".2f"),
+    "phase_deg": ("deg", ".1f"),
+    "coherence": ("coherence", ".3f"),
+    "multiple_coherence": ("multiple", ".3f"),
+    "random_error": ("random error", ".3f"),
+    "averages": ("averages", ".1f"),
+    "input_spectrum": ("input", ".3g"),
+    "output_spectrum": ("output", ".3g"),
+    "usable": ("", ""),
+}
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -121,9 +136,18 @@ class FrequencyResponse:
 
     def to_frame(self) -> DataFrame:
         """A pandas data frame, a row for each frequency; needs the extra `pandas`."""
-        columns = self.columns()
-        rows = {str(k): {name: values[k] for name, values in columns.items()} for k in range(len(self.omega))}
-        return data_frame(rows, "row").set_index("omega")
+        return self.rows().frame()
+
+    def rows(self, most: int | None = None) -> Rows:
+        """A row for each frequency, or for so many, evenly spaced."""
+        count = len(self.omega)
+        chosen = np.unique(np.linspace(0, count - 1, min(count, most or count)).round().astype(int))
+        columns = [*self.columns().values(), np.where(self.usable, "", "not usable")]
+        return Rows(
+            heads={head: form for head, form in _HEADS.values()},
+            keys={head: key for key, (head, _) in _HEADS.items()},
+            rows=[tuple(column[k].item() for column in columns) for k in chosen],
+        )
 
     def columns(self) -> dict[str, np.ndarray]:
         """Name -> (frequencies,): what tables have."""
@@ -164,13 +188,8 @@ class FrequencyResponse:
         lines = [
             f"{self.output} to {self.input}{given}: {', '.join(self.records)}",
             f"windows (independent averages): {lengths}",
-            f"{'rad/s':>8} {'dB':>8} {'deg':>8} {'coherence':>10} {'error':>8}",
+            self.rows(_SHOWN).text(),
         ]
-        for k in np.unique(np.linspace(0, len(self.omega) - 1, 15).round().astype(int)):
-            lines.append(
-                f"{self.omega[k]:8.3f} {self.gain_db[k]:8.2f} {self.phase_deg[k]:8.1f} {self.coherence[k]:10.3f} "
-                f"{100.0 * self.random_error[k]:6.1f} %" + ("" if self.usable[k] else "  not usable")
-            )
         return "\n".join(lines)
 
 

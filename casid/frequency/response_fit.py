@@ -14,7 +14,7 @@ from casid.above import ask_above
 from casid.arguments import one_line
 from casid.errors import EstimationError, InputError
 from casid.estimation.solvers.status import CONVERGED, Results, Status, out_of_steps
-from casid.frames import brief
+from casid.frames import Rows, brief
 from casid.frequency.mismatch import PER_DB2, PER_DEG2, coherence_weight
 from casid.frequency.precision import Precision, precision
 from casid.frequency.response import USABLE, FrequencyResponse
@@ -186,20 +186,31 @@ class ResponseFit:
         """Gain and phase, measured and fitted, as a matplotlib figure, which pyplot has."""
         return ask_above("ResponseFit.plot", self)
 
+    def rows(self) -> Rows:
+        """Parameters as rows, with Cramer-Rao bound and insensitivity."""
+        found = self.precision.parameters
+        free = (
+            (
+                name,
+                one.value,
+                one.std,
+                found[name].cramer_rao_percent,
+                found[name].insensitivity_percent,
+                found[name].remark,
+            )
+            for name, one in self.parameters.items()
+        )
+        fixed = ((name, value, None, None, None, "fixed") for name, value in self.fixed.items())
+        heads = {"parameter": "", "value": ".5g", "std": ".3g", "Cramer-Rao %": ".2f", "insensitivity %": ".2f", "": ""}
+        return Rows(heads=heads, rows=[*free, *fixed], keys={"": "remark"})
+
     def __getitem__(self, name: str) -> ResponseParameter:
         return self.parameters[name]
 
     __repr__ = brief
 
     def __str__(self) -> str:
-        width = max(9, *(len(name) for name in (*self.parameters, *self.fixed)))
-        lines = [f"{self.status}; mean cost J {self.cost:.3g}", ""]
-        lines.append(f"{'parameter':{width}} {'value':>12} {'std':>10} {'Cramer-Rao':>11} {'insensitivity':>14}")
-        for name, one in self.parameters.items():
-            own = self.precision.parameters[name]
-            row = f"{name:{width}} {one.value:12.5g} {one.std:10.3g} {own.cramer_rao_percent:9.2f} % "
-            lines.append(row + f"{own.insensitivity_percent:12.2f} %" + (f"  {own.remark}" if own.remark else ""))
-        lines += [f"{name:{width}} {value:12.5g} {'fixed':>10}" for name, value in self.fixed.items()]
+        lines = [f"{self.status}; mean cost J {self.cost:.3g}", "", self.rows().text()]
         if self.precision.drop:
             lines.append(f"to fix or drop, one after the other: {', '.join(self.precision.drop)}")
         lines.append("")

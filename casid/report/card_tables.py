@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from textwrap import indent
 
 from casid.design.flight_card import Expected, FlightCard
 from casid.report.templating import ReportTable, Row
@@ -20,16 +21,8 @@ def card_tables(card: FlightCard) -> list[ReportTable]:
 
 def card_in_words(card: FlightCard) -> str:
     """Return the card as text, a line per row."""
-    return "\n\n".join("\n".join(_lines(table)) for table in card_tables(card) if table.rows)
-
-
-def _lines(table: ReportTable) -> Iterator[str]:
-    cells = [table.head, *(row.cells for row in table.rows)]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(table.head))]
-    yield table.caption
-    for first, *rest in cells:
-        others = (f"{cell:>{width}}" for cell, width in zip(rest, widths[1:], strict=True))
-        yield f"  {first:{widths[0]}}  {'  '.join(others)}".rstrip()
+    tables = (table for table in card_tables(card) if table.rows)
+    return "\n\n".join(f"{table.caption}\n{indent(table.text(), '  ')}" for table in tables)
 
 
 def _named(card: FlightCard, name: str) -> str:

@@ -208,8 +208,8 @@ class Panel:
 
     @cached_property
     def heading(self) -> str:
-        """Title and label of the vertical axis."""
-        return ": ".join(one for one in (self.title, self.y.label) if one)
+        """Title and label of the vertical axis, which stands beside names."""
+        return ": ".join(one for one in (self.title, "" if self.y.names else self.y.label) if one)
 
     @cached_property
     def cells(self) -> Cells | None:

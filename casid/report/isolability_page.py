@@ -61,12 +61,7 @@ def text(found: Isolability) -> str:
     if apart:
         lines += [f"{_APART} ({len(apart)}):", *_wrapped(_by_place(apart)), ""]
     if between:
-        lines.append(f"{'cause':42} {'matters':>12} {'smallest':>12} {'detected':>9} {'right':>6}  taken for")
-    for one in between:
-        lines.append(
-            f"{_label(one.name):42} {quantity(one.matters, one.unit):>12} {smallest(one):>12} "
-            f"{probability_in_words(one.detection):>9} {probability_in_words(one.told):>6}  {rivals(one)}"
-        )
+        lines.append(_table(between).text())
     if unseen:
         lines += ["", f"{_UNSEEN} ({len(unseen)}):", *_wrapped(_by_place(unseen, sizes=True))]
     if found.additions:

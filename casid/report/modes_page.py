@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.acceptance.handbook import Handbook, Number, rows
+from casid.acceptance.handbook import Handbook, Number, labelled
 from casid.acceptance.theil import Theil
 from casid.report.figure import (
     LIMIT,
@@ -139,11 +139,8 @@ def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | 
 
 def text_table(found: Mapping[str, Handbook]) -> str:
     """The numbers of all aircraft as text, one line each."""
-    table = _numbers(found)
-    widths = [max(len(row[k]) for row in (table.head, *(r.cells for r in table.rows))) for k in range(len(table.head))]
-    lines = [_line(table.head, widths), *(_line(row.cells, widths) for row in table.rows)]
     notes = dict.fromkeys(f"! {label}: {note}" for label, one in found.items() for note in one.notes)
-    return "\n".join([*lines, *notes]) + "\n"
+    return "\n".join([_numbers(found).text(), *notes]) + "\n"
 
 
 def theil_text(theil: TheilTable) -> str:
@@ -156,18 +153,13 @@ def theil_text(theil: TheilTable) -> str:
     return "\n".join(lines)
 
 
-def _line(cells: tuple[str, ...], widths: list[int]) -> str:
-    first, *others = (f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True))
-    return "  ".join([first.strip().ljust(widths[0]), *others])
-
-
 def _shares(one: Theil) -> str:
     return " / ".join(f"{100.0 * share:.0f}" for share in (one.bias, one.variance, one.covariance)) + " %"
 
 
 def _numbers(found: Mapping[str, Handbook]) -> ReportTable:
-    labels = dict.fromkeys(label for one in found.values() for label, _ in rows(one))
-    by_aircraft = [dict(rows(one)) for one in found.values()]
+    labels = dict.fromkeys(label for one in found.values() for label, _ in labelled(one))
+    by_aircraft = [dict(labelled(one)) for one in found.values()]
     cells = [(label, *(_cell(numbers.get(label)) for numbers in by_aircraft)) for label in labels]
     return ReportTable(
         head=("number", *found),

@@ -184,6 +184,7 @@ def _panel(ax: Axes, figure: Figure, panel: Panel, lowest: bool) -> None:
         ax.set_title(panel.heading, loc="left", pad=16.0 if above else 4.0)
     _axis(ax.xaxis, panel.x, figure.x_range(panel))
     _axis(ax.yaxis, panel.y, figure.y_range(panel), room=panel.height)
+    ax.set_ylabel(panel.y.label if panel.y.names else "")
     ax.set_xlabel(panel.x.label if lowest or not figure.linked else "")
     if figure.linked:
         ax.tick_params(labelbottom=lowest)

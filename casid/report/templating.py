@@ -12,6 +12,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from casid.errors import noting
+from casid.frames import Rows
 from casid.report import uplot
 from casid.report.figure import Picture
 from casid.report.svg import svg
@@ -36,6 +37,12 @@ class ReportTable:
     rows: tuple[Row, ...]
     caption: str
     numeric: bool = False
+
+    def text(self) -> str:
+        """Return its rows for a terminal."""
+        first, *rest = self.head
+        rows = [row.cells for row in self.rows]
+        return Rows(heads={first: "", **dict.fromkeys(rest, "s" if self.numeric else "")}, rows=rows).text()
 
     @property
     def kind(self) -> str:

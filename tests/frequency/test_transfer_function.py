@@ -224,5 +224,5 @@ def test_intervals_of_responses_from_records_hold_the_truth() -> None:
 def test_the_table_has_every_parameter_and_the_figure_every_response() -> None:
     fit = cs.fit_transfer_functions(measured("short period", ("q", "az"), SHORT_PERIOD), "short period")
     assert all(name in str(fit) for name in SHORT_PERIOD)
-    titles = [ax.get_title() for ax in fit.plot().axes]
+    titles = [ax.get_title(loc="left") for ax in fit.plot().axes]
     assert all(any(label in title for title in titles) for label in fit.responses)

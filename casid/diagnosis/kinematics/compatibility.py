@@ -32,6 +32,7 @@ from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import NEEDED
 from casid.diagnosis.kinematics.turbulence import Turbulence, gusts, still_air, turbulence
 from casid.errors import InputError
+from casid.frames import Rows
 from casid.keeping import by_fields, plain
 from casid.model.aircraft import Aircraft, Inertia, given_aircraft
 from casid.model.causes import sensor_bias
@@ -212,17 +213,23 @@ class Compatibility:
             "channels": {name: {"left": self.left[name], "noise": self.noise[name]} for name in self.left},
         }
 
+    def rows(self) -> Rows:
+        """Errors of the instruments as rows, in the units that people read."""
+        rows = []
+        for one in self.errors:
+            factor, unit = for_a_person(one.unit)
+            value = None if one.stated is None else factor * one.stated
+            name = f"{one.kind}({one.target})"
+            rows.append((name, value, factor * one.std, factor * one.allowed, unit, one.note.lstrip(", ;")))
+        heads = {"error": "", "value": ".3g", "1-sigma": ".2g", "allowed": ".2g", "unit": "", "": ""}
+        return Rows(heads=heads, rows=rows, keys={"": "note"})
+
     def __str__(self) -> str:
         lines = [f"- {one}" for one in self.against] or [
             "The measurements are compatible: no error of an instrument is clear and larger than allowed."
         ]
         if self.errors:
-            lines += ["", f"{'error':34} {'value':>10} {'1-sigma':>9} {'allowed':>9}  unit"]
-        for one in self.errors:
-            factor, unit = for_a_person(one.unit)
-            value = np.nan if one.stated is None else factor * one.stated
-            numbers = f"{value:10.3g} {factor * one.std:9.2g} {factor * one.allowed:9.2g}"
-            lines.append(f"{f'{one.kind}({one.target})':34} {numbers}  {unit}{one.note}")
+            lines += ["", self.rows().text()]
         lines += ["", "left over noise: " + ", ".join(f"{name} {value:.2g}" for name, value in self.left.items())]
         if self.moving_air:
             lines.append(f"The air moves with {self.moving_air:.2g} m/s r.m.s.; errors are estimated together with it.")
