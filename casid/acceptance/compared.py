@@ -181,6 +181,11 @@ def compare_diagnoses(first: str | Path, second: str | Path) -> Comparison:
     first, second
         Folders that `casid diagnose` wrote, or their diagnosis.json.
 
+    Returns
+    -------
+    Comparison
+        Errors, causes and values of both.
+
     Raises
     ------
     InputError

@@ -92,7 +92,22 @@ class FlightRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Fleet:
-    """Records of one aircraft, a row each, in the order in which they were given."""
+    """Flights of one aircraft.
+
+    Attributes
+    ----------
+    aircraft
+        Its name.
+    rows
+        One for each record, in the order in which they were given.
+
+    Examples
+    --------
+    After the example of `compare_flights`:
+
+    >>> found = cs.compare_flights(aircraft, flights)  # doctest: +SKIP
+    >>> [(row.record, row.error, row.changes) for row in found.rows]  # doctest: +SKIP
+    """
 
     aircraft: str
     rows: tuple[FlightRow, ...]
@@ -170,6 +185,11 @@ def compare_flights(
         At least two flights.
     faults
         Record -> faults of its data in words, as a data check finds them.
+
+    Returns
+    -------
+    Fleet
+        A row for each flight.
 
     Raises
     ------
