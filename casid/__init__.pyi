@@ -1,3 +1,5 @@
+from casid.acceptance.compared import Comparison, compare_diagnoses
+from casid.acceptance.fleet import Fleet, compare_flights
 from casid.acceptance.handbook import Handbook, modes
 from casid.acceptance.isolability import Isolability, isolability
 from casid.acceptance.match import proof_of_match
@@ -89,6 +91,7 @@ __all__ = [
     "Collocation",
     "ColumnMap",
     "CombinedError",
+    "Comparison",
     "Compatibility",
     "DataFindings",
     "Decision",
@@ -101,6 +104,7 @@ __all__ = [
     "FilterError",
     "Finding",
     "Fit",
+    "Fleet",
     "FourierEquationError",
     "FourierOutputError",
     "FrequencyResponse",
@@ -163,6 +167,8 @@ __all__ = [
     "aircraft_model",
     "bootstrap",
     "check",
+    "compare_diagnoses",
+    "compare_flights",
     "compare_responses",
     "compatibility",
     "define_model",

@@ -12,6 +12,7 @@ from casid.cli.start import begin, leave
 COMMANDS = {
     "diagnose": "casid.cli.diagnose:diagnose",
     "why": "casid.cli.why:why",
+    "compare": "casid.cli.compare:compare",
     "check": "casid.cli.check:check",
     "compatibility": "casid.cli.compatibility:compatibility",
     "estimate": "casid.cli.estimate:estimate",

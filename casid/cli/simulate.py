@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from casid.acceptance.fleet import fly
 from casid.cli.options import (
     AsJson,
     Axes,
@@ -25,11 +26,9 @@ from casid.cli.options import (
 )
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
-from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.frames import Rows
 from casid.model.aircraft import Aircraft
 from casid.model.flown_records import FlownRecords, flown_records
-from casid.model.simulate import simulate as fly_model
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
@@ -40,7 +39,6 @@ from casid.report.words import digits
 from casid.signals import SURFACES, unit_of
 
 FOLLOWED = 0.9  # R2 from which a channel counts as followed; the sentence states it
-WINDOW_S = 5.0  # of the record, to which the initial state is fitted
 
 
 def simulate(
@@ -115,16 +113,6 @@ def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
     if len(set(labels)) < len(labels):
         raise InputError(f"--aircraft: two files are called '{labels[0]}'; give them different names")
     return {label: aircraft_of(path) for label, path in zip(labels, paths, strict=True)}
-
-
-def fly(applied: FlownRecords, record: Record) -> np.ndarray | str:
-    """(N, outputs) what the instruments would have read; or where the simulation diverged."""
-    try:
-        start = fit_initial_state(applied.model, record, WINDOW_S)
-        flown = fly_model(applied.model, record, measured_start(applied.model, record, start))
-    except (InputError, np.linalg.LinAlgError) as fault:
-        return str(fault)
-    return flown.outputs
 
 
 def statistics(record: Record, names: Sequence[str], flown: np.ndarray) -> dict[str, dict[str, float]]:

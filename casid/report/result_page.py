@@ -30,6 +30,23 @@ class Answer:
         return "\n".join([*lines, *map(str, self.next)])
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bar:
+    """A bar of a row: its number in words, and its width in per cent of the row."""
+
+    text: str
+    width: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bars:
+    """Rows of bars, one for each of `names`, on a common scale."""
+
+    caption: str
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Bar, ...]], ...]
+
+
 def write_result(
     folder: Path,
     name: str,
@@ -40,10 +57,11 @@ def write_result(
     *,
     folded: Collection[str] = (),
     tables: Iterable[ReportTable] = (),
+    bars: Bars | None = None,
 ) -> None:
     """Write NAME.html and `figures/*.svg` into `folder`.
 
-    The page has the answer, `tables`, the pictures, those `folded` by name below, and what the command prints.
+    The page has the answer, `bars`, `tables`, the pictures, those `folded` by name below, and what the command prints.
     """
     drawn = drawn_into(folder / "figures", {picture.name: picture for picture in pictures})
     figures = figures_of(drawn, {})
@@ -54,6 +72,7 @@ def write_result(
         "said": str(said).strip("\n"),
         "figures": [one for key, one in figures.items() if key not in folded],
         "tables": list(tables),
+        "bars": bars,
         "folded": [one for key, one in figures.items() if key in folded],
     }
     (folder / f"{name}.html").write_text(render("result.html", context), encoding="utf-8")

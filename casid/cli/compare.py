@@ -1,0 +1,95 @@
+"""`casid compare`: two diagnoses over each other, or many flights against one aircraft file."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from casid.acceptance.compared import Comparison, compare_diagnoses
+from casid.acceptance.fleet import Fleet, compare_flights
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, called_by, records_of
+from casid.data_check.check import check
+from casid.diagnosis.document import Called, NextStep
+from casid.errors import InputError
+from casid.report.compare_page import bars_of_diagnoses, bars_of_flights, tables_of_diagnoses, tables_of_flights
+from casid.report.folder import whole_folder
+from casid.report.result_page import BAD, GOOD, NEUTRAL, Answer, write_result
+
+
+def compare(
+    *compared: Annotated[str, Parameter(name="OUT")],
+    aircraft: Path | None = None,
+    maps: Maps | None = None,
+    begin: Begin = None,
+    end: End = None,
+    out: Folder | None = None,
+    as_json: AsJson = False,
+) -> int:
+    """Compare two diagnoses, or all flights of an aircraft with each other.
+
+    Two folders of casid diagnose: errors by channel and by record, causes, and values, over each other; such as before
+    and after a change of the file. The status is 1 when the second is worse: its simulation as given is further from
+    flight by more than a tenth, or a cause is named in it alone.
+    Records with --aircraft: a row for each, flown as given, with the faults of its data and the values that are others
+    than in the other flights. The status is 1 when something changed or a record has a fault.
+    With --out also the page DIR/compare.html, and DIR/compare.json.
+
+    Parameters
+    ----------
+    compared
+        Two folders, or records or patterns like 'flight/*.csv' with --aircraft.
+    aircraft
+        The aircraft file (TOML) that the records are flown by.
+    """
+    if aircraft is None:
+        if len(compared) != 2:
+            raise InputError(
+                f"compare: {len(compared)} folders; expected two of casid diagnose, or records with --aircraft FILE"
+            )
+        found = compare_diagnoses(*compared)
+        bad = found.worse
+    else:
+        if not compared:
+            raise InputError("RECORD is missing; expected: compare RECORD ... --aircraft FILE")
+        file = aircraft_of(aircraft)
+        records = records_of(compared, maps or [], span=(begin, end))
+        findings = check(records, file).findings
+        faults = {r.name: [one.sentence for one in findings if r.name in one.records] for r in records}
+        found = compare_flights(file, records, faults)
+        bad = found.changed
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
+    if out is not None:
+        with whole_folder(out) as folder:
+            _write(found, folder, called_by(compared, maps, aircraft or Path("FILE"), out))
+            (folder / "compare.json").write_text(text + "\n", encoding="utf-8")
+    print(text if as_json else found)
+    return 1 if bad else 0
+
+
+def _write(found: Comparison | Fleet, folder: Path, called: Called) -> None:
+    if isinstance(found, Comparison):
+        answer = Answer(
+            badge="Worse" if found.worse else "Not worse",
+            sentence=found.sentence,
+            points=found.points,
+            colour=BAD if found.worse else GOOD,
+        )
+        title = f"{found.names[0]} and {found.names[1]}"
+        bars = bars_of_diagnoses(found)
+        write_result(folder, "compare", title, answer, "", [], tables=tables_of_diagnoses(found), bars=bars)
+        return
+    step = NextStep(
+        text="Name the causes, record by record:",
+        command=f"casid diagnose {called.records} --aircraft {called.aircraft} --out {called.inside('diagnosis')}",
+    )
+    answer = Answer(
+        badge="Changed" if found.changed else "The same",
+        sentence=found.sentence,
+        next=(step,) if found.changed else (),
+        colour=NEUTRAL if found.changed else GOOD,
+    )
+    title = f"{len(found.rows)} flights of {found.aircraft}"
+    write_result(folder, "compare", title, answer, "", [], tables=tables_of_flights(found), bars=bars_of_flights(found))

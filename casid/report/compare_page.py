@@ -1,0 +1,118 @@
+"""Tables and bars of a comparison of two diagnoses, or of many flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from casid.acceptance.compared import ComparedError, ComparedValue, Comparison, flight_pair, value_pair
+from casid.acceptance.fleet import Fleet
+from casid.report.result_page import Bar, Bars
+from casid.report.templating import ReportTable, Row
+from casid.report.words import digits, pretty
+from casid.signals import label_of
+
+
+def bars_of_diagnoses(found: Comparison) -> Bars:
+    """Return the errors as given of every channel, one diagnosis below the other."""
+    rows = [(_named(one.name), one.as_given) for one in (found.together, *found.channels)]
+    return _bars("Error of the simulation as given on held-out records, times the noise", found.names, rows)
+
+
+def bars_of_flights(found: Fleet) -> Bars:
+    """Return the errors as given of every record."""
+    rows = [(one.record, (one.error,)) for one in found.rows]
+    return _bars("Error of the simulation as given, all channels, times the noise", ("as given",), rows)
+
+
+def _bars(caption: str, names: Sequence[str], rows: Sequence[tuple[str, Sequence[float]]]) -> Bars:
+    """Lay values out on one logarithmic scale from half of the noise; what diverges fills its row."""
+    finite = [value for _, values in rows for value in values if math.isfinite(value) and value > 0.0]
+    low, high = math.log(0.5), math.log(max([2.0, *finite]))
+
+    def width(value: float) -> float:
+        if math.isnan(value):
+            return 0.0
+        return 100.0 * min(max((math.log(max(value, 0.5)) - low) / (high - low), 0.01), 1.0)
+
+    return Bars(
+        caption=caption,
+        names=tuple(names),
+        rows=tuple((name, tuple(Bar(text=_error(v), width=width(v)) for v in values)) for name, values in rows),
+    )
+
+
+def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
+    """Return causes, values and errors of the two, what differs first."""
+    first, second = found.names
+    causes = ReportTable(
+        head=("cause", first, second),
+        rows=tuple(
+            Row(cells=(one.name, *(pretty(size) or "not named" for size in one.sizes)), marked="" in one.sizes)
+            for one in found.causes
+        ),
+        caption="Causes that were named, with size and probability",
+    )
+    values = ReportTable(
+        head=("parameter", "as given", "by the records"),
+        rows=tuple(Row(cells=_value(one), marked=one.differs) for one in found.values if one.differs),
+        caption="Values that were changed in the file, or of which the records say something else: more than three "
+        "standard deviations apart",
+    )
+    head = (f"as given, {first}", second, f"left, {first}", second)
+    errors = ReportTable(
+        head=("error / noise", *head),
+        rows=tuple(_error_row(one) for one in (found.together, *found.channels)),
+        caption="Errors by channel on the held-out records, those that changed most first",
+        numeric=True,
+    )
+    records = ReportTable(
+        head=("record", *head),
+        rows=tuple(_error_row(one) for one in found.records),
+        caption="Errors by record, all channels together",
+        numeric=True,
+    )
+    return [causes, values, errors, records]
+
+
+def tables_of_flights(found: Fleet) -> list[ReportTable]:
+    """Return a row for each flight."""
+    rows = tuple(
+        Row(
+            cells=(
+                one.record,
+                f"{one.duration:.0f}",
+                _error(one.error),
+                f"{_named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
+                one.verdict,
+                pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
+            ),
+            marked=bool(one.faults or one.changes or one.diverged),
+        )
+        for one in found.rows
+    )
+    caption = (
+        "Flown as given, times the noise; estimated from the record alone; and what differs from the other flights"
+    )
+    return [
+        ReportTable(
+            head=("record", "s", "error", "worst channel", "estimate", "what differs"), rows=rows, caption=caption
+        )
+    ]
+
+
+def _error_row(one: ComparedError) -> Row:
+    return Row(cells=(_named(one.name), *(_error(value) for value in (*one.as_given, *one.left))))
+
+
+def _value(one: ComparedValue) -> tuple[str, str, str]:
+    return one.name, pretty(value_pair(one.given).replace("->", "→")), pretty(flight_pair(one).replace("->", "→"))
+
+
+def _named(name: str) -> str:
+    label = label_of(name)
+    return name if label == name else f"{label} {name}"
+
+
+def _error(value: float) -> str:
+    return "diverges" if math.isinf(value) else digits(value, 2)
