@@ -207,9 +207,9 @@ def _of_one_name(
         said = "; ".join(f"{leaf} stands as {_listed(names)}" for leaf, names in named)
         write = " ".join(f"--map {leaf}={_quoted(headers[found[0]].name)}" for leaf, found in asked[:_ASKED])
         other = f"--map {asked[0][0]}={_quoted(headers[asked[0][1][1]].name)}"
-        more = f" and {len(asked) - _ASKED} channels more; all" if len(asked) > _ASKED else ";"
+        more = f" and so do {len(asked) - _ASKED} more" if len(asked) > _ASKED else ""
         group = ', or variable = "GROUP" in a column map' if table.paths else ""
-        raise InputError(f"{table.source}: {said}{more} say which is meant: {write}, or {other}{group}")
+        raise InputError(f"{table.source}: {said}{more}; say which is meant: {write}, or {other}{group}")
     return same
 
 

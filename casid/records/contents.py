@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-_MOST = 12  # names in a note
+_MOST = 6  # names of one reason in a note
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +40,11 @@ class Contents:
         """The remark that names what was not read; "" where all was."""
         if not self.unread:
             return ""
-        named = [f"'{name}' ({why})" for name, why in list(self.unread.items())[:_MOST]]
-        more = len(self.unread) - len(named)
-        return f"not read: {', '.join(named)}" + (f" and {more} more" if more else "")
+        reasons = dict[str, list[str]]()
+        for name, why in self.unread.items():
+            reasons.setdefault(why, []).append(f"'{name}'")
+        parts = []
+        for why, names in reasons.items():
+            more = f" and {len(names) - _MOST} more" if len(names) > _MOST else ""
+            parts.append(f"{', '.join(names[:_MOST])}{more} ({why})")
+        return f"not read: {'; '.join(parts)}"

@@ -36,6 +36,12 @@ _ALSO: Mapping[str, tuple[str, ...]] = {
     "altitude": ("alt", "hbaro", "baroalt", "pressurealtitude", "hp", "altmsl", "altb"),
     "rho": ("density", "airdensity"),
 }
+# names of matrices of three columns -> the channels of the columns
+_OF_MATRICES: Mapping[str, tuple[str, str, str]] = {
+    **dict.fromkeys(("rate", "rates", "gyro", "omega", "pqr", "angularrate", "angular_velocity"), ("p", "q", "r")),
+    **dict.fromkeys(("attitude", "euler", "angles", "rpy"), ("phi", "theta", "psi")),
+    **dict.fromkeys(("accel", "acc", "acceleration", "specific_force"), ("ax", "ay", "az")),
+}
 _THROW = 25.0  # deg at full command, which the file marks as a guess
 
 
@@ -102,6 +108,10 @@ def _likely(name: str, taken: Mapping[str, object], is_time: bool) -> str | None
     if is_time and "t" in absent:
         return "t"
     plain = re.sub(r"[\W_]", "", name).lower()
+    column = re.fullmatch(r"(.*?)\[([123])\]", name)
+    of_matrix = _OF_MATRICES.get(column[1].lower(), ()) if column else ()
+    if column and of_matrix and of_matrix[int(column[2]) - 1] in absent:
+        return of_matrix[int(column[2]) - 1]
     also = next((channel for channel, names in _ALSO.items() if plain in names and channel in absent), None)
     return also or (near_channel(name, absent) if name else None)
 

@@ -54,6 +54,9 @@ _SOURCES: Mapping[tuple[str, ...], tuple[tuple[str, tuple[str, ...]], ...]] = {
     ("battery",): (("battery_status", ("voltage_v",)),),
 }
 _COMMANDS = ("delta_a_command", "delta_e_command", "delta_r_command")
+_OF_WINGS = ("vehicle_torque_setpoint", "vehicle_thrust_setpoint")  # whose second one is the wing of a VTOL
+_OTHERS = ("vehicle_attitude", "vehicle_status", "vehicle_land_detected", "actuator_motors", "actuator_outputs")
+_OTHERS += ("actuator_controls_0", "actuator_controls_1", *_OF_WINGS)
 _ROTARY_WING = 1  # vehicle_status.vehicle_type
 _MOTORS = 12
 _PULSE = 800.0  # us: an output above is a pulse width
@@ -75,7 +78,16 @@ def read_ulog(path: Path, variable: str | None, time: str) -> RawTable:
     if not {"p", "phi", "V", *_COMMANDS} & series.keys():
         held = ", ".join(sorted({name for name, _ in topics})[:8])
         raise InputError(f"{path}: no topic of an aircraft's motion is in the log; it holds {held or 'nothing'}")
-    return of_log(path, series, flying(topics), notes)
+    return of_log(path, series, flying(topics), notes, of_no_channel(topics))
+
+
+def of_no_channel(topics: Topics) -> dict[str, str]:
+    """Topics of which no channel is made, with the reason."""
+    used = {topic for sources in _SOURCES.values() for topic, _ in sources} | set(_OTHERS)
+    others = sorted({name for name, _ in topics} - used)
+    more = sorted(f"{name}[{number}]" for name, number in topics if name in used and number and name not in _OF_WINGS)
+    made = dict.fromkeys(others, "no channel is made of this topic")
+    return made | dict.fromkeys(more, "of another unit than the first")
 
 
 def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:

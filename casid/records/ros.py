@@ -17,7 +17,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.records.foreign import library, loaded
 from casid.records.log import Series, attitude, lost, of_log
-from casid.records.px4 import flying, of_topics
+from casid.records.px4 import flying, of_no_channel, of_topics
 from casid.records.table import RawTable
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -81,6 +81,7 @@ def table_of_topics(
     if not series:
         raise InputError(f"{path}: no message with numbers; the bag has {', '.join(topics) or 'nothing'}")
     notes = notes if of_px4 else (*notes, *lost(series))
+    unread |= of_no_channel(of_px4) if of_px4 else {}
     unread |= dict.fromkeys(list(series)[_COLUMNS:], f"beyond the first {_COLUMNS} columns")
     return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes, unread)
 

@@ -25,9 +25,7 @@ PARM, 1, SERVO2_FUNCTION, 19
 """
 
 
-def test_a_dataflash_log_as_text(tmp_path: Path) -> None:
-    """Its numbers are in their units, as `mavlogdump` writes them; an elevator by pulses goes from 1100 to 1900 us."""
-    pytest.importorskip("pymavlink")
+def dataflash_text() -> bytes:
     rows = []
     for t, wave in zip(T, WAVE, strict=True):
         us = round(1e6 + 1e6 * t)
@@ -35,7 +33,13 @@ def test_a_dataflash_log_as_text(tmp_path: Path) -> None:
             rows.append(f"IMU, {us}, {unit}, {factor * wave:.6f}, 0.05, 0.01, 0.2, 0.0, -9.8")
         rows += [f"ATT, {us}, 0.00, {100.0 * wave:.4f}, 0, 3.0, 90.0", f"RATE, {us}, 1.0"]
         rows.append(f"RCOU, {us}, 1500, {1500 + round(1000.0 * wave)}, {1600 + round(100.0 * wave)}, 1500")
-    (tmp_path / "m.log").write_text(TEXT + "\n".join(rows) + "\n")
+    return (TEXT + "\n".join(rows) + "\n").encode()
+
+
+def test_a_dataflash_log_as_text(tmp_path: Path) -> None:
+    """Its numbers are in their units, as `mavlogdump` writes them; an elevator by pulses goes from 1100 to 1900 us."""
+    pytest.importorskip("pymavlink")
+    (tmp_path / "m.log").write_bytes(dataflash_text())
     record = cs.read_record(tmp_path / "m.log")
     np.testing.assert_allclose(record.t, T, atol=1e-6)
     np.testing.assert_allclose(record["p"], WAVE, atol=1e-6)

@@ -16,17 +16,19 @@ SECONDS = 2.0 * np.arange(N)
 HEAD = ["AXXX001", "HFDTEDATE:170526,01", "I043638FXA3940SIU4143TAS4444TDS"]
 
 
-def written(path: Path, begin: int = 86_390, **changed: str) -> Path:
+def flight_recorder(begin: int = 86_390) -> str:
     """A flight to the south-west over midnight, which climbs; the last digit of the time is a tenth of a second."""
     rows = []
     for i, s in enumerate(SECONDS.tolist()):
         clock = (begin + int(s)) % 86_400
         at = f"{clock // 3600:02d}{clock // 60 % 60:02d}{clock % 60:02d}"
-        fix = "V" if i == 5 else "A"
-        rows.append(
-            f"B{at}47{30_000 - 10 * i:05d}N008{30_000 - 20 * i:05d}E{fix}{-5 + i:05d}{500 + i:05d}01008{100 + i:03d}5"
-        )
-    path.write_text("\r\n".join([*HEAD, *rows, "GABCDEF"]), encoding="ascii")
+        place = f"47{30_000 - 10 * i:05d}N008{30_000 - 20 * i:05d}E{'V' if i == 5 else 'A'}"
+        rows.append(f"B{at}{place}{-5 + i:05d}{500 + i:05d}01008{100 + i:03d}5")
+    return "\r\n".join([*HEAD, *rows, "GABCDEF"])
+
+
+def written(path: Path) -> Path:
+    path.write_text(flight_recorder(), encoding="ascii")
     return path
 
 

@@ -8,14 +8,18 @@ from __future__ import annotations
 import os
 import random
 import shutil
+import tempfile
 import warnings
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
+from records.test_ardupilot_text import dataflash_text, telemetry
 from records.test_drone_logs import blackbox, crazyflie, ros_bag
 from records.test_formats import flown_log, old_px4
+from records.test_igc import flight_recorder
+from records.test_ros_bags import bag
 from scipy.io import savemat
 
 import casid as cs
@@ -25,9 +29,11 @@ from casid.records import limits
 CORPUS = Path(__file__).resolve().parent.parent / "corpus"
 MANY = int(os.environ.get("CASID_MUTANTS", "20000"))
 SHARES = {"csv": 26, "txt": 9, "toml": 22, "xml": 13, "mat": 6, "npz": 5, "h5": 4, "parquet": 3, "xlsx": 1, "ulg": 1}
-SHARES |= {"bin": 1, "bbl": 2, "usd": 5, "mcap": 2}
+SHARES |= {"bin": 1, "bbl": 2, "usd": 5, "mcap": 2, "tlog": 1, "log": 2, "igc": 3, "bag": 1, "db3": 1}
 LOGS = {"ulg": ("pyulog", old_px4), "bin": ("pymavlink", flown_log), "bbl": ("orangebox", blackbox)}
-LOGS |= {"usd": ("casid", lambda: crazyflie(2)), "mcap": ("mcap", ros_bag)}
+LOGS |= {"usd": ("casid", lambda: crazyflie(2)), "mcap": ("mcap", ros_bag), "tlog": ("pymavlink", telemetry)}
+LOGS |= {"log": ("pymavlink", dataflash_text), "igc": ("casid", lambda: flight_recorder().encode("ascii"))}
+LOGS |= {"bag": ("rosbags", lambda: bag_bytes(".bag")), "db3": ("rosbags", lambda: bag_bytes(".db3"))}
 T = np.arange(0.0, 4.0, 0.06)
 SMALL = {"t": T, "delta_e": 0.02 * np.sin(T), "q": 0.01 * np.cos(T), "V": 50.0 + 0.0 * T}
 SPLICES = (
@@ -54,6 +60,11 @@ SPLICES += (
     b"\x1f\x8b",
     b"PK\x03\x04",
 )
+
+
+def bag_bytes(ending: str) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        return bag(Path(folder), ending).read_bytes()
 
 
 def sound(ending: str, folder: Path) -> bytes:

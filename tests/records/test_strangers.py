@@ -22,6 +22,8 @@ from hypothesis import strategies as st
 import casid as cs
 from casid.errors import InputError
 from casid.records.column_map import ColumnMap
+from casid.records.map_file import suggested_map
+from casid.records.readers import read_table
 from casid.signals import CHANNELS
 
 N = 80
@@ -342,6 +344,16 @@ def test_matrices_beside_a_time_are_columns(tmp_path: Path, ending: str, turned:
     record = cs.read_record(path, {"p": "rate[1]", "q": "rate[2]", "r": "rate[3]"})
     np.testing.assert_allclose(record.matrix(["p", "q", "r"]), rates)
     assert list(record.contents.unread.values()) == ["one value, 1"]
+
+
+def test_the_map_to_begin_with_knows_matrices_by_their_names(tmp_path: Path) -> None:
+    matrix = np.stack([WAVE, 2.0 * WAVE, -5.0 + WAVE], axis=1)
+    np.savez(tmp_path / "m.npz", time=T, rate=matrix, attitude=matrix, accel=matrix, elev=WAVE)
+    written = suggested_map(read_table(tmp_path / "m.npz", ColumnMap()), ColumnMap())
+    (tmp_path / "map.toml").write_text(written, encoding="utf-8")
+    record = cs.read_record(tmp_path / "m.npz", tmp_path / "map.toml")
+    for channels in (["p", "q", "r"], ["phi", "theta", "psi"], ["ax", "ay", "az"]):
+        np.testing.assert_allclose(record.matrix(channels), matrix)
 
 
 def test_check_lists_what_was_read_and_what_was_not(tmp_path: Path) -> None:
