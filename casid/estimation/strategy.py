@@ -53,6 +53,7 @@ _TRIED = 60  # evaluations of an attempt from another start
 _EQUAL = 0.01  # of ln(likelihood), as good as the integration is
 _NOWHERE = 1.0  # of the readings: a simulation further from them than zero follows nothing
 _NEAR = 0.1  # standard deviations between two ends of one minimum
+_LITTLE = 0.1  # of the seconds of a solver
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -74,7 +75,7 @@ def ending(problem: Problem, method: Transcription, solver: Solver, clock: Timed
     if time.perf_counter() > clock.deadline and (status.result is Results.STOPPED or status.stage is Stage.AT_START):
         attempt = _with_status(attempt, out_of_time(float(getattr(solver, "seconds", math.inf))))
         end = replace(end, attempt=attempt)
-    doubt = "" if attempt.fine else doubt_of_steps(attempt)
+    doubt = "" if attempt.fine or (_is_over(clock) and not attempt.outcome.converged) else doubt_of_steps(attempt)
     said = "" if attempt.outcome.status.stage is Stage.COARSE else doubt  # by the status already
     return replace(end, remark="; ".join(filter(None, (end.remark, said))), coarse=bool(doubt))
 
@@ -97,6 +98,8 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
         return Ending(attempt=first)
     if first.outcome.converged and idle_parameters(problem):  # no other start changes that
         return Ending(attempt=first)
+    if _is_over(clock) and not first.found:  # nothing that judges it has time either
+        return _no_worse_than_start(problem, method, Ending(attempt=first), clock)
     best, agreed = _searched(problem, asked, first, quick) if first.found or automatic else (first, False)
     if automatic and not best.found and clock.left > 0.0:
         # where the motion of the start has no end, it is collocation that goes on
@@ -110,7 +113,13 @@ def _ending(problem: Problem, method: Transcription, solver: Solver, clock: Time
     if best.found and not agreed and best.is_slow and best.stretches.contradict:
         best = _with_status(best, _another(_CONTRADICTED))
     remark = "" if best is first or not best.found else f"found on a second way: {_found_elsewhere(best, first)}"
-    return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark))
+    return _no_worse_than_start(problem, method, Ending(attempt=best, remark=remark), clock)
+
+
+def _is_over(clock: Timed) -> bool:
+    """Return True if so little time is left that one more attempt would exceed it."""
+    seconds = float(getattr(clock.solver, "seconds", math.inf))
+    return math.isfinite(seconds) and clock.left <= _LITTLE * seconds
 
 
 _CONTRADICTED = "short stretches of the records are explained far better than the whole"
@@ -219,7 +228,7 @@ def _found_elsewhere(best: Attempt, first: Attempt) -> str:
     return f"{where}, where ln(likelihood) is {gain:.4g} higher than where {type(first.method).__name__} ended"
 
 
-def _alike(begin: Attempt, end: Attempt) -> tuple[Attempt, Attempt]:
+def _alike(begin: Attempt, end: Attempt, clock: Timed) -> tuple[Attempt, Attempt]:
     """A start and an end as they compare: in steps that are halved as long as that changes the likelihood of either. A
     search that was cut short may have ended where long steps are wrong by as much as its data allow. An end that is
     another motion in one piece than in many, as of an unstable model, compares as it is."""
@@ -231,7 +240,7 @@ def _alike(begin: Attempt, end: Attempt) -> tuple[Attempt, Attempt]:
     if not (chosen and abs(whole.misfit - reached.misfit) <= _EQUAL):  # true of NaN
         return start, reached
     reached = as_motion(end, steps)
-    while 2 * steps <= MOST_STEPS:
+    while 2 * steps <= MOST_STEPS and not _is_over(clock):
         finer = as_motion(begin, 2 * steps), as_motion(end, 2 * steps)
         changed = [abs(a.misfit - b.misfit) for a, b in zip(finer, (start, reached), strict=True)]
         if not np.isfinite(changed).all() or max(changed) <= _EQUAL:
@@ -240,7 +249,7 @@ def _alike(begin: Attempt, end: Attempt) -> tuple[Attempt, Attempt]:
     return start, reached
 
 
-def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -> Ending:
+def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending, clock: Timed) -> Ending:
     """The start where its simulation is more likely than what was found."""
     if is_implicit(end.attempt.method):
         method = end.attempt.method  # the same integration of both
@@ -254,7 +263,7 @@ def _no_worse_than_start(problem: Problem, method: Transcription, end: Ending) -
         stationarity=np.nan,
         limit_multipliers=np.zeros(len(objective.limits)),
     )
-    start, reached = _alike(Attempt(objective=objective, outcome=nothing, method=method), end.attempt)
+    start, reached = _alike(Attempt(objective=objective, outcome=nothing, method=method), end.attempt, clock)
     if not start.misfit < reached.misfit - _EQUAL:
         return end
     if not np.isfinite(end.attempt.misfit) and ran_away(problem, start.outcome.value, _NOWHERE):

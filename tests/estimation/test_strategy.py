@@ -224,7 +224,8 @@ def test_a_start_and_an_end_are_compared_by_steps_that_are_short_enough(start: f
     found = cs.GaussNewton().minimise(coarse)
     assert found.converged and found.point.theta[0] > 6.05
     end = Ending(attempt=Attempt(objective=coarse, outcome=found, method=cs.SingleShooting()))
-    taken = _no_worse_than_start(problem, cs.SingleShooting(), end)
+    clock = timed(cs.GaussNewton(), time.perf_counter())
+    taken = _no_worse_than_start(problem, cs.SingleShooting(), end, clock)
     assert taken.attempt.values["w"] == (start if start == 6.0 else found.point.theta[0])
 
 
