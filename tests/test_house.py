@@ -234,6 +234,31 @@ def test_gates_are_made_in_one_file() -> None:
     assert found == {"casid/diagnosis/cause.py", "casid/diagnosis/gates.py"}
 
 
+# who minimises anything by scipy, and why it is no fit of a problem
+MINIMISERS = {
+    "casid/estimation/population.py": "the spread over records, whose likelihood is that of whole fits",
+    "casid/filtering/likelihood.py": "levels of noise at one linearisation, parameters at their optimum for each",
+    "casid/filtering/colour.py": "one correlation time of a series",
+}
+
+
+def test_one_loop_makes_the_steps_of_every_fit() -> None:
+    """Searches of the engine are driven by `iteration.py`; the parameters' step within limits is solved for the two
+    kinds of objective, their path limits, and Newton's reduced problem. Other minimisers are named with a reason."""
+    rooms = sources("casid/estimation", "casid/filtering", "casid/analysis")
+    calls = [
+        (str(path.relative_to(REPO)), ast.unparse(node.func))
+        for path in rooms
+        for node in ast.walk(tree_of(path))
+        if isinstance(node, ast.Call)
+    ]
+    solvers = "casid/estimation/solvers"
+    assert {path for path, call in calls if call.endswith(".advance")} == {f"{solvers}/iteration.py"}
+    steps = {path for path, call in calls if call == "parameter_step"}
+    assert steps == {f"{solvers}/{name}.py" for name in ("objective", "own", "paths", "newton")}
+    assert {path for path, call in calls if call.startswith("scipy.optimize.")} == set(MINIMISERS)
+
+
 def test_casid_needs_only_its_declared_dependencies() -> None:
     """At module level casid imports the standard library and [project.dependencies]; extras wait inside functions."""
     project = tomllib.loads((REPO / "pyproject.toml").read_text(encoding="utf-8"))["project"]
