@@ -296,8 +296,8 @@ def _range(panels: Sequence[Panel], axis: Callable[[Panel], Axis], drawn: Callab
     values = np.concatenate([np.ravel(one) for panel in panels for one in drawn(panel)] or [np.zeros(0)])
     values = values[np.isfinite(values) & ((values > 0.0) | (not own.log))]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
-    along = drawn is _across and not any(one.std_x is not None for panel in panels for one in panel.of(Curve))
-    room = _ROOM_ALONG if along else _ROOM
+    lines = any(one.look.dash and not one.look.marker for panel in panels for one in panel.of(Curve))
+    room = _ROOM_ALONG if lines and drawn is _across else _ROOM
     if own.log:
         factor = (high / low) ** room if high > low else 2.0
         found = low / factor, high * factor

@@ -49,7 +49,7 @@ _HANDLE = 0.55  # inches of a line in the legend
 _NAME = 40  # letters of a name beside an axis
 _POINTS = 1500  # of a curve
 _DOTS = 2000  # of a curve, more of which become pixels
-_DECADES = (1.7, 4.0)  # of a logarithmic axis: numbers 1, 2, 5; powers of ten
+_DECADES = (0.7, 1.7, 4.0)  # of a logarithmic axis: numbers 1 to 9; 1, 2, 5; powers of ten
 _TEXT = 0.55  # of a scale: on darker cells a text is white
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC: Mapping[str, Any] = MappingProxyType(
@@ -214,10 +214,11 @@ def _axis(axis: AxisOfMatplotlib, told: Axis, ends: tuple[float, float], room: f
             axis.get_ticklabels()[k].set_fontweight("bold")
     elif told.log:
         decades = math.log10(high / low)
-        if decades > _DECADES[1]:
+        if decades > _DECADES[2]:
             _powers(axis)
         else:
-            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if decades < _DECADES[0] else (1.0,)))
+            subs = range(1, 10) if decades < _DECADES[0] else (1.0, 2.0, 5.0) if decades < _DECADES[1] else (1.0,)
+            axis.set_major_locator(LogLocator(subs=tuple(subs)))
             axis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
             axis.set_minor_locator(NullLocator())
     elif told.step:

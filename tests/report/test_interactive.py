@@ -144,7 +144,7 @@ window.addEventListener("load", () => setTimeout(async () => {
     const shown = (name) => [...figure.querySelectorAll(name)].filter((one) => one.offsetWidth > 0 && one.textContent);
     told.axes = shown(".axis").map((one) => one.textContent);
     told.legends = shown(".legend span").map((one) => one.textContent.trim());
-    told.values = [shown(".values").length];
+    told.values = [shown(".readout").length];
     told.canvases = figure.querySelectorAll("canvas").length;
     const pixels = (canvas) => canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
     const inked = (canvas) => pixels(canvas).some((v) => v);
@@ -170,7 +170,7 @@ window.addEventListener("load", () => setTimeout(async () => {
     document.dispatchEvent(at("mouseup", 0.6, { button: 0 }));
     await wait();
     told.cursors = plots.map((p) => p.cursor.idx);
-    told.values.push(shown(".values").length);
+    told.values.push(shown(".readout").length);
     told.heights.push(heights());
     told.zoomed = plots.map((p) => [p.scales.x.min, p.scales.x.max]);
     told.cut.push(...cut());
@@ -184,7 +184,7 @@ window.addEventListener("load", () => setTimeout(async () => {
     told.heights.push(heights());
     over.dispatchEvent(at("mouseleave", 1.2));
     await wait();
-    told.values.push(shown(".values").length);
+    told.values.push(shown(".readout").length);
     const edge = (one) => one.getBoundingClientRect(), frame = edge(figure);
     const out = (one) => one.offsetWidth > 0 && edge(one).right > frame.right + 1;
     told.outside = [...figure.querySelectorAll(".heading, .axis, .legend span, .tools > *")].filter(out).length;

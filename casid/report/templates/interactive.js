@@ -58,11 +58,11 @@
     draw.restore();
   };
 
-  /* 1, 2 and 5 of every decade, or the decades alone where there are many. */
+  /* 1, 2 and 5 of every decade, 1 to 9 within one, the decades alone where there are many. */
   const decades = (u, i, min, max) => {
-    const found = [], all = max / min > 200;
+    const found = [], parts = max / min < 5 ? [1, 2, 3, 4, 5, 6, 7, 8, 9] : max / min < 50 ? [1, 2, 5] : [1];
     for (let ten = 10 ** Math.floor(Math.log10(min)); ten <= max; ten *= 10)
-      for (const part of all ? [1] : [1, 2, 5]) if (ten * part >= min && ten * part <= max) found.push(ten * part);
+      for (const part of parts) if (ten * part >= min && ten * part <= max) found.push(ten * part);
     return found;
   };
   const axis = (log) => ({
@@ -131,7 +131,7 @@
       const box = make("div", "panel", grid);
       boxes.push(box);
       make("div", "heading", box, panel.label);
-      const values = make("div", "values", box);
+      const values = make("div", "readout", box);
       const series = [{}], bands = [];
       const data = [Array.from(new Float32Array(bytes(panel.x)))];
       for (const one of panel.bands) {
