@@ -66,6 +66,7 @@ def of_log(
     flying: Series | None = None,
     notes: tuple[str, ...] = (),
     unread: Mapping[str, str] | None = None,
+    how: Mapping[str, str] | None = None,
 ) -> RawTable:
     """The table of a log on the clock of its rates, or of its fastest channel, while all that drives a model was
     recorded and, by `flying`, the aircraft was in the air. Pauses stay gaps."""
@@ -101,6 +102,7 @@ def of_log(
         values=np.stack(columns, axis=1),
         notes=notes,
         unread=dict(unread or {}),
+        how={i: how[name] for i, name in enumerate(series, 1) if how and name in how},
         grounded=bool(said and airborne.all()),
     )
 

@@ -318,9 +318,11 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     found = [one for one in FORMATS if one.begins and head.startswith(one.begins)]
     found += [one for one in FORMATS if ending in one.endings]
     if not found:
-        how = _CONVERTED.get(ending, "save it as CSV, or as another of these")
-        known = ", ".join(e for one in FORMATS for e in one.endings)
-        raise InputError(f"{path}: files of '{ending}' are not read: {how}; read are {known}")
+        known = [e for one in FORMATS for e in one.endings]
+        slip = next((one for one in known if sorted(one) == sorted(ending)), "")  # a typing error, as .cvs is
+        how = f"did you mean '{slip}'? Rename it" if slip else "save it as CSV, or as another of these"
+        how = _CONVERTED.get(ending, how)
+        raise InputError(f"{path}: files of '{ending}' are not read: {how}; read are {', '.join(known)}")
     if path.suffix.lower() == ".gz" and found[0] is not FORMATS[0]:
         raise InputError(f"{path}: is packed, and only text is read packed; unpack it: gunzip {path}")
     terms = column_map.columns.get("t", ())

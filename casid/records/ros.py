@@ -73,17 +73,22 @@ def table_of_topics(
     of_px4 = {key: one for key, one in of_px4.items() if "timestamp" in one}
     series, said = of_topics(of_px4) if of_px4 else ({}, ())
     notes = (*said, *notes[1:]) if of_px4 else notes
+    how = dict[str, str]()
     for topic, (kind, rows) in topics.items():
         found = {} if _is_px4(kind) else _of_messages(topic, kind, _columns(rows), series)
         if not found and not _is_px4(kind):
             unread[topic] = f"no numbers in {kind}"
+        own = [name for name in found if not name.startswith(f"{topic}.")]
+        how |= dict.fromkeys(own, f"of {topic}, {kind}")
+        if kind in _KNOWN and found and not own:
+            notes = (*notes, f"{topic} keeps its own names, as another topic has its channels; a map may take them")
         series |= found
     if not series:
         raise InputError(f"{path}: no message with numbers; the bag has {', '.join(topics) or 'nothing'}")
     notes = notes if of_px4 else (*notes, *lost(series))
     unread |= of_no_channel(of_px4) if of_px4 else {}
     unread |= dict.fromkeys(list(series)[_COLUMNS:], f"beyond the first {_COLUMNS} columns")
-    return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes, unread)
+    return of_log(path, dict(list(series.items())[:_COLUMNS]), flying(of_px4), notes, unread, how)
 
 
 def _messages(reader: Any) -> tuple[dict[str, Any], Exception | None]:

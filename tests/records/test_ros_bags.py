@@ -46,7 +46,7 @@ def bag(folder: Path, ending: str) -> Path:
     nine = np.zeros(9)
     with writer:
         names = {"/imu": "sensor_msgs/msg/Imu", "/vrpn/pose": "geometry_msgs/msg/PoseStamped", "/volts": VOLTS}
-        names |= {"/said": "std_msgs/msg/String"}
+        names |= {"/said": "std_msgs/msg/String", "/second": "sensor_msgs/msg/Imu"}
         topics = {topic: writer.add_connection(topic, of, typestore=store) for topic, of in names.items()}
         write = store.serialize_ros1 if ending == ".bag" else store.serialize_cdr
         for i, (t, wave) in enumerate(zip(T.tolist(), WAVE.tolist(), strict=True)):
@@ -54,7 +54,12 @@ def bag(folder: Path, ending: str) -> Path:
             rates, force = vector(wave, 0.5 * wave, -wave), vector(0.1, 0.2, 9.8)
             imu = kind[names["/imu"]](header(ns), turn, nine, rates, nine, force, nine)
             pose = kind["geometry_msgs/msg/Pose"](position=vector(2.0, 3.0 + wave, 4.0, "Point"), orientation=turn)
-            messages = {"/imu": imu, "/volts": kind[VOLTS](data=11.1, cell="a"), "/said": kind[names["/said"]]("go")}
+            messages = {
+                "/imu": imu,
+                "/second": imu,
+                "/volts": kind[VOLTS](data=11.1, cell="a"),
+                "/said": kind[names["/said"]]("go"),
+            }
             messages |= {"/vrpn/pose": kind[names["/vrpn/pose"]](header(ns), pose)} if i % 2 == 0 else {}
             for topic, message in messages.items():
                 writer.write(topics[topic], ns, write(message, names[topic]))
@@ -74,6 +79,9 @@ def test_a_bag(tmp_path: Path, ending: str) -> None:
     np.testing.assert_allclose(record["north"][there], 3.0 + WAVE[there], atol=1e-9)
     np.testing.assert_allclose(record["east"][there], 2.0)
     np.testing.assert_allclose(record["/volts.data"], 11.1)
+    assert "of /imu, sensor_msgs/msg/Imu" in record.contents.read["p"]
+    np.testing.assert_allclose(record["/second.angular_velocity.x"], WAVE, atol=1e-9)
+    assert any("/second keeps its own names" in note for note in record.notes)
     assert record.contents.unread == {"/said": "no numbers in std_msgs/msg/String"}
 
 
