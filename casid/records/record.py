@@ -198,6 +198,8 @@ class Record:
         stated = state.get("stated")
         stated = MappingProxyType(dict(stated) if isinstance(stated, Mapping) else {})  # of before, without units
         channels = MappingProxyType(state["channels"])
+        for array in (state["t"], *channels.values()):  # which pickle does not keep
+            array.flags.writeable = False
         self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
 
     def hold_of(self, channel: str) -> str:
@@ -311,9 +313,10 @@ def _unlocked(hold: str | Mapping[str, str]) -> str | dict[str, str]:
 
 
 def _samples(values: Any, what: str) -> np.ndarray:
-    """(N,) floats."""
+    """Return (N,) floats of our own, which nobody can write to; masked ones are missing."""
     try:
-        array = None if values is None else np.asarray(values)
+        masked = np.ma.is_masked(values)
+        array = None if values is None else np.ma.filled(values.astype(float), np.nan) if masked else np.asarray(values)
     except ValueError:  # rows of unlike length
         array = None
     if array is None or array.dtype.kind not in "fiu":
@@ -322,7 +325,9 @@ def _samples(values: Any, what: str) -> np.ndarray:
         raise InputError(f"{what} is {got}; expected numbers, an array (N,)")
     if array.ndim != 1:
         raise InputError(f"{what} has the shape {array.shape}; expected one dimension, (N,)")
-    return array.astype(float)
+    array = array.astype(float)
+    array.flags.writeable = False
+    return array
 
 
 def _check_increasing(t: np.ndarray, where: str) -> None:
@@ -343,6 +348,9 @@ def _channel(name: Any, values: Any, t: np.ndarray, where: str) -> np.ndarray:
     samples = _samples(values, f"{where}: channel '{name}'")
     if samples.shape != t.shape:
         raise InputError(f"{where}: channel '{name}' has shape {samples.shape}, time {t.shape}; both need the same")
+    infinite = np.flatnonzero(np.isinf(samples))
+    if len(infinite):
+        raise InputError(f"{where}: channel '{name}' is infinite at sample {infinite[0]}; NaN says that one is missing")
     return samples
 
 

@@ -327,3 +327,22 @@ def test_no_spreadsheet_evaluates_a_header_and_it_is_read_back(
     header = file.read_text(encoding="utf-8").splitlines()[0]
     assert not any(cell[:1] in "=+-@" for cell in next(csv.reader([header])))
     assert np.array_equal(read_record(file, own=[name])[name], record[name])
+
+
+def test_a_record_holds_what_it_was_given_and_nobody_writes_to_it() -> None:
+    """Masked samples are missing, infinite ones are refused, and the arrays are the record's own."""
+    t = 0.02 * np.arange(100)
+    given_values = np.sin(t)
+    record = Record(name="m", t=t, channels={"x": np.ma.masked_where(t > 1.0, t), "y": given_values})
+    assert np.array_equal(np.isnan(record["x"]), t > 1.0)
+    given_values[:] = 7.0
+    assert np.array_equal(record["y"], np.sin(t))
+    again = pickle.loads(pickle.dumps(record))
+    for array in (record.t, record["y"], again.t, again["y"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    for wrong in (np.inf, -np.inf):
+        with pytest.raises(InputError, match="infinite"):
+            Record(name="m", t=t, channels={"x": np.where(t > 1.0, wrong, t)})
+    with pytest.raises(InputError):
+        Record(name="m", t=np.ma.masked_where(t > 1.0, t), channels={"x": t})
