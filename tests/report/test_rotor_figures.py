@@ -63,8 +63,8 @@ def test_the_file_answers_a_step_with_a_unit_acceleration_behind_its_lag():
 )
 def test_an_effect_changes_the_answer_of_its_axes_alone(effect: cs.EffectValue, factors: dict[str, float]):
     found = axis_responses(aircraft(), aircraft(effect), [HOVERS])
-    for axis, given in found.as_given.items():
-        np.testing.assert_allclose(found.extended[axis], factors.get(axis, 1.0) * given, atol=1e-12)
+    for axis, answer in found.as_given.items():
+        np.testing.assert_allclose(found.extended[axis], factors.get(axis, 1.0) * answer, atol=1e-12)
 
 
 def test_a_longer_lag_is_in_the_answer():
