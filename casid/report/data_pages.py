@@ -116,16 +116,13 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     for name in names:
         panel = history(name, record.t, {line: record[name]}, x=TIME, height=0.9)
         panels.append(replace(panel, parts=(*spans, *panel.parts)))
-    numbers = (
-        Note(text=f"{k}: {'+'.join(one.axes)}", x=0.5 * (one.start + one.stop), align="center")
-        for k, one in enumerate(found, 1)
-    )
+    numbers = (Note(text=str(k), x=0.5 * (one.start + one.stop), align="center") for k, one in enumerate(found, 1))
     panels[0] = replace(panels[0], parts=(*panels[0].parts, *numbers))
     return Picture(
         name=f"segments_{file_name(record.name)}",
         figure=Figure(rows=stacked(panels), width=WIDE),
         title=f"{record.name}: manoeuvres",
-        caption="Surfaces and rates of rotation. Shaded and numbered: the manoeuvres that were found.",
+        caption="Surfaces and rates of rotation. Shaded and numbered as in the table: the manoeuvres that were found.",
         alt=f"{len(found)} manoeuvres in {record.name}.",
     )
 

@@ -40,6 +40,7 @@ def rotors_from_above(document: Document) -> Picture | None:
     places = np.array([(one.position[1], one.position[0]) for one in rotors.each])
     size = max(float(np.max(np.hypot(*places.T))), 1e-6)
     against = {one.parameter for one in document.contradicted}
+    moved = {one.parameter: one for one in document.moved}
     told = []
     low = np.inf
     high = -np.inf
@@ -51,7 +52,9 @@ def rotors_from_above(document: Document) -> Picture | None:
         name = effectiveness(one.name)
         says = document.flight[name]
         cause = named.get(one.name)
-        value, std = (cause.value, cause.std) if cause else (says.value / one.effectiveness - 1.0, says.std)
+        left = moved.get(name)  # the figure has the number of the sentence, and none that no sentence has
+        extended = left.extended if left else one.effectiveness
+        value, std = (cause.value, cause.std) if cause else (extended / one.effectiveness - 1.0, says.std)
         changed = 100.0 * value
         wide = 100.0 * std / (1.0 if cause else one.effectiveness)
         look = Look(colour=ORANGE if cause or name in against else BLUE, width=2.0)
@@ -60,11 +63,12 @@ def rotors_from_above(document: Document) -> Picture | None:
         circle = x + 0.42 * size * np.cos(turn), y + 0.42 * size * np.sin(turn)
         parts.append(Curve(look=look, x=circle[0], y=circle[1]))
         deviation = f"{changed:+.0f} ± {digits(wide, 1)} %".replace("-", "−")
-        if not (cause or says.determined):
-            deviation = "as stated"
+        stated = not (cause or left)
+        if stated:
+            deviation = "as given"
         text = f"{one.name}\n{digits(mean, 3)} N\n{deviation}"
         parts.append(Note(text=text, x=float(x), y=float(y), align="center"))
-        told.append(f"{one.name} {f'{changed:+.0f} per cent' if cause or says.determined else 'as stated'}")
+        told.append(f"{one.name} {'as given' if stated else f'{changed:+.0f} per cent'}")
         low = min(low, y)
         high = max(high, y)
     top = high + 0.62 * size
@@ -85,7 +89,7 @@ def rotors_from_above(document: Document) -> Picture | None:
         figure=Figure(rows=((panel,),)),
         title="The rotors from above",
         caption="Mean thrust by the file of the commands that were flown, and by how much the true one differs, with "
-        "±1σ; as stated: these records do not tell it better than the file. Orange: named, or inconsistent with the "
+        "±1σ; as given: the value stays as it is in the file. Orange: named, or inconsistent with the "
         "file. A rotor that is weak needs larger commands in hover.",
         alt=f"Top view of {len(rotors.each)} rotors with their thrust against the file: {', '.join(told)}.",
     )

@@ -237,6 +237,7 @@ document.querySelectorAll('details').forEach(one => { one.open = true; });
 const seen = i => i.closest('figure.live')?.querySelector('canvas') ?? i;
 d.dataset.images = JSON.stringify(
   [...document.images].map(i => [i.naturalWidth, seen(i).clientWidth, seen(i).clientHeight]));
+d.dataset.bar = JSON.stringify([...document.querySelectorAll('.bar i')].map(i => i.getBoundingClientRect().width));
 d.dataset.wide = d.scrollWidth - d.clientWidth; });</script>"""
 
 
@@ -274,3 +275,6 @@ def test_page_in_a_browser(folder: Path, tmp_path: Path, width: int) -> None:
     sizes = json.loads(root["data-images"] or "[]")
     assert len(sizes) == len(re.findall("<img ", page)) and all(min(size) > 0 for size in sizes)
     assert int(root["data-wide"] or "0") == 0
+    parts = json.loads(root["data-bar"] or "[]")
+    told = [int(share) for share in re.findall(r"flex-grow: (\d+)", page)]
+    assert parts and [100.0 * part / sum(parts) for part in parts] == pytest.approx(told, abs=1.0)

@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import casid as cs
+from casid.diagnosis.facts import ChangedValue
+from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.systems.axis_responses import axis_responses
+from casid.model.rotors import effectiveness
+from casid.report.rotor_figures import rotors_from_above
 
 ARM, HOVER, LAG = 0.1, 0.8 * 9.80665 / 4.0, 0.05
 
@@ -54,8 +63,8 @@ def test_the_file_answers_a_step_with_a_unit_acceleration_behind_its_lag():
 )
 def test_an_effect_changes_the_answer_of_its_axes_alone(effect: cs.EffectValue, factors: dict[str, float]):
     found = axis_responses(aircraft(), aircraft(effect), [HOVERS])
-    for axis, given in found.as_given.items():
-        np.testing.assert_allclose(found.extended[axis], factors.get(axis, 1.0) * given, atol=1e-12)
+    for axis, answer in found.as_given.items():
+        np.testing.assert_allclose(found.extended[axis], factors.get(axis, 1.0) * answer, atol=1e-12)
 
 
 def test_a_longer_lag_is_in_the_answer():
@@ -63,3 +72,36 @@ def test_a_longer_lag_is_in_the_answer():
     found = axis_responses(aircraft(), slow, [HOVERS])
     expected = found.t - 0.15 * (1.0 - np.exp(-found.t / 0.15))
     np.testing.assert_allclose(found.extended["roll"], expected, atol=1e-12)
+
+
+@given(
+    sizes=st.lists(st.floats(0.5, 1.5).map(lambda x: round(x, 2)), min_size=4, max_size=4),
+    told=st.sets(st.integers(0, 3)),
+)
+def test_the_view_from_above_has_the_numbers_of_the_sentences_and_no_others(sizes: list[float], told: set[int]) -> None:
+    """The records determine every rotor; the number of a rotor is drawn where a sentence has it."""
+    names = list(HOVERS.channels)
+    moved = [
+        ChangedValue(
+            parameter=effectiveness(names[k]),
+            unit="1",
+            given=1.0,
+            extended=sizes[k],
+            stated_std=0.01,
+            identifiable=True,
+        )
+        for k in sorted(told)
+    ]
+    document: Any = SimpleNamespace(
+        aircraft=aircraft(),
+        causes=(),
+        contradicted=(),
+        moved=moved,
+        flight={effectiveness(name): FlightValue(value=0.3, std=0.01, determined=True) for name in names},
+        as_given=SimpleNamespace(records=[HOVERS]),
+    )
+    picture = rotors_from_above(document)
+    assert picture is not None
+    for k, name in enumerate(names):
+        number = f"{100.0 * (sizes[k] - 1.0):+.0f} per cent"
+        assert f"{name} {number if k in told else 'as given'}" in picture.alt
