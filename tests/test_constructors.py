@@ -77,6 +77,7 @@ MAKERS: dict[str, Any] = {
     "Huber": cs.Huber(),
     "RangeWeights": cs.RangeWeights(),
     "CombinedError": cs.CombinedError(),
+    "FilterError": cs.FilterError(process_noise={"w": 0.0}),
     "FourierEquationError": cs.FourierEquationError(band=(0.1, 2.0)),
     "FourierOutputError": cs.FourierOutputError(band=(0.1, 2.0)),
     "SingleShooting": cs.SingleShooting(),

@@ -334,7 +334,7 @@ def aircraft_model(
     aircraft = given_aircraft(aircraft, "aircraft_model")
     _check_axes(aircraft, axes)
     chosen = names(outputs, "aircraft_model: outputs") if outputs is not None else None
-    scope = {"axes": axes, "outputs": chosen, "known": tuple(known), "turning": turning, "equations": equations}
+    scope = {"axes": axes, "outputs": chosen, "known": tuple(known), "turning": dict(turning), "equations": equations}
     found = _named(aircraft, aircraft.effects if effects is None else tuple(effects))
     chosen = _outputs(aircraft, axes, chosen, found)
     probe = _probe(aircraft, axes, chosen) if any(one.effect.change is None for one in found) else None

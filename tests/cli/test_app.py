@@ -102,16 +102,16 @@ def test_an_aircraft_without_records_is_an_error_and_not_the_demonstration(tmp_p
     assert done.stdout == "" and "needs records" in done.stderr and not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("sent", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_stopped_run_leaves_nothing(tmp_path: Path, sent: signal.Signals, status: int) -> None:
+def test_a_terminated_run_leaves_nothing(tmp_path: Path) -> None:
+    """Ctrl-C is another question: it leaves the results so far."""
     out = tmp_path / "out"
     command = [sys.executable, "-m", "casid", "demo", "--out", str(out)]
     running = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not list(tmp_path.glob(".out-*")) and running.poll() is None:
         time.sleep(0.01)
-    running.send_signal(sent)
+    running.send_signal(signal.SIGTERM)
     _, said = running.communicate(timeout=60)
-    assert running.returncode == status and said.count("\n") == 1 and not list(tmp_path.iterdir())
+    assert running.returncode == 143 and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -231,7 +231,7 @@ def test_a_check_writes_its_page(tmp_path: Path) -> None:
     page = (out / "check.html").read_text()
     assert json.loads((out / "check.json").read_text())["data"][0]["kind"] == "data_stuck"
     assert page.count("<img ") == 1 and '<tr class="marked">' in page and "&lt;i&gt;" in page and "<i>" not in page
-    assert "http" not in page.replace("http://www.w3.org", "")
+    assert not re.search(r"""(?:src|href)\s*=\s*["']?http""", page)
 
 
 def test_a_manoeuvre_that_separates_two_causes(tmp_path: Path) -> None:
