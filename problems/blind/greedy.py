@@ -75,7 +75,8 @@ def _settled(aircraft: cs.Aircraft, effects: Any, records: Any, start: Mapping[s
     """The fit with noise of its own, in which a reading weighs as one of the `correlation_length`."""
     free = _account(aircraft, effects, records, start, None)
     root = dict(zip(free.fit.problem.model.outputs, np.sqrt(correlation_length(free.left)).tolist(), strict=True))
-    return _account(aircraft, effects, records, free.fit.values, {n: s * root[n] for n, s in free.fit.noise.items()})
+    noise = {name: free.fit.noise.get(name, 1.0) * of for name, of in root.items()}  # 1: of what is not measured
+    return _account(aircraft, effects, records, free.fit.values, noise)
 
 
 def _account(aircraft: cs.Aircraft, effects: Any, records: Any, start: Mapping[str, float], noise: Any) -> Account:
@@ -118,7 +119,7 @@ def correlation_length(left: Sequence[np.ndarray]) -> np.ndarray:
 def screened(aircraft: cs.Aircraft, now: Account) -> list[cs.EffectValue]:
     """The MOST hypotheses by which the weighed sum of squares falls most, with their sizes there."""
     records = now.fit.problem.records
-    effects = [one for one in catalogue(aircraft, now.fit.problem.model.outputs) if one.name not in now.fit.values]
+    effects = [one for one in catalogue(aircraft, now.fit.channels) if one.name not in now.fit.values]
     within = [one for one in effects if one.change is not None and one.series is None]
     rows: list[_Row] = [(one, {}, None) for one in within]
     seconds = np.arange(1.0, max(record.duration for record in records)).tolist()
