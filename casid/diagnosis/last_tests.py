@@ -175,7 +175,6 @@ def _missing_on_held(
         found = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
         return _not_by_noise(evidence.fit, found, causes, begun, share)
 
-    kept.evidence.forget()  # the arrays of one model are enough to hold
     found = missing(kept.fit, kept.held_fit)
     if found and nuisance:
         joint = kept.with_effects(nuisance)
@@ -224,8 +223,6 @@ def judged(
     state = replace(state, rounds=tempered(state.rounds, state.evidence))
     stages.begin("held-out records")
     kept = keep(held, state)
-    if kept.evidence is not state.evidence:
-        state.evidence.forget()
     stages.begin("missing inputs")
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
     exact = _missing_in(kept.fit)
@@ -236,8 +233,7 @@ def judged(
     bare = begun.without_causes({c.key for c in causes})
     air = in_other_air(kept.fit).lighter(filtered=False) if kept.fit.noise.coloured else None  # its values are asked
     flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))
-    kept.evidence.forget()
-    first = exact if kept.fit is bare else _missing_in(bare, last=True)
+    first = exact if kept.fit is bare else _missing_in(bare)
     fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
     refitted, extended, held_refitted, held_extended = map(view_of, fits)
     added = diagnosed(kept, causes, (*minor, *refused), flight)
@@ -276,10 +272,6 @@ def judged(
     )
 
 
-def _missing_in(fitted: FlightFit, last: bool = False) -> list[MissingInput]:
-    """The latent inputs beside a model whose structure is taken as exact; its arrays are given up if these are `last`
-    asked for."""
-    found = missing_inputs(weigh(fitted, discrepancy=False))
-    if last:
-        fitted.forget()
-    return found
+def _missing_in(fitted: FlightFit) -> list[MissingInput]:
+    """The latent inputs beside a model whose structure is taken as exact."""
+    return missing_inputs(weigh(fitted, discrepancy=False))

@@ -19,13 +19,16 @@ _THREAD = threading.local()  # `processors` of one of `side_by_side`
 
 
 def processors() -> int:
-    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer; its part of them in a thread that runs
-    `side_by_side` with others."""
-    if (own := getattr(_THREAD, "processors", 0)) > 0:
-        return own
-    available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    """Processors that are `available`; its part of them in a thread that runs `side_by_side` with others."""
+    own = getattr(_THREAD, "processors", 0)
+    return own if own > 0 else available()
+
+
+def available() -> int:
+    """Processors that this process may use, or OMP_NUM_THREADS if that is fewer."""
+    present = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     asked = os.environ.get("OMP_NUM_THREADS", "")
-    return min(available, int(asked)) if asked.isdigit() and int(asked) > 0 else available
+    return min(present, int(asked)) if asked.isdigit() and int(asked) > 0 else present
 
 
 def share_out(parts: int, run: Callable[[int, int], None]) -> None:
@@ -45,13 +48,13 @@ def share_out(parts: int, run: Callable[[int, int], None]) -> None:
 def side_by_side(run: Callable[[Task], Result], tasks: Sequence[Task]) -> list[Result]:
     """run(task) of each, in their order, as many at once as there are processors; each has its part of those, and
     linear algebra one thread. Raises what the first of them raises."""
-    available = processors()
-    workers = min(available, len(tasks))
+    mine = processors()
+    workers = min(mine, len(tasks))
     if workers < 2:
         return [run(task) for task in tasks]
 
     def alone(task: Task) -> Result:
-        _THREAD.processors = available // workers
+        _THREAD.processors = mine // workers
         return run(task)
 
     with single_threaded(), ThreadPoolExecutor(workers) as pool:

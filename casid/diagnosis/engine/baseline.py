@@ -126,7 +126,6 @@ def _kinematics_of(calm: FlightFit, known: Sequence[Attached], say: Callable[[st
     """The result of the kinematic stage beside a re-estimated file."""
     say("kinematics")
     offsets = demanded_offsets(calm)
-    calm.forget()
     found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
     say("refit of the file")
     return found
@@ -138,12 +137,9 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
     structured = calm
     moving = found.turbulence
     if structure:
-        calm.forget()  # the arrays of one model are enough to hold
         structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm))
     start = structured
     if moving.named:
-        for one in (calm, structured):
-            one.forget()
         start = in_colour(in_turbulence(of_aircraft(calm.flight), moving, structured))
     calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # rarely needed again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -170,11 +169,6 @@ def _reversed(values: Values) -> Values:
     return {**values, "value": -values["value"]}
 
 
-# Fit of a model -> candidate as it was fitted beside it -> what `try_cause` found: the next best takes the place of one
-# that is refused.
-_TRIED: WeakKeyDictionary[FlightFit, dict[Candidate, tuple[Trial, Evidence, Intervals]]] = WeakKeyDictionary()
-
-
 def try_cause(
     evidence: Evidence, candidate: Candidate, seen: Gate | None, give_up: float
 ) -> tuple[Trial, Evidence, Intervals]:
@@ -193,7 +187,8 @@ def try_cause(
     noise = evidence.fit.noise
     if seen is not None and not seen.passed:
         return given_up(base, candidate, seen), evidence, {}
-    if candidate in (tried := _TRIED.setdefault(base, {})):
+    tried: dict[Candidate, tuple[Trial, Evidence, Intervals]] = base.kept.small.setdefault("tried", {})
+    if candidate in tried:  # the next best takes the place of one that is refused
         return tried[candidate]
     interval: Intervals = {}
     # At size zero the other values of an effect have no influence and could not be estimated.
@@ -207,7 +202,6 @@ def try_cause(
     if attached.effect.timed:
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():
-            joint.forget()
             joint = weigh(fit(base.flight, [*base.attached, wider], noise, fitted, extent="trial"))
         if joint.fit.deviance < give_up:
             joint, interval = at_peak(joint, evidence.criteria.numerics.events.trial_moves)
@@ -223,7 +217,6 @@ def try_cause(
         share=meaningful_share(fitted, one),
         moved={slot.name: fitted[slot.name] - base[slot.name] for slot in base.slots},
     )
-    joint.forget()
     if fitted.converged:
         tried[trial.candidate] = trial, joint.lighter(), interval
     return trial, joint.lighter(), interval  # of many trials the time histories would be more than those of a model
@@ -248,8 +241,6 @@ def checked(trial: Trial, fitted: FlightFit, evidence: Evidence, kinematic: Evid
     one = trial.candidate.attached
     # A term makes its coefficient look more nonlinear. The other terms therefore keep their scale from before.
     clear = gain.raw + gain.spared if one.effect.regressor else gain.raw
-    if not one.effect.linear:
-        evidence.forget()  # the kinematics are fitted: the arrays of one model are enough to hold
     check = kinematic_check(kinematic, one)
     size = size_gates(fitted, one, trial.share, clear, check.confirmed)
     trial = replace(trial, size=size, check=check)
@@ -374,5 +365,4 @@ def _without_weak(base: FlightFit, evidence: Evidence) -> Evidence:
     values = {("value" if c == names[0] else c): size for c, size in sizes.items()}
     values["duration"] = one.values["duration"]
     slim = Attached(effect=configuration_change("+".join(names)), values=values, onsets=one.onsets)
-    evidence.forget()
     return weigh(fit(base.flight, [*base.attached, slim], base.noise, fitted, extent="trial"))

@@ -170,7 +170,6 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     """
     begun = state.baseline
     final = state.fit
-    state.forget()  # the arrays of one model are enough to hold
     steps = [begun.calm, begun.structured, begun.start]
     judged = partial(_judged, held, state)
     models = {_key(one): one for one in (*steps, final)}
@@ -207,8 +206,6 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     unsure = {one.name for one in structure if not is_sure(evidence, one.name)}
     held_fit = there.fit
     if unsure:  # a term that these records do not determine can take any size
-        evidence.forget()
-        state.forget()
         final = without(final, unsure)
         evidence = weigh(final)
         held_fit = judge_on(held, final)
@@ -264,8 +261,6 @@ def _judged(held: Sequence[Record], state: State, fitted: FlightFit, but: frozen
         on_held = predicted_on(held, evidence)
     except (InputError, np.linalg.LinAlgError) as error:
         on_held = Predicted(fit=evidence.fit, deviance=np.inf, why=str(error))
-    if not is_final:
-        evidence.forget()
     return evidence, on_held
 
 
@@ -337,7 +332,6 @@ def predicted(held: FlightFit, known: Evidence) -> Predicted:
     that matter on the held-out ones: an aileron manoeuvre does not determine the rudder derivatives.
     """
     there = weigh(all_free(held))
-    held.forget()
     mean, information = _expected(known, there)
     gram, slope = _data(there)
     posterior = gram + information

@@ -88,12 +88,6 @@ class State:
     def fit(self) -> FlightFit:
         return self.evidence.fit
 
-    def forget(self) -> None:
-        """Give up the arrays of both evidences, which are computed again on demand."""
-        for one in (self.evidence, self.kinematic):
-            if one is not None:
-                one.forget()
-
     @property
     def named(self) -> list[Round]:
         """The rounds that named a cause."""
@@ -260,7 +254,6 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     if (kinematic := state.kinematic) is not None:
         seen = [one for one in state.fit.flight.effects if one.kinematic and one.key not in taken]
         state = replace(state, observed=state.observed or screen(kinematic, seen))
-        kinematic.forget()  # until the fits are begun
     screened = _screened(state, effects)
     chosen = with_look_alikes(screened.chosen, effects, state.fit.batch.names)
     trials, fits, intervals = _tried(state, chosen, screened.likely)
@@ -354,7 +347,6 @@ def _settled_in(state: State, fitted: FlightFit, changed: Effect) -> State:
     kinematic = state.kinematic
     observed = state.observed
     if kinematic is not None and changed.kinematic:
-        evidence.forget()
         kinematic = kinematics.with_causes(kinematic, evidence.fit.attached)
         observed = None
     return replace(state, evidence=evidence, kinematic=kinematic, observed=observed, missing=missing)
@@ -379,9 +371,7 @@ def _tried(
     least = np.zeros(2)
     earlier = [one.leader for one in state.named]
     required = state.baseline.required
-    state.evidence.forget()  # the arrays of one model are enough to hold
     seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
-    state.forget()
 
     def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
         needed = np.maximum(least, required_gain(one[0].attached.effect, state.criteria))
@@ -404,7 +394,6 @@ def _tried(
         with limit.cutting():
             results = side_by_side(run, seen[first : first + at_once])
         together = [checked(trial, fitted, state.evidence, state.kinematic) for trial, fitted, _ in results]
-        state.forget()
         for tried, (_, fitted, interval) in zip(together, results, strict=True):
             enough = gains_enough(tried, earlier, required, state.criteria) if tried.given_up is None else None
             trial = replace(tried, enough=enough)
@@ -458,7 +447,6 @@ def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None
         others = weigh(without(evidence.fit, {name}))
         if others.deviance < evidence.deviance + required_gain(one.effect, evidence.criteria):
             evidence, others = others, evidence
-        others.forget()
     return evidence.fit
 
 
@@ -534,7 +522,6 @@ def _with_offsets(fitted: FlightFit) -> FlightFit:
     offsets = [] if fitted.noise.coloured else demanded_offsets(fitted)
     if not offsets:
         return fitted
-    fitted.forget()  # it may be kept as one that was tried
     return fit(fitted.flight, [*fitted.attached, *offsets], fitted.noise, fitted)
 
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
@@ -220,26 +219,26 @@ class Evidence:
         """Return True if a coefficient is more nonlinear than usual."""
         return max(self.scales.values(), default=1.0) > 1.0
 
-    @cached_property
+    @property
     def series(self) -> np.ndarray:
         """(N, R, terms) Time histories of the small terms."""
-        return series_of(self.fit, [term for _, term in self.terms]) * self.factors
+        kept = self.fit.kept.arrays
+        if (mine := ("series", self.terms)) not in kept:
+            kept[mine] = series_of(self.fit, [term for _, term in self.terms]) * self.factors
+        return kept[mine]
 
-    @cached_property
+    @property
     def left(self) -> np.ndarray:
         """(N, R, ny) Whitened residuals with parameters and small terms fitted."""
-        return self.fit.white - self.along(self.newton)
-
-    def forget(self) -> None:
-        """Give up the arrays, also those of the fit, which are computed again on demand."""
-        for name in ("series", "left"):
-            self.__dict__.pop(name, None)
-        self.fit.forget()
+        kept = self.fit.kept.arrays
+        if (mine := ("left", self.terms)) not in kept:
+            kept[mine] = self.fit.white - self.along(self.newton)
+        return kept[mine]
 
     def lighter(self) -> Evidence:
         """The evidence of a copy of the fit that has no time histories."""
         fit = self.fit.without_histories()
-        _WEIGHED[fit] = dict(_WEIGHED.get(self.fit, {}))
+        fit.kept.small["evidence"] = dict(self.fit.kept.small.get("evidence", {}))
         return replace(self, fit=fit)
 
     def in_records(self) -> Iterator[tuple[slice, Evidence]]:
@@ -310,13 +309,9 @@ class Evidence:
         return self.fit.deviance + self.sums.posterior(least)[2]
 
 
-# Fit -> with or without discrepancy -> all of its evidence but the fit, which several stages ask for.
-_WEIGHED: WeakKeyDictionary[FlightFit, dict[bool, dict[str, Any]]] = WeakKeyDictionary()
-
-
 def weigh(fit: FlightFit, discrepancy: bool = True) -> Evidence:
     """The evidence of a fit; without `discrepancy` the model structure is taken as exact."""
-    known = _WEIGHED.setdefault(fit, {})
+    known = fit.kept.small.setdefault("evidence", {})  # several stages ask for it
     if discrepancy not in known:
         known[discrepancy] = _weighed(fit, small_terms(fit) if discrepancy else no_terms(fit))
     return Evidence(fit=fit, **known[discrepancy])

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy import special
@@ -24,9 +23,11 @@ from casid.diagnosis.numerics import MissingInputNumerics
 from casid.model.station import Station
 from casid.native.processors import side_by_side
 
-# Fit -> port -> (R, n, n) products of the responses to a unit at the nodes: with and without model discrepancy, and for
-# every later evidence of the same fit, they are the same.
-_GRAMS: WeakKeyDictionary[FlightFit, dict[str, np.ndarray]] = WeakKeyDictionary()
+
+def _grams(fit: FlightFit) -> dict[str, np.ndarray]:
+    """Port -> (R, n, n) products of the responses to a unit at the nodes, as far as they are known: with and without
+    model discrepancy, and for every later evidence of the same fit, they are the same."""
+    return fit.kept.small.setdefault("products at the nodes of ports", {})
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,8 +210,8 @@ def _grid(evidence: Evidence, slow: bool) -> _Grid:
 
 
 def _find_grams(evidence: Evidence, grids: Mapping[str, _Grid]) -> None:
-    """Find the products of the responses at ports that are not in `_GRAMS` yet, a few records at a time."""
-    known = _GRAMS.setdefault(evidence.fit, {})
+    """Find the products of the responses at ports that are not in `_grams` yet, a few records at a time."""
+    known = _grams(evidence.fit)
     new = [name for name in grids if name not in known]
 
     def products(here: slice, fit: FlightFit, name: str) -> list[np.ndarray]:
@@ -227,7 +228,7 @@ def _one_station(
     evidence: Evidence, station: str, grid: _Grid, products: tuple[np.ndarray, np.ndarray]
 ) -> MissingInput:
     """The latent input at one port."""
-    left = Projection.by_record(evidence, _GRAMS[evidence.fit][station], products)
+    left = Projection.by_record(evidence, _grams(evidence.fit)[station], products)
     return _most_likely(evidence, station, grid.nodes, left, grid.times)
 
 

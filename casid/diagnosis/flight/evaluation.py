@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Generic, Literal, TypeVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from scipy.linalg import get_blas_funcs
@@ -22,6 +21,7 @@ from casid.diagnosis.flight.hypothesis import (
     prior,
     readings,
 )
+from casid.diagnosis.flight.kept import Kept
 from casid.diagnosis.flight.motion import AlongMotion, Motion, along_motion
 from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunctions, linearise, scattered
@@ -36,11 +36,10 @@ from casid.model.system import Model
 # instruments; nothing.
 Free = Literal["all", "effects", "offsets", "states"]
 
-# Sensitivities, and time histories along the motion: most of the size of a fit. They are given up by `forget`.
+# Sensitivities, and time histories along the motion: most of the size of a fit.
 _LARGE = frozenset(["linear", "filter", "slopes", "ends", "columns", "known", "regressors"])
 (_SYRK,) = get_blas_funcs(("syrk",), dtype="d")
 _ROWS = COLUMNS * SAMPLES  # of sensitivities that stay in the processor's cache
-_KEPT: WeakKeyDictionary[FlightFit, dict[str, Any]] = WeakKeyDictionary()  # what is at hand of the arrays of a fit
 T = TypeVar("T")
 
 
@@ -54,15 +53,18 @@ class _Computed(Generic[T]):
         self.name = name
 
     def __get__(self, fit: FlightFit, owner: type) -> T:
-        kept = _KEPT.setdefault(fit, {})
+        small = fit.kept.small
+        kept = fit.kept.arrays if self.name in _LARGE and self.name not in small else small
         if self.name not in kept and self.by is not None:
             kept[self.name] = self.by(fit)
         elif self.name not in kept:
             work = Work(fit.flight, fit.attached, fit.noise, fit.free)
             work.reference = fit.reference
             work.filter = fit.filter_of_another
-            again = evaluate(work, fit.attached, fit.values, fit.motion)
-            kept.update({name: one for name, one in _KEPT[again].items() if name in _LARGE or name not in kept})
+            again = evaluate(work, fit.attached, fit.values, fit.motion).kept
+            fit.kept.small = again.small | small
+            fit.kept.arrays.update(again.arrays)
+            kept = fit.kept.small | again.arrays
         return kept[self.name]
 
 
@@ -101,6 +103,7 @@ class FlightFit:
     converged: bool = False
     # change of the sum of squares in the last step, or predicted for the next, over the mean square residual
     left: float = np.inf
+    kept: Kept = field(default_factory=Kept, init=False, repr=False)  # what was computed of it
 
     model = _Computed[Model]()
     batch = _Computed[Batch]()
@@ -124,21 +127,15 @@ class FlightFit:
     known = _Computed[dict[str, np.ndarray]](lambda fit: _along(fit).known)
     regressors = _Computed[dict[str, np.ndarray]](lambda fit: _regressors(fit))
 
-    def forget(self) -> None:
-        """Give up the sensitivities, which are computed again on demand."""
-        kept = _KEPT.get(self, {})
-        for name in _LARGE & kept.keys():
-            del kept[name]
-
     def lighter(self, filtered: bool = True) -> FlightFit:
         """The fit without its sensitivities, to save memory; not `filtered`, also without the filter of another, which
         a fit of another noise does not take from it."""
         found = replace(self, filter_of_another=self.filter_of_another if filtered else None)
-        return _with_arrays(found, {n: one for n, one in _KEPT.get(self, {}).items() if n not in _LARGE})
+        return _with_arrays(found, {n: one for n, one in self.kept.small.items() if n in _COMPUTED})
 
     def without_histories(self) -> FlightFit:
         """The fit with its values and its motion alone."""
-        kept = _KEPT.get(self, {})
+        kept = self.kept.small
         return _with_arrays(replace(self), {n: kept[n] for n in ("model", "batch", "functions") if n in kept})
 
     def of_records(self, some: slice | list[int]) -> FlightFit:
@@ -152,11 +149,14 @@ class FlightFit:
         arrays |= {"grams": self.grams[some], "pulls": self.pulls[some]}
         arrays["ends"] = None if self.ends is None else tuple(one[:, some] for one in self.ends)
         found = replace(self, motion=self.motion.of_records(some), parameters=self.parameters[some])
-        return _with_arrays(found, {"model": self.model, "functions": self.functions, **arrays})
+        found.kept.small.update(model=self.model, functions=self.functions, **arrays)  # they are not computed again
+        return found
 
     def ended(self, left: float) -> FlightFit:
         """The converged fit that ends here; `left` is what may still change."""
-        return _with_arrays(replace(self, converged=True, left=left), dict(_KEPT.get(self, {})))
+        found = replace(self, converged=True, left=left)
+        own = {name: one for name, one in self.kept.small.items() if name in _COMPUTED}
+        return _with_arrays(found, own | self.kept.arrays)
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by name."""
@@ -217,8 +217,13 @@ def _is_held(flight: Subject, noise: NoiseModel, slots: Sequence[Slot]) -> bool:
 
 def _with_arrays(fit: FlightFit, arrays: dict[str, Any]) -> FlightFit:
     """The fit, with what is at hand of its arrays."""
-    _KEPT[fit] = arrays
+    fit.kept.small.update({name: one for name, one in arrays.items() if name not in _LARGE})
+    if large := {name: one for name, one in arrays.items() if name in _LARGE}:
+        fit.kept.arrays.update(large)
     return fit
+
+
+_COMPUTED = frozenset(name for name, one in vars(FlightFit).items() if isinstance(one, _Computed))
 
 
 class Work:

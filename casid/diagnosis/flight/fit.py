@@ -9,7 +9,6 @@ import operator
 from collections.abc import Collection, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -161,16 +160,12 @@ def by_wider_noise(fitted: FlightFit, factor: float) -> tuple[FlightFit, FlightF
     return first, fit(fitted.flight, fitted.attached, fitted.noise, first, extent="first")
 
 
-# Fit -> names -> the fit without these effects, which alternatives, needless causes and held-out records ask for.
-_WITHOUT: WeakKeyDictionary[FlightFit, dict[frozenset[str], FlightFit]] = WeakKeyDictionary()
-
-
 def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = None) -> FlightFit:
     """The fit without some of its effects, converged; begun `near` it, with the values of its effects, if that is a
     fit of the same effects in calm air, whose filter is its own."""
-    known = _WITHOUT.setdefault(fitted, {})
+    known = fitted.kept.small  # alternatives, needless causes and held-out records ask for the same
     left_out = frozenset(names)
-    if left_out not in known:
+    if ("without", left_out) not in known:
         start = fitted
         others = tuple(a for a in fitted.attached if a.name not in left_out)
         if (
@@ -180,11 +175,8 @@ def without(fitted: FlightFit, names: Collection[str], near: FlightFit | None = 
         ):
             start = near
             others = near.attached
-        found = fit(fitted.flight, others, fitted.noise, start, extent="settled")
-        if found is fitted:  # a table of weak keys must not hold a key itself
-            return found
-        known[left_out] = found
-    return known[left_out]
+        known["without", left_out] = fit(fitted.flight, others, fitted.noise, start, extent="settled")
+    return known["without", left_out]
 
 
 def all_free(fitted: FlightFit) -> FlightFit:
@@ -200,7 +192,6 @@ def relaxed(fitted: FlightFit) -> FlightFit:
     numerics = fitted.criteria.numerics.fit
     lowest = np.inf
     for _ in range(numerics.repeats if fitted.filter_held else 1):
-        fitted.forget()
         before = fitted = fitted.lighter(filtered=False)  # it is fitted anew, under a filter of its own
         attached = [replace(one, passes=True) for one in before.attached]
         fitted = fit(before.flight, attached, before.noise, before, extent="settled", anew=True)

@@ -313,7 +313,6 @@ def as_slow_as_left(fitted: FlightFit, drifting: Collection[str] = ()) -> Flight
     if fitted.noise.colour:
         return fitted
     noise = replace(fitted.noise, slow=slow_of(fitted, drifting))
-    fitted.forget()  # the arrays of one model are enough to hold
     return fit(fitted.flight, fitted.attached, noise, fitted, free=fitted.free, extent="first")
 
 

@@ -94,8 +94,6 @@ def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Bu
     shared = [name for name in given.held.channels if all(name in view.channels for view in views.values())]
     sigma = {view: expected_error(view.fit) for view in (structure, fitted)}
     by_chance = most_by_chance(structure.fit)
-    for view in sigma:
-        view.fit.forget()  # of what follows, nothing needs the arrays
     channels = {
         name: BudgetSteps(
             **{step: _in_noise(view, name, structure) for step, view in views.items()},

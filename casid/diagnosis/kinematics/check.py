@@ -193,7 +193,6 @@ def judge_kinematics(
         nuisance = [*offsets, *skews]
     evidence = weigh(found, discrepancy=False)
     ranked = screen(evidence, _observable(flight, found.attached))
-    evidence.forget()  # until a fitted cause is checked
     return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, nuisance=nuisance)
 
 

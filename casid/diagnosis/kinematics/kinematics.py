@@ -145,13 +145,11 @@ def with_offsets(reconstructed: FlightFit) -> FlightFit:
     It must not be used to judge instruments: a bias would share its evidence with the offset.
     """
     given = reconstructed
-    given.forget()  # the arrays of one model are enough to hold
     return fit(given.flight, given.attached, given.noise, given, free="offsets", extent="nearly")
 
 
 def again(before: FlightFit, attached: Sequence[Attached]) -> FlightFit:
     """The reconstruction fitted again with other effects, in the same air."""
-    before.forget()
     return fit(before.flight, attached, before.noise, before, free="effects", extent="again")
 
 

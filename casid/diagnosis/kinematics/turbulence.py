@@ -145,7 +145,6 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     search = fitted.criteria.numerics.levels
     noise = fitted.held
     linear = fitted.linear
-    fitted.forget()  # the linearisation alone is needed
     dt = float(np.median(fitted.batch.dt))
     at = [fitted.model.disturbances.index(name) for name in noise.coloured]
     moved = np.any(linear.Dw[..., at] != 0.0, axis=(0, 1, 3))
@@ -253,7 +252,6 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
     turned = gusts(flight, sigma, moments, length, axes=())
     moving = {name: one for name, one in turned.items() if name in fitted.model.disturbances}
     noise = replace(fitted.noise, coloured=wind | moving)
-    fitted.forget()  # the arrays of one model are enough to hold
     return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, extent="rough")
 
 
@@ -288,7 +286,6 @@ def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
                 break
         return best, best_sigma
 
-    calm.forget()  # its deviance and its motion are needed
     first = at(begin, unknown, calm)
     faster = [sigma for sigma in velocities if sigma > begin]
     slower = [sigma for sigma in reversed(velocities) if sigma < begin]
