@@ -153,10 +153,13 @@ class FlightFit:
         return found
 
     def ended(self, left: float) -> FlightFit:
-        """The converged fit that ends here; `left` is what may still change."""
-        found = replace(self, converged=True, left=left)
+        """The converged fit that ends here; `left` is what may still change.
+
+        Its large arrays may be those of the point before: they are computed at its end, so that what follows does not
+        depend on which of them are still there.
+        """
         own = {name: one for name, one in self.kept.small.items() if name in _COMPUTED}
-        return _with_arrays(found, own | self.kept.arrays)
+        return _with_arrays(replace(self, converged=True, left=left), own)
 
     def __getitem__(self, name: str) -> float:
         """The estimate of a parameter by name."""

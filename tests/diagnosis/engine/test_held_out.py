@@ -51,7 +51,7 @@ def kept(
 
     monkeypatch.setattr(held_out, "predicted_on", predicted_on)
     monkeypatch.setattr(held_out, "without", without)
-    monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit, forget=lambda: None))
+    monkeypatch.setattr(held_out, "weigh", lambda fit: SimpleNamespace(fit=fit))
     effect = SimpleNamespace(of_an_instrument=False, size=SimpleNamespace(stated=False))
     required = Criteria().naming.gain
     rounds = [
@@ -75,7 +75,6 @@ def kept(
         evidence=SimpleNamespace(fit=final),
         standing=rounds,
         criteria=Criteria(),
-        forget=lambda: None,
     )
     found = keep([], state)  # pyright: ignore
     assert all(gate.passed == (name in names_of(found.fit)) for name, gate in found.gates.items())  # pyright: ignore

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -42,6 +43,7 @@ from casid.model.causes import (
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
 from casid.model.usual_derivatives import missing_derivatives
+from casid.native.processors import available
 from problems.do328 import do328
 
 LATE = Attached(effect=sensor_delay("az"), values={"value": 0.18})
@@ -319,15 +321,20 @@ def test_an_aircraft_that_cannot_fly_its_records_is_one_line() -> None:
         fit(flight, [], flight.noise())
 
 
-def test_a_fit_computes_what_it_gave_up_again() -> None:
-    """Truth: its sensitivities before."""
+def test_large_arrays_are_those_of_the_fits_used_last_and_are_computed_again() -> None:
+    """Truth: the sensitivities before, of a fit that others have pushed out since."""
     flight = prepare(do328(), flights(seed=4, duration_s=8.0))
     found = fit(flight, (), flight.noise())
-    white, columns = found.white, found.columns
-    found.forget()
-    assert found.columns is not columns and found.white is white
-    scale = np.sqrt(np.mean(columns**2, axis=(0, 1, 2)))
-    assert np.max(np.abs(found.columns - columns) / scale) < 1e-3
+    white = found.white
+    columns = found.columns
+    kept = weakref.ref(columns)
+    exact = columns.copy()
+    del columns
+    others = [fit(flight, (), flight.noise(), free="states") for _ in range(2 + 2 * available())]
+    for one in others:
+        assert one.columns.shape[:3] == exact.shape[:3]
+    assert kept() is None and found.white is white
+    np.testing.assert_array_equal(found.columns, exact)
 
 
 def test_a_fit_ends_where_all_sensitivities_are_those_of_its_end() -> None:
