@@ -13,6 +13,7 @@ from casid.diagnosis.reasons import clause
 from casid.errors import InputError, nearest, unknown
 from casid.keeping import by_fields, plain
 from casid.model.effect import Effect
+from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_named
 from casid.model.vocabulary import title_of
 from casid.signals import label_of
@@ -424,6 +425,21 @@ class Cause:
     def term(self) -> str | None:
         """The term that is missing; None for most kinds."""
         return self.effect.term
+
+    @property
+    def entry(self) -> EffectValue:
+        """The cause as an entry of an aircraft file, which any model takes too (`Model.with_effects`)."""
+        return EffectValue(
+            kind=self.kind,
+            target=self.target,
+            term=self.term,
+            value=self.value,
+            std=self.std,
+            records=self.records,
+            onset_s=dict(self.onset_s) if self.onset_s else None,
+            parameters=dict(self.parameters),
+            sentence=self.sentence,
+        )
 
     @property
     def unit(self) -> str:

@@ -212,28 +212,14 @@ def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause
             terms.setdefault(cause.target, {})[cause.term] = cause.value
             known_std[f"{cause.target}_{cause.term}"] = cause.std
         else:
-            effects.append(_as_fitted(_as_effect(cause, fit.batch.names), fit))
+            records = () if set(cause.records) == set(fit.batch.names) else cause.records
+            effects.append(_as_fitted(replace(cause.entry, records=records), fit))
     if tables is not None:
         aircraft = replace(aircraft, tables=tables)
     std = {slot.name: fit.std(slot.name) for slot in fit.slots}
     estimated = with_estimates(aircraft.with_terms(terms), {name: fit[name] for name in std}, std)
     fitted = tuple(_as_fitted(e, fit) for e in estimated.effects)
     return replace(estimated, std=known_std, effects=fitted).with_effects(effects)
-
-
-def _as_effect(cause: Cause, fitted: Sequence[str]) -> EffectValue:
-    """The cause as an effect of an aircraft file."""
-    return EffectValue(
-        kind=cause.kind,
-        target=cause.target,
-        term=cause.term,
-        value=cause.value,
-        std=cause.std,
-        records=cause.records if set(cause.records) != set(fitted) else (),
-        onset_s=dict(cause.onset_s) if cause.onset_s else None,
-        parameters=dict(cause.parameters),
-        sentence=cause.sentence,
-    )
 
 
 def _as_fitted(effect: EffectValue, fit: FlightFit) -> EffectValue:

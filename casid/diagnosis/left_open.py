@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Parameter
 from casid.diagnosis.flight.flight import Flight
-from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
 
@@ -26,7 +26,7 @@ def questions(
         for other in cause.indistinguishable_from:
             second = _other(rounds, other)
             if second is not None:
-                yield Question(first=_value(cause), second=second)
+                yield Question(first=_everywhere(cause.entry), second=second)
     for missing in unexplained:
         near = [
             one.attached
@@ -34,24 +34,13 @@ def questions(
             if one.attached.effect.enters == missing.station and not one.attached.effect.stochastic
         ]
         if len(near) > 1:
-            first, second = (_attached_value(one) for one in near[:2])
+            first, second = (_everywhere(one.entry) for one in near[:2])
             yield Question(first=first, second=second, port=missing.station)
 
 
-def _value(cause: Cause) -> EffectValue:
-    return EffectValue(
-        kind=cause.kind, target=cause.target, term=cause.term, value=cause.value, parameters=dict(cause.parameters)
-    )
-
-
-def _attached_value(one: Attached) -> EffectValue:
-    """Return a cause that was fitted or scored, as a value of an aircraft file."""
-    effect = one.effect
-    values = one.effect.in_words(one.values)
-    further = {key: value for key, value in values.items() if key != "value"}
-    return EffectValue(
-        kind=effect.kind, target=effect.target, term=effect.term, value=values["value"], parameters=further
-    )
+def _everywhere(entry: EffectValue) -> EffectValue:
+    """The effect in all records, and from their beginning."""
+    return replace(entry, std=0.0, records=(), onset_s=None, sentence="")
 
 
 def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | None:
@@ -61,7 +50,7 @@ def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | N
     trials = [trial.candidate.attached for round_ in rounds for trial in round_.trials]
     fitted = next((one for one in trials if one.effect.key == key), None)
     if fitted is not None:
-        return _attached_value(fitted)
+        return _everywhere(fitted.entry)
     if "value" not in other:
         return None
     return EffectValue(kind=other["kind"], target=other["target"] or "", term=other["term"], value=other["value"])

@@ -82,7 +82,7 @@ class FilterError:
         for found, words in (
             (problem.noise_formulas, "noise by formula"),
             (problem.path_constraints, "limits of states and outputs"),
-            (problem.feedback is not None and ["feedback"], "a control law in the loop"),
+            (problem.feedback is not None, "a control law in the loop"),
             (model.initial, "initial states by formula"),
             (problem.events, "events"),
             (problem.spread, "parameters drawn from a distribution"),

@@ -218,7 +218,7 @@ def _is_held(flight: Subject, noise: NoiseModel, slots: Sequence[Slot]) -> bool:
     return bool(noise.coloured) and any(slot.name.startswith(OFFSET) or slot.name in own for slot in slots)
 
 
-def _with_arrays(fit: FlightFit, arrays: dict[str, Any]) -> FlightFit:
+def _with_arrays(fit: FlightFit, arrays: Mapping[Any, Any]) -> FlightFit:
     """The fit, with what is at hand of its arrays."""
     fit.kept.small.update({name: one for name, one in arrays.items() if name not in _LARGE})
     if large := {name: one for name, one in arrays.items() if name in _LARGE}:

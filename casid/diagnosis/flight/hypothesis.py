@@ -18,6 +18,7 @@ from casid.model import operators
 from casid.model.aircraft import Aircraft
 from casid.model.causes import sensor_bias
 from casid.model.effect import Effect
+from casid.model.effect_value import EffectValue
 from casid.model.path import (
     AIR_STATES,
     STATES,
@@ -236,6 +237,21 @@ class Attached:
     @property
     def name(self) -> str:
         return self.effect.name
+
+    @property
+    def entry(self) -> EffectValue:
+        """The effect with its values as an entry of an aircraft file, which any model takes too."""
+        effect = self.effect
+        sizes = effect.in_words(self.values)
+        return EffectValue(
+            kind=effect.kind,
+            target=effect.target,
+            term=effect.term,
+            value=sizes.pop("value"),
+            records=self.records,
+            onset_s={record: (at, at) for record, at in self.onsets.items()} or None,
+            parameters=sizes,
+        )
 
     def concerns(self, record: str) -> bool:
         """Return True if it acts in a record."""

@@ -12,7 +12,6 @@ from casid.native.processors import available
 # Fits with large arrays, the one that was used last at the end. A trial has two, its last point and the next; each
 # processor has a trial, and all of them have the model to which the cause is added.
 _LAST_USED: list[ref[Kept]] = []
-_EACH = 2
 _LOCK = Lock()
 
 
@@ -38,7 +37,7 @@ class Kept:
             if not _LAST_USED or _LAST_USED[-1]() is not self:
                 _LAST_USED[:] = [one for one in _LAST_USED if one() not in (self, None)]
                 _LAST_USED.append(ref(self))
-                while len(_LAST_USED) > 1 + _EACH * available():
+                while len(_LAST_USED) > 1 + 2 * available():
                     if (oldest := _LAST_USED.pop(0)()) is not None:
                         oldest._arrays = {}
             return self._arrays

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,7 +11,8 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import View, view_of
+from casid.diagnosis.flight.noise import SimulatedRecords, View, view_of
+from casid.diagnosis.flight.subject import Subject
 from casid.errors import InputError
 from casid.filtering.initial_state import measured_start
 from casid.model.aircraft import Aircraft
@@ -38,6 +39,42 @@ class AsGiven:
     def held(self) -> View:
         """View of the held-out records as they were recorded."""
         return (self.recorded or self.mended)[1]
+
+
+def fly_system_as_given(
+    subject: Subject,
+    held: Sequence[Record],
+    known: Callable[[Sequence[str]], Sequence[Attached]],
+    otherwise: Mapping[str, float],
+) -> AsGiven:
+    """Simulations of the fitted and the held-out records with the nominal values, from fitted initial states.
+
+    known      effects that are stated of the records of some names
+    otherwise  values with which the model follows the records, for nominal ones with which it cannot follow them at
+               all: then the fit is that with these, and the errors are infinite
+    """
+
+    def flown(records: Sequence[Record]) -> View:
+        try:
+            return view_of(states(subject.elsewhere({}, records)))
+        except InputError:
+            return _lost(view_of(states(subject.elsewhere(otherwise, records))))
+
+    def states(there: Subject) -> FlightFit:
+        with np.errstate(all="ignore"):
+            return _states(there, known(there.names))
+
+    return AsGiven(mended=(flown(subject.records), flown(held)))
+
+
+def _lost(view: View) -> View:
+    """A view with infinite errors."""
+    lost = np.full_like(view.simulated.output, np.inf)
+    channels = {
+        name: replace(one, rms=np.inf, whiteness_p=0.0, theil=1.0, R2=-np.inf) for name, one in view.channels.items()
+    }
+    simulated = SimulatedRecords(output=lost, residual=np.where(np.isfinite(view.simulated.residual), lost, np.nan))
+    return View(fit=replace(view.fit, data_deviance=np.inf), simulated=simulated, channels=channels)
 
 
 def error_over_noise(views: Sequence[View]) -> float:
@@ -83,7 +120,7 @@ def _flown(flight: Flight, known: Sequence[Attached]) -> View:
     return replace(view, fit=view.fit.lighter())
 
 
-def _states(flight: Flight, known: Sequence[Attached]) -> FlightFit:
+def _states(flight: Subject, known: Sequence[Attached]) -> FlightFit:
     return fit(flight, known, flight.noise(), free="states")
 
 

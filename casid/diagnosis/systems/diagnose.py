@@ -18,11 +18,11 @@ from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
+from casid.diagnosis.given.as_given import fly_system_as_given
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.given.scope import split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.systems.extended import extended_model, fly_as_given
 from casid.diagnosis.systems.plant import first_fit, plant_of
 from casid.diagnosis.systems.rotorcraft import (
     before_vertical,
@@ -40,6 +40,7 @@ from casid.model.library import Library
 from casid.model.port import ModelPort as Port
 from casid.model.port import check_ports, ports_of
 from casid.model.system import Model, check_continuous
+from casid.model.with_effects import with_effects
 from casid.native.threads import single_threaded
 from casid.records.given import given_records
 from casid.records.record import Record
@@ -83,12 +84,13 @@ def diagnose_system(
     stages.begin("refit of the model")
     refitted = first_fit(plant)
     stages.begin("simulation as given")
-    given = fly_as_given(plant, held, refitted)
+    given = fly_system_as_given(plant, held, plant.known, refitted.derivatives)
     report(sentences.so_far(given, (), 0))
 
     def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
         base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
-        return DiagnosedSystem(model=model, extended=extended_model(base, kept.fit.attached, plant.terms_of))
+        found = [one.entry for one in kept.fit.attached]
+        return DiagnosedSystem(model=model, extended=with_effects(base, found, plant.terms_of))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))
@@ -125,7 +127,7 @@ def diagnose_rotorcraft(
     stages.begin("refit of the model")
     plant, refitted = in_its_colour(plant, rotorcraft_fit(plant))
     stages.begin("simulation as given")
-    given = fly_as_given(plant, held, refitted)
+    given = fly_system_as_given(plant, held, plant.known, refitted.derivatives)
     report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
 
     def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], _: object) -> DiagnosedAircraft:
