@@ -58,7 +58,7 @@ def test_a_fault_of_the_users_own_system_is_found(tmp_path: Path, capsys: pytest
     page = (tmp_path / "out" / "report.html").read_text()
     assert "out: sensor bias" in page and "area" in page and "m2 (held out)" in page
     assert 'id="figure-budget"' in page and 'id="figure-again-1"' in page  # the budget, and the held-out record
-    assert "verdict: explained" in (tmp_path / "out" / "diagnosis.txt").read_text()
+    assert (tmp_path / "out" / "diagnosis.txt").read_text().startswith("explained: ")
 
 
 def test_a_model_may_stand_in_the_file_or_be_made_there(tmp_path: Path) -> None:
