@@ -130,7 +130,8 @@ def screened(aircraft: cs.Aircraft, now: Account) -> list[cs.EffectValue]:
     inverse = np.linalg.inv(sum(part[0] for part in parts) + np.diag(now.fit.problem.prior_std**-2.0))
     best: dict[str, tuple[float, cs.EffectValue]] = {}
     for these in (range(len(parts)), *((i,) for i in range(len(parts)))):
-        cross, square, match = (sum(parts[i][k] for i in these) for k in (1, 2, 3))
+        cross, square, match = (np.sum([parts[i][k] for i in these], axis=0) for k in (1, 2, 3))
+        match = match - cross.T @ (inverse @ sum(part[4] for part in parts))  # of every few samples, a slope is left
         left = square - (cross * (inverse @ cross)).sum(axis=0)
         scale = np.where(left > _LEAST * square, match / np.maximum(left, 1e-300), 0.0)
         for (one, sizes, at), size, gain in zip(rows, scale.tolist(), (scale * match).tolist(), strict=True):
@@ -195,4 +196,5 @@ def _products(aircraft: cs.Aircraft, model: cs.Model, now: Account, rows: list[_
     begin = np.linalg.qr(white[:, -n:])[0]
     white = white[:, :-n] - begin @ (begin.T @ white[:, :-n])
     free = white[:, :k].astype(float)
-    return free.T @ free, free.T @ white[:, k:], (white[:, k:] ** 2).sum(axis=0), z[np.isfinite(z)] @ white[:, k:]
+    z = z[np.isfinite(z)]
+    return free.T @ free, free.T @ white[:, k:], (white[:, k:] ** 2).sum(axis=0), z @ white[:, k:], free.T @ z

@@ -77,8 +77,9 @@ def main() -> None:
                 if time.monotonic() > end:
                     break
                 hide(of, cases[i], given.seed, given.out / "sets", given.out / "answers")
-                for (_, find), file in zip(WAYS.items(), files, strict=True):
-                    _write(file, find, given.out / "sets" / name, given.seconds)
+                for find, file in zip(WAYS.values(), files, strict=True):
+                    if not file.exists():
+                        _write(file, find, given.out / "sets" / name, given.seconds)
             done.append((of, cases[i], name))
     scores = {way: [(of, case, _scored(given.out, way, name)) for of, case, name in done] for way in WAYS}
     for way, every in scores.items():
