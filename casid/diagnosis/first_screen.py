@@ -63,11 +63,12 @@ class FirstScreen:
     def of(cls, document: Document) -> FirstScreen:
         """Return the first screen of a diagnosis."""
         flown = next((one.said for one in document.claims), False)
+        shares = () if flown else tuple(_shares(document))
         return cls(
             verdict=_verdict(document),
             found=tuple(_found(document)),
-            shares=() if flown else tuple(_shares(document)),
-            values=tuple(_values(document)),
+            shares=shares,
+            values=tuple(_values(document, shares)),
             worst=_worst(document),
         )
 
@@ -113,10 +114,11 @@ def _shares(document: Document) -> Iterator[Share]:
     yield from (Share(step=one.step, percent=percent, what=one.what) for one, percent in found if percent)
 
 
-def _values(document: Document) -> Iterator[str]:
+def _values(document: Document, shares: Sequence[Share]) -> Iterator[str]:
+    """Return the values that left their stated uncertainty and are in no share."""
     if document.verdict == "data at fault":
         return
-    told = {what for one in document.account if one.step == "values" for what in one.what}
+    told = {what for one in shares if one.step == "values" for what in one.what}
     for one in document.moved:
         if one.change not in told:
             yield one.change + ("" if one.identifiable else " (not identifiable)")

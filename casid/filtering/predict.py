@@ -27,5 +27,5 @@ def predict(fit: Fit, record: Record | str | Path, window_s: float) -> Simulatio
     values = {**problem.fixed_in(record.name), **{name: fit.values[name] for name in problem.shared}}
     for name in problem.local:
         values[name] = fit.values.get(f"{name}[{record.name}]", problem.model.nominal[name])
-    start = fit_initial_state(problem.model, record, window_s, values)
+    start = fit_initial_state(problem.model, problem.model.ready(record, values), window_s, values)
     return simulate(problem.model, record, start, values)

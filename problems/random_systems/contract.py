@@ -83,14 +83,15 @@ def _adequate(world: World, found: Diagnosis) -> Iterator[str]:
 
 def _moved(found: Diagnosis) -> Iterator[str]:
     """Every value of the extended model that left its stated uncertainty is told on the first screen."""
-    told, screen = {one.parameter for one in found.moved}, str(found)
+    told = {one.parameter: one.change for one in found.moved}
+    screen = str(found)
     for one in found.parameters:
         stated = found.refitted.fit.prior_weight[[s.name for s in found.refitted.fit.slots].index(one.name)]
         left = stated > 0.0 and one.name in found.diagnosed.values
         if left and abs(one.extended - one.a_priori) > (1.0 + 1e-6) * stated**-0.5:
             if one.name not in told:
                 yield f"{one.name} left its stated uncertainty and is not told"
-            elif f"{one.name} is " not in screen:
+            elif told[one.name] not in screen:
                 yield f"{one.name} is not on the first screen"
 
 
