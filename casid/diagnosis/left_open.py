@@ -16,6 +16,7 @@ from casid.diagnosis.facts import Parameter
 from casid.diagnosis.flight.flight import Flight
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
+from casid.model.vocabulary import KINDS
 
 
 def questions(
@@ -51,7 +52,7 @@ def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | N
     fitted = next((one for one in trials if one.effect.key == key), None)
     if fitted is not None:
         return _everywhere(fitted.entry)
-    if "value" not in other:
+    if "value" not in other or other["kind"] not in KINDS:  # a fault of the data is not flown
         return None
     return EffectValue(kind=other["kind"], target=other["target"] or "", term=other["term"], value=other["value"])
 

@@ -44,7 +44,7 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ("[naming]\ngain = nan", "expected a number above 0"),
         ("[numerics.naming]\nrounds = 2.5", "expected a whole number above 0"),
         ("[structure]\nscales = [1, 2]", "3 numbers, got [1, 2]"),
-        ("[naming", "no criteria can be read from it"),
+        ("[naming", "not valid TOML"),
     ],
 )
 def test_a_file_that_is_wrong_is_refused_in_one_line(tmp_path: Path, text: str, says: str) -> None:
