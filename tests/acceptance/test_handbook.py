@@ -10,7 +10,7 @@ import pytest
 
 import casid as cs
 from casid.acceptance.glide import GLIDE
-from casid.acceptance.handbook import flight_point, handbook, rows
+from casid.acceptance.handbook import flight_point, handbook, labelled
 from casid.acceptance.parameters import Known, known_by_document, known_by_file, known_by_fit
 from casid.acceptance.steady import SteadyFlight
 from casid.cli.options import DEMO
@@ -197,13 +197,13 @@ def test_best_glide_at_the_corner_of_a_table() -> None:
 def everything(flight: SteadyFlight, known: Known) -> dict[str, float]:
     found = handbook(flight, known, point_of(flight), np.array([60.0]))
     curves = {f"curve {n}": float(v[0]) for n, v in found.trim_curves.values.items()}
-    return {label: one.value for label, one in rows(found)} | curves
+    return {label: one.value for label, one in labelled(found)} | curves
 
 
 def deviations(flight: SteadyFlight, known: Known) -> dict[str, float]:
     found = handbook(flight, known, point_of(flight), np.array([60.0]))
     curves = {f"curve {n}": float(v[0]) for n, v in found.trim_curves.std.items()}
-    return {label: one.std for label, one in rows(found)} | curves
+    return {label: one.std for label, one in labelled(found)} | curves
 
 
 def covariance(known: Known) -> np.ndarray:
