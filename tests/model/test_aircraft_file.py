@@ -202,7 +202,8 @@ NONLINEAR = st.dictionaries(st.sampled_from(VARIABLES), st.integers(1, 9), min_s
 @st.composite
 def effects(draw, axes):
     coefficients = AXES_COEFFICIENTS[axes]
-    kind = KINDS[draw(st.sampled_from([k for k in sorted(KINDS) if KINDS[k].targets or not KINDS[k].of_rotors]))]
+    of_a_file = [k for k in sorted(KINDS) if KINDS[k].place not in ("equation", "value")]
+    kind = KINDS[draw(st.sampled_from([k for k in of_a_file if KINDS[k].targets or not KINDS[k].of_rotors]))]
     target = (
         draw(st.sampled_from([t for t in kind.targets if t[0] != "C" or t in coefficients])) if kind.targets else ""
     )
