@@ -52,7 +52,7 @@ HIDDEN = [
     (value("actuator_lag", "delta_e", 0.2), 0.05),
     (value("second_order_actuator", "delta_a", 0.09, parameters={"damping": 0.6}), 0.03),
     (value("input_delay", "delta_r", 0.12), 0.03),
-    (value("rate_limit", "delta_e", 0.2), 0.4),
+    (value("rate_limit", "delta_e", 0.2), 0.08),  # above the rates of the command it would not act at all
     (value("dead_zone", "delta_e", 0.012, parameters={"about": 1.0}), 0.004),
     (value("backlash", "delta_a", 0.012, parameters={"rest": 0.0}), 0.004),
     (value("sensor_delay", "q", 0.1), 0.03),
