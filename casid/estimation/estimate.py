@@ -167,7 +167,8 @@ def _fit(problem: Problem, end: Ending, asked: Transcription, begin: float) -> F
     value = outcome.value
     simulated = objective.dynamics is not None
     told = objective.told(value) if isinstance(objective, OwnObjective) else _told(objective, outcome)
-    measured, predicted = told.measured, told.predicted
+    measured = told.measured
+    predicted = told.predicted
     likelihood = judged(end.attempt, end.coarse)
     if likelihood.outputs is not None:
         predicted = dict(zip(predicted, likelihood.outputs, strict=True))

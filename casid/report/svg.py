@@ -51,6 +51,7 @@ _POINTS = 1500  # of a curve
 _DOTS = 2000  # of a curve, more of which become pixels
 _DECADES = (0.7, 1.7, 4.0)  # of a logarithmic axis: numbers 1 to 9; 1, 2, 5; powers of ten
 _TEXT = 0.55  # of a scale: on darker cells a text is white
+_LUMINANCE = (0.3, 0.59, 0.11)  # of red, green and blue
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _RC: Mapping[str, Any] = MappingProxyType(
     {
@@ -276,8 +277,7 @@ def _cells(ax: Axes, one: Cells) -> None:
     colours = mapped.to_rgba(np.clip(one.values, one.scale.low, one.scale.high))
     ax.imshow(colours, aspect="auto")
     for (i, j), text in one.texts.items():
-        red, green, blue, _ = colours[i, j]
-        dark = 0.3 * red + 0.59 * green + 0.11 * blue < _TEXT
+        dark = colours[i, j, :3] @ _LUMINANCE < _TEXT
         ax.text(j, i, text, ha="center", va="center", color="white" if dark else "black", fontsize=8.0)
 
 
