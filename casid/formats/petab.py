@@ -400,15 +400,16 @@ class _Reading:
         until = 1.0
         x = self._begin(values).full()[:, 0]
         for _ in range(_DOUBLINGS):
-            found = solve_ivp(
-                lambda _, x: slope(0, x)[:, 0],
-                (0.0, until),
-                x,
-                "BDF",
-                jac=lambda _, x: slope(1, x),
-                rtol=_REST,
-                atol=_REST * _REST,
-            )
+            with np.errstate(all="ignore"):  # a motion that grows leaves the numbers, as is looked at below
+                found = solve_ivp(
+                    lambda _, x: slope(0, x)[:, 0],
+                    (0.0, until),
+                    x,
+                    "BDF",
+                    jac=lambda _, x: slope(1, x),
+                    rtol=_REST,
+                    atol=_REST * _REST,
+                )
             if not found.success or not np.isfinite(found.y).all():
                 break
             former = x

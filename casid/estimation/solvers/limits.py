@@ -10,7 +10,7 @@ from casid.estimation.constraints import LinearConstraint, NonlinearConstraint
 from casid.estimation.problem import Problem
 from casid.estimation.solvers.quadratic import free_directions
 
-_KEPT = 1e-6  # of the size of what is limited: as near a solver comes to a bound that holds
+_KEPT = 1e-6  # as near a solver comes to a bound that holds: of the bound, or of what is limited where it is zero
 
 
 class ParameterLimits:
@@ -82,8 +82,8 @@ class ParameterLimits:
                 factor = self.linear[row, i]
                 for limit, outward in ((self.lower[row], -1.0), (self.upper[row], 1.0)):
                     past = outward * (factor * theta[i] - limit)
-                    held = past > 0.0 or outward * multipliers[row] > 0.0
-                    if held and abs(past) < _KEPT * self.size[row]:
+                    inside = _KEPT * (abs(limit) or self.size[row]) if outward * multipliers[row] > 0.0 else 0.0
+                    if -inside < past < _KEPT * self.size[row]:
                         kept[i] = limit / factor
         return kept
 
