@@ -45,7 +45,6 @@ import numpy as np
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import screen
-from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError, unknown
 from casid.model.aircraft import Aircraft
@@ -192,7 +191,7 @@ def _measured(case: Case) -> dict[str, Any]:
 def _screening(found: Diagnosis) -> dict[str, Any]:
     """Time of one screening of the whole catalogue, per candidate."""
     evidence = weigh(found.extended.fit)
-    flight = of_aircraft(evidence.fit.flight)
+    flight = evidence.fit.flight
     effects = catalogue(flight.aircraft, flight.outputs)
     begin = time.perf_counter()
     candidates = screen(evidence, effects)

@@ -30,9 +30,10 @@ import numpy as np
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.flight.evaluation import FlightFit as Reconstruction
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.result import Diagnosis
@@ -93,7 +94,7 @@ def instruments(records: Sequence[Record]) -> dict[str, Any]:
     return {"found": found, "late_instead_of_ahead": late.deviance - ahead.deviance}
 
 
-def reconstructed(flight: Flight, effects: Sequence[Effect]) -> Reconstruction:
+def reconstructed(flight: Subject, effects: Sequence[Effect]) -> Reconstruction:
     given = [Attached(effect=e, values={"value": 0.0 if e.linear else _FIRST_DELAY}) for e in effects]
     return kinematics.reconstruct(flight, given)
 

@@ -33,8 +33,9 @@ from casid.diagnosis.evidence.fingerprints import responses
 from casid.diagnosis.evidence.size import meaningful_share
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.subject import Subject
 from casid.errors import InputError, check_known, unknown
 from casid.frames import brief
 from casid.keeping import plain
@@ -298,7 +299,7 @@ def _noise(
     return sigma
 
 
-def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) -> Flight:
+def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) -> Subject:
     """The rehearsed records as a flight with these channels alone."""
     records = [record.without(*(name for name in flown.outputs if name not in sigma)) for record in flown.records]
     of_inputs = {name: s for name, s in flown.aircraft.noise.items() if name in (*SURFACES, "thrust")}
@@ -306,7 +307,7 @@ def _flight(flown: Rehearsal, sigma: Mapping[str, float], criteria: Criteria) ->
     return replace(prepare(aircraft, records, criteria, flown.axes), doubted=())
 
 
-def _wanted(flight: Flight, causes: Iterable[str | Effect] | str | None) -> tuple[list[Effect], tuple[str, ...]]:
+def _wanted(flight: Subject, causes: Iterable[str | Effect] | str | None) -> tuple[list[Effect], tuple[str, ...]]:
     """Effects to be judged, and names of those of the catalogue without a size to judge by."""
     every = flight.effects
     if causes is None:

@@ -184,7 +184,7 @@ def check(
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
-    if plane is not None and plane.rotors is not None:
+    if plane is not None:
         missing += rotor_faults(given, plane)
     if not undo:
         kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))

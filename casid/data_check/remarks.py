@@ -30,7 +30,7 @@ def remarks(records: Sequence[Record], aircraft: Aircraft | None, criteria: Data
         thrust |= {} if found is None else {record.name: (math.log(max(found[0], 1e-3)), found[1])}
         quick = Read(smooth(record, criteria.quick, criteria))
         found = (*_density(slow, criteria), *_indicated(quick, criteria), *_pace(record))
-        on_ground = ground(record, aircraft.rotors) if aircraft is not None and aircraft.rotors is not None else ()
+        on_ground = ground(record, aircraft.rotors) if aircraft is not None and aircraft.rotors else ()
         for one in (*found, *on_ground):
             said.setdefault(one, []).append(record.name)
     one_by_one = (f"{', '.join(names)}: {one}" for one, names in said.items())

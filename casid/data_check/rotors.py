@@ -29,9 +29,11 @@ _CLEAR = 20.0  # log odds of another numbering
 
 
 def rotor_faults(records: Sequence[Record], aircraft: Aircraft) -> list[Finding]:
-    """Rotors that are not driven, another numbering than that of the file, and a battery that is not recorded."""
+    """Rotors that are not driven, another numbering than that of the file, and a battery that is not recorded; nothing
+    of an aircraft without rotors."""
     rotors = aircraft.rotors
-    assert rotors is not None
+    if not rotors:
+        return []
     return [one for record in records for one in (*standing(record, rotors), *_numbering(record, rotors))] + [
         Finding(
             kind="data_dropout",

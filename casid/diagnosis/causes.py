@@ -20,7 +20,6 @@ from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscilla
 from casid.diagnosis.evidence.onsets import Intervals, end_intervals
 from casid.diagnosis.evidence.size import meaningful_share, missing_size
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.turbulence import Turbulence
 from casid.diagnosis.sentences import NOT_CONFIRMED, NOT_NEEDED, cause_sentence, expected_of, noted
@@ -73,7 +72,7 @@ def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
     fitted = kept.fit
     if not air.named:
         return []
-    cause = turbulence_cause(air, of_aircraft(fitted.flight).aircraft, kept.air_gain)
+    cause = turbulence_cause(air, fitted.flight.aircraft, kept.air_gain)
     named = bool(fitted.noise.coloured)
     return [(cause if named else noted(cause, NOT_CONFIRMED), named)]
 
@@ -295,7 +294,7 @@ def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, obje
     """The entry of the effect that is equal to a cause by algebra; empty without one."""
     if one.effect.traits.equal is None or one.records:
         return []
-    other, factor = one.effect.traits.equal(of_aircraft(fit.flight).aircraft)
+    other, factor = one.effect.traits.equal(fit.flight.aircraft)
     return [_entry(other, factor * one.values["value"], gain)]
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from casid.criterion import Criterion, Value, listed, number, overridden
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.numerics import Numerics, ProbabilityNumerics
-from casid.diagnosis.systems.rotor_criteria import RotorCriteria
+from casid.diagnosis.rotor_criteria import RotorCriteria
 from casid.model.library import SystemCriteria
 from casid.records.toml_file import read_toml
 

@@ -15,21 +15,21 @@ from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.diagnose_ported import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.diagnosed import DiagnosedAircraft
 from casid.diagnosis.engine.baseline import baseline_in_time
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import with_noise_level
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.as_given import AsGiven, attached_effects, error_over_noise, fly_as_given, fly_recorded
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.scope import Scope, out_of_sight, scope_of, split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.systems.diagnose import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import CasidError, InputError, unknown
@@ -91,7 +91,7 @@ def diagnose_aircraft(
         def diagnosed(
             kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], flown: Mapping[str, FlightValue]
         ) -> DiagnosedAircraft:
-            extended = extended_aircraft(of_aircraft(state.baseline.flight).aircraft, kept.fit, causes, minor)
+            extended = extended_aircraft(state.baseline.flight.aircraft, kept.fit, causes, minor)
             std = {name: one.std for name, one in flown.items() if one.determined}
             return DiagnosedAircraft(file=aircraft, extended=with_estimates(extended, {}, std))
 
@@ -101,7 +101,7 @@ def diagnose_aircraft(
             found,
             scope.contradicted(aircraft, found.flight),
             scope.factors(aircraft, found.flight),
-            (*scope.not_judged(found.flight), *out_of_sight(of_aircraft(found.bare.flight), found.detectable)),
+            (*scope.not_judged(found.flight), *out_of_sight(found.bare.flight, found.detectable)),
             checked.findings,
             scope.borne_out(checked.doubts, aircraft, found.flight),
         )
@@ -112,7 +112,7 @@ class _FlownAsGiven:
     """The file flown along the records, as they were checked."""
 
     scope: Scope
-    flight: Flight
+    flight: Subject
     known: list[Attached]
     given: AsGiven
 

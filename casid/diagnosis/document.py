@@ -269,6 +269,7 @@ class Document:
     source: str
     witness: str
     aircraft: Aircraft | None  # as given; None for another system
+    coefficients: tuple[str, ...]  # of the aerodynamics, which have figures and tables of their own; empty without any
     # the verdict, and its sentences
     verdict: str
     headline: str
@@ -329,12 +330,6 @@ class Document:
     limited: tuple[Untold, ...]
     failed: tuple[str, ...]  # what of this could not be computed, with the error
     next: tuple[NextStep, ...] = ()  # what to do now, the most useful first
-
-    @property
-    def of_aeroplane(self) -> bool:
-        """Return True if an aircraft without rotors was diagnosed: its coefficients have figures and tables of their
-        own."""
-        return self.aircraft is not None and self.aircraft.rotors is None
 
     @property
     def notes(self) -> dict[str, list[str]]:

@@ -219,7 +219,6 @@ def _steps(
         names = ", ".join(one.parameter for one in document.contradicted if one.impossible)
         yield NextStep(text=f"Correct {names} in the {document.source} and diagnose again.")
         return
-    winged = document.of_aeroplane
     extended = called.inside("extended.toml")
     kept = aircraft is not None and not causes and not document.moved and document.verdict == "adequate"
     if aircraft is not None and not kept:
@@ -229,7 +228,7 @@ def _steps(
             text=f"Fly the extended file, extended.toml, which has {what}, beside the one as given:",
             command=f"casid simulate {again} {extended} --out {called.inside('simulate')}",
         )
-    if winged:
+    if document.coefficients:
         before = "" if kept else f" --diagnosis {called.folder}"
         yield NextStep(
             text="Prove the match by the tolerances of a standard" + (":" if kept else ", before and after:"),
@@ -239,7 +238,7 @@ def _steps(
         if one:
             yield NextStep(text=one)
     flyable = [one for one in questions if not any(effect.timed or effect.stochastic for effect in one.effects)]
-    for question in flyable[:1] if winged else ():
+    for question in flyable[:1] if document.coefficients else ():
         first, second = question.effects
         asked = " ".join(
             shlex.quote(f"{effect.name}={value.value:.4g}")
@@ -249,7 +248,7 @@ def _steps(
             text=f"Fly a manoeuvre that tells {title_of(first)} from {title_of(second)}{_with_trim(aircraft)}:",
             command=f"casid design --aircraft {extended} --separate {asked} --out {called.inside('design')}",
         )
-    for plane in ("longitudinal", "lateral") if winged else ():
+    for plane in ("longitudinal", "lateral") if document.coefficients else ():
         names = [one.name for one in unmoved if plane_of(one.name.partition("_")[0]) == plane]
         if names:
             yield NextStep(

@@ -13,7 +13,8 @@ from casid.diagnosis.cause import Cause
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.missing_input import MissingInput
 from casid.diagnosis.facts import Parameter
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.flight import resting
+from casid.diagnosis.flight.subject import Subject
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
 from casid.model.vocabulary import KINDS
@@ -57,7 +58,7 @@ def _other(rounds: Sequence[Round], other: Mapping[str, Any]) -> EffectValue | N
     return EffectValue(kind=other["kind"], target=other["target"] or "", term=other["term"], value=other["value"])
 
 
-def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Flight) -> Iterator[Untold]:
+def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Subject) -> Iterator[Untold]:
     """Numbers of the aircraft file that the records of a flight do not determine, with those of surfaces that
     rested."""
     relative = aircraft.relative_uncertainty or np.nan
@@ -69,5 +70,5 @@ def untold(parameters: Iterable[Parameter], aircraft: Aircraft, flight: Flight) 
         by_noise = own**-0.5 if own > 0.0 else np.inf
         yield Untold(name=one.name, given=one.a_priori, stated=stated, by_noise=by_noise, corrected=one.flight.std)
     for name, value in flight.aircraft.derivatives.items():
-        if any(name.endswith(f"_{surface}") for surface in flight.resting):
+        if any(name.endswith(f"_{surface}") for surface in resting(flight.records)):
             yield Untold(name=name, given=value, stated=relative * abs(value), by_noise=np.inf, corrected=np.inf)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from casid.data_check.reading import Finding
 from casid.design.next_flight import NextFlights, Setting, Untold, next_flights
+from casid.diagnosis.axis_responses import axis_responses
 from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.claims import Claim
 from casid.diagnosis.criteria import Criteria
@@ -24,7 +25,7 @@ from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import ChangedValue, Combination, Parameter
 from casid.diagnosis.first_screen import next_steps, text
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import of_aircraft
+from casid.diagnosis.flight.flight import resting
 from casid.diagnosis.flight.noise import Following, View, following
 from casid.diagnosis.given.budget import AccountStep, Budget
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue
@@ -45,7 +46,6 @@ from casid.diagnosis.shown import (
     titled,
     tried_of,
 )
-from casid.diagnosis.systems.axis_responses import axis_responses
 from casid.errors import InputError, noting, unknown
 from casid.frames import Rows, html_list, html_paragraph
 from casid.keeping import plain, save, whole_file
@@ -216,15 +216,14 @@ class Diagnosis:
         return self.trace.against(cause)
 
     @property
-    def of_aircraft(self) -> bool:
+    def is_of_a_file(self) -> bool:
         """Return True if an aircraft was diagnosed, and not another system."""
         return isinstance(self.diagnosed, DiagnosedAircraft)
 
     @property
-    def of_aeroplane(self) -> bool:
-        """Return True if an aircraft without rotors was diagnosed: its coefficients have figures and tables of their
-        own."""
-        return self.of_aircraft and self.aircraft.rotors is None
+    def coefficients(self) -> tuple[str, ...]:
+        """Coefficients of the aerodynamics that were diagnosed; empty for other systems and beside rotors."""
+        return self.extended.fit.flight.coefficients
 
     @property
     def aircraft(self) -> Aircraft:
@@ -281,16 +280,16 @@ class Diagnosis:
     @property
     def untold(self) -> tuple[Untold, ...]:
         """Numbers of an aircraft file that the records do not determine."""
-        return tuple(untold(self.parameters, self.aircraft, of_aircraft(self.extended.fit.flight)))
+        return tuple(untold(self.parameters, self.aircraft, self.extended.fit.flight))
 
     def next_flights(self) -> NextFlights:
         """Design the manoeuvres that would answer what these records leave open; about 5 s of processor time each."""
-        if not self.of_aeroplane:
+        if not self.coefficients:
             return NextFlights()
         setting = Setting(
             aircraft=self.extended_aircraft,
             records=self.refitted.fit.flight.records,
-            resting=of_aircraft(self.extended.fit.flight).resting,
+            resting=resting(self.extended.fit.flight.records),
             noise=self.noise,
         )
         unmoved = [one for one in self.untold if one.unmoved(self.criteria.given.from_records)]
@@ -306,8 +305,7 @@ class Diagnosis:
         """
         failed = list[str]()
         most = self.criteria.numerics.naming.listed
-        of_aeroplane = self.of_aeroplane
-        aircraft = self.aircraft if self.of_aircraft else None
+        aircraft = self.aircraft if self.is_of_a_file else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
@@ -319,7 +317,7 @@ class Diagnosis:
         for number, cause in enumerate(self.causes):
             drawn = reported(cause)
             with noting(failed, cause.name):
-                if figures and of_aeroplane and number < most:
+                if figures and self.coefficients and number < most:
                     drawn = drawn_cause(cause, self.bare, views, before)
             causes.append(drawn)
         with noting(failed, "shapes"):
@@ -328,17 +326,19 @@ class Diagnosis:
             with noting(failed, "moving air"):
                 gusts = gusts_of(self.extended.fit, self.turbulence.sigma)
             with noting(failed, "response of each axis"):
-                if aircraft is not None and aircraft.rotors is not None:
+                if aircraft is not None and aircraft.rotors:
                     responses = axis_responses(aircraft, self.extended_aircraft, self.as_given.fit.flight.records)
             with noting(failed, "next flight"):
                 next_ones = self.next_flights()
         least = self.criteria.given.from_records
+        untold = self.untold if self.coefficients else ()
         document = Document(
             **{name: getattr(self, name) for name in _IN_BOTH} | self._simulated(figures),
             name=self.diagnosed.name,
             source=self.diagnosed.source,
             witness=self.diagnosed.witness,
             aircraft=aircraft,
+            coefficients=self.coefficients,
             held_out_is_new=self.held_out_is_new or True,
             left=self.claim("nothing that matters is left").because,
             causes=tuple(causes),
@@ -362,10 +362,10 @@ class Diagnosis:
             smallest_detectable=self.detectable,
             detectable=self.detectable_by_channel,
             next_flights=next_ones,
-            limited=tuple(one for one in self.untold if not one.unmoved(least)) if of_aeroplane else (),
+            limited=tuple(one for one in untold if not one.unmoved(least)),
             failed=tuple(failed),
         )
-        unmoved = [one for one in self.untold if one.unmoved(least)] if of_aeroplane else []
+        unmoved = [one for one in untold if one.unmoved(least)]
         asked = list(questions(self.causes, self.unexplained, self.rounds))
         return replace(document, next=next_steps(document, self.causes, asked, unmoved, self.called))
 
@@ -384,7 +384,7 @@ class Diagnosis:
         return Unexplained(
             station=missing.station,
             called=missing.called,
-            port=place.name if place.kind == "coefficient" or not self.of_aircraft else place.key,
+            port=place.name if place.kind == "coefficient" or not self.is_of_a_file else place.key,
             kind=place.kind,
             fitted=fitted,
             probability=self.entered.get(missing.station),
@@ -466,7 +466,7 @@ class Diagnosis:
         InputError
             For a system other than an aircraft: its causes are functions, which a file cannot hold.
         """
-        if not self.of_aircraft:
+        if not self.is_of_a_file:
             raise InputError(
                 f"diagnosis.save: '{self.diagnosed.name}' is no aircraft, and its causes are functions that a file "
                 "cannot hold; write(path) keeps the document"

@@ -17,7 +17,6 @@ from casid.diagnosis.evidence.missing_input import MissingInput, response
 from casid.diagnosis.evidence.screening import Candidate, Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import without
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import View
 from casid.diagnosis.kinematics.turbulence import WIND
@@ -40,7 +39,7 @@ def simulated_of(view: View, figures: bool = True) -> Simulated:
     fastest = 0.5 / max(record.dt for record in records)
     bands = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # Hz, their edges; the records hold some of them
     edges = np.array([edge for edge in bands if edge < fastest and figures])
-    of_aircraft = isinstance(fit.flight, Flight)
+    of_aircraft = fit.flight.coefficients
     return Simulated(
         records=records,
         outputs=tuple(model.outputs),

@@ -180,6 +180,13 @@ class Aircraft:
         check_known("rotor", names, (*own, ALL), where)
 
     @property
+    def required_rotors(self) -> Rotors:
+        """The rotors. Raises InputError for an aircraft without any."""
+        if self.rotors is None:
+            raise InputError(f"aircraft '{self.name}' has no rotors; give them as 'rotors'")
+        return self.rotors
+
+    @property
     def winged(self) -> bool:
         """Return True if the aircraft has aerodynamics."""
         return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)

@@ -99,7 +99,7 @@ def derivatives(document: Document) -> Picture | None:
     order = sorted(told, key=lambda one: (_rank(one.name, against), -abs(_deviation(one))))[:_MOST]
     if not order:
         return None
-    states = document.aircraft.relative_uncertainty if document.aircraft and document.of_aeroplane else 0.0
+    states = document.aircraft.relative_uncertainty if document.aircraft and document.coefficients else 0.0
     stated = 100.0 * (states or document.criteria.prior.unstated)
     of = document.source
     witness = document.witness

@@ -84,7 +84,7 @@ def pictures(document: Document, failed: list[str] | None = None) -> dict[str, P
     worst = partial(worst_channel, document)
     budget_ = partial(budget, document.budget)
     derivatives_ = partial(derivatives, document)
-    if not document.of_aeroplane:
+    if not document.coefficients:
         makers = [
             worst,
             partial(rotors_from_above, document),
@@ -271,7 +271,7 @@ def _context(
     figures = figures_of(drawn, _by_figure(claimed))
     return {
         "name": document.name,
-        "of_aircraft": document.of_aeroplane,
+        "of_aircraft": bool(document.coefficients),
         "colour": COLOURS[document.verdict],
         "badge": document.verdict.capitalize(),
         "first": FirstScreen.of(document),
@@ -319,13 +319,13 @@ def _sections(document: Document, figures: Mapping[str, Figure]) -> list[Section
             figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
         )
         for anchor, (title, template, names) in _SECTIONS.items()
-        if document.of_aeroplane or anchor not in _OF_AIRCRAFT
+        if document.coefficients or anchor not in _OF_AIRCRAFT
     ]
     return [one for one in every if one.figures or one.template != "figures.html"]
 
 
 def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    of_aircraft = {"envelope": envelope_table, "limited": limited} if document.of_aeroplane else {}
+    of_aircraft = {"envelope": envelope_table, "limited": limited} if document.coefficients else {}
     return {name: make(document) for name, make in of_aircraft.items()} | {
         "held_out": tables.channels(document.held_out_as_given, document.held_out_extended, document.best),
         "fitted": tables.channels(document.as_given, document.extended, document.best),

@@ -260,14 +260,14 @@ def derivatives(document: Document) -> ReportTable:
     return ReportTable(
         head=(
             "parameter",
-            "aircraft file" if document.of_aeroplane else of,
+            "aircraft file" if document.coefficients else of,
             f"{witness} ± 1σ",
             "deviation",
             "in σ",
             "",
         ),
         rows=rows,
-        caption=f"{'Derivatives per rad. ' if document.of_aeroplane else ''}{witness.capitalize()}: estimates from "
+        caption=f"{'Derivatives per rad. ' if document.coefficients else ''}{witness.capitalize()}: estimates from "
         "the records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and "
         f"differences between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the "
         f"{of} states, or a tenth where it states none, and beyond 3σ.",

@@ -16,7 +16,7 @@ import numpy as np
 
 import casid as cs
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.systems.rotorcraft import first_fit, rotorcraft
+from casid.diagnosis.flight.rotorcraft import first_fit, rotorcraft
 from casid.model.rotors import effectiveness
 
 _LEAST_ALTITUDE = 0.3  # m
@@ -60,17 +60,16 @@ def flights(path: Path) -> list[cs.Record]:
 
 def with_decks(aircraft: cs.Aircraft) -> cs.Aircraft:
     """The Crazyflie of Foerster 2015 with the inertia of its decks, and with its motor lag of 0.06 s."""
-    assert aircraft.rotors is not None
-    each = tuple(replace(one, lag=0.06) for one in aircraft.rotors.each)
+    rotors = aircraft.required_rotors
+    each = tuple(replace(one, lag=0.06) for one in rotors.each)
     inertia = cs.Inertia(Ixx=2.6e-5, Iyy=2.8e-5, Izz=4.5e-5, Ixz=0.0)
-    return replace(aircraft, inertia=inertia, rotors=replace(aircraft.rotors, each=each))
+    return replace(aircraft, inertia=inertia, rotors=replace(rotors, each=each))
 
 
 def effectiveness_in(aircraft: cs.Aircraft, log: Sequence[cs.Record]) -> list[float]:
     """Effectiveness of each rotor by the flights of one log, fitted alone."""
-    assert aircraft.rotors is not None
-    found = first_fit(rotorcraft(aircraft, log, Criteria()))
-    return [found[effectiveness(name)] for name in aircraft.rotors.names]
+    found = first_fit(rotorcraft(aircraft, log, Criteria())[0])
+    return [found[effectiveness(name)] for name in aircraft.required_rotors.names]
 
 
 def airframe(aircraft: cs.Aircraft, normal: Sequence[Sequence[float]]) -> cs.Aircraft:

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import casid as cs
+from casid.diagnosis.axis_responses import axis_responses
 from casid.diagnosis.facts import ChangedValue
 from casid.diagnosis.given.contradicted import FlightValue
-from casid.diagnosis.systems.axis_responses import axis_responses
 from casid.model.rotors import effectiveness
 from casid.report.rotor_figures import rotors_from_above
 

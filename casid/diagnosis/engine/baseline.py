@@ -19,7 +19,6 @@ from casid.diagnosis.evidence.nuisance import demanded_offsets
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread, without_outliers
 from casid.diagnosis.flight.subject import Subject
@@ -82,7 +81,7 @@ class Baseline:
         return self.calm if of_structure and not self.turbulence.named else self.start
 
 
-def baseline_in_time(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
+def baseline_in_time(flight: Subject, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
     """`baseline_of` as far as there is time, or until Ctrl-C: without time for the kinematics, or for a fit in
     turbulence, the air is taken to be calm."""
     calm = _refitted(flight, known, say)
@@ -100,13 +99,13 @@ def baseline_in_time(flight: Flight, known: Sequence[Attached], say: Callable[[s
     return baseline_from(calm, found)
 
 
-def baseline_of(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
+def baseline_of(flight: Subject, known: Sequence[Attached], say: Callable[[str], None]) -> Baseline:
     """The baseline of a flight with the effects that its file has."""
     calm = _refitted(flight, known, say)
     return baseline_from(calm, _kinematics_of(calm, known, say))
 
 
-def _refitted(flight: Flight, known: Sequence[Attached], say: Callable[[str], None]) -> FlightFit:
+def _refitted(flight: Subject, known: Sequence[Attached], say: Callable[[str], None]) -> FlightFit:
     """The re-estimated file.
 
     The noise is the one measured in the records. If neither the re-estimated file nor the kinematics come near the data
@@ -126,7 +125,7 @@ def _kinematics_of(calm: FlightFit, known: Sequence[Attached], say: Callable[[st
     """The result of the kinematic stage beside a re-estimated file."""
     say("kinematics")
     offsets = demanded_offsets(calm)
-    found = judge_kinematics(of_aircraft(calm.flight), known, offsets, calm)
+    found = judge_kinematics(calm.flight, known, offsets, calm)
     say("refit of the file")
     return found
 
@@ -140,7 +139,7 @@ def baseline_from(calm: FlightFit, found: KinematicFindings) -> Baseline:
         structured = in_colour(fit(calm.flight, [*calm.attached, *structure], calm.noise, calm))
     start = structured
     if moving.named:
-        start = in_colour(in_turbulence(of_aircraft(calm.flight), moving, structured))
+        start = in_colour(in_turbulence(calm.flight, moving, structured))
     calm, structured = (one if one is start else one.lighter() for one in (calm, structured))  # rarely needed again
     return Baseline(calm=calm, structure=structure, structured=structured, start=start, kinematics=found)
 
@@ -157,7 +156,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
     """
     if (effect.target, effect.regressor) != ("CD", "alpha^2"):
         return False
-    aircraft = of_aircraft(fit.flight).aircraft
+    aircraft = fit.flight.aircraft
     lift = fit.derivatives.get("CL_alpha", aircraft.derivatives.get("CL_alpha", 0.0))
     aspect = aircraft.area / aircraft.moment_length_pitch**2
     return 0.0 <= value <= lift**2 / (np.pi * aspect * fit.criteria.structure.oswald)
@@ -165,7 +164,7 @@ def is_induced_drag(effect: Effect, value: float, fit: FlightFit) -> bool:
 
 def demanded_structure(base: FlightFit) -> list[Attached]:
     """Expected terms that the aircraft file lacks and that improve the fit significantly, with predicted values."""
-    aircraft = of_aircraft(base.flight).aircraft
+    aircraft = base.flight.aircraft
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
     present |= {(a.effect.target, a.effect.term or "") for a in base.attached}
     effects = [

@@ -285,7 +285,7 @@ def _fingerprint(fitted: FlightFit, base: FlightFit, one: Attached) -> np.ndarra
     beside = np.array([slot.name in known for slot in fitted.slots])
     own = [slot.name for slot in fitted.slots].index(one.name)
     gram = gram_of(flat) if late.any() else fitted.grams.sum(axis=0)
-    if fitted.flight.closed_loop:
+    if fitted.flight.by_innovations:
         gram = gram + np.diag(fitted.prior_weight)
     direction = np.zeros(len(beside))
     direction[beside] = -scaled_inverse(gram[np.ix_(beside, beside)]) @ gram[beside, own]

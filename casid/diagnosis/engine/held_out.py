@@ -24,9 +24,9 @@ from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, scaled_inverse
 from casid.diagnosis.flight.fit import all_free, fit, without
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.gates import borne_out, cannot_be_flown, required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.diagnosis.kinematics.turbulence import gusts
@@ -108,7 +108,7 @@ def _onsets(base: FlightFit, one: Attached) -> dict[str, float]:
 
 
 def kinematic_gain(
-    flight: Flight,
+    flight: Subject,
     held: Sequence[Record],
     before: FlightFit,
     after: FlightFit,
@@ -122,7 +122,7 @@ def kinematic_gain(
     before, after  the fits without and with the fault
     moving         port -> r.m.s. and time constant [s] of each process of turbulence.
     """
-    there = without_aerodynamics(flight.with_records(flight.aircraft, held))
+    there = without_aerodynamics(flight.elsewhere({}, held))
     noise = forceless_noise(there, moving)
     found = []
     for step in (before, after):
@@ -287,7 +287,7 @@ def _gain_of(
     gain = _per_sample(without_it, with_it)
     if gain < 0.0 and cause.confirmed and cause.effect.of_an_instrument:
         air = begun.turbulence
-        flight = of_aircraft(begun.flight)
+        flight = begun.flight
         moving = gusts(flight, air.sigma, length=air.length) if air.named else {}
         return kinematic_gain(flight, held, model.fit, extended.fit, moving)
     return gain

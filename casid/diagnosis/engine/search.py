@@ -53,7 +53,7 @@ from casid.diagnosis.evidence.onsets import Intervals, configuration_changes
 from casid.diagnosis.evidence.screening import Candidate, Screen, predicted_statistics, rank, screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
-from casid.diagnosis.flight.flight import of_aircraft
+from casid.diagnosis.flight.flight import with_inputs_held
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
 from casid.diagnosis.gates import no_time_left, promises_enough, required_gain
@@ -543,7 +543,7 @@ def _noise_of_the_fit(state: State, say: Say) -> Baseline | None:
     """The baseline whose noise is estimated with the model; None unless residuals with the causes far exceed the
     measured noise.
     """
-    flight = unread(of_aircraft(state.baseline.flight))
+    flight = unread(state.baseline.flight)
     if not (flight.noise_by_fit and is_far(state.fit, state.criteria.significance.chance)):
         return None  # where the file states the noise of too many outputs, the search would be repeated as it was
     return baseline_of(flight, state.baseline.calm.attached, say)
@@ -557,7 +557,7 @@ def _input_timing(state: State, say: Say) -> Baseline | None:
     share = as_inputs_run(state.fit, named=True).flight.held
     if share == begun.flight.held:
         return None
-    flight = of_aircraft(begun.flight).with_inputs_held(share)
+    flight = with_inputs_held(begun.flight, share)
     again = fit(flight, begun.calm.attached, flight.noise(), begun.calm, extent="first")
     return _recalculated(begun, again)
 
@@ -568,7 +568,7 @@ def _calm_air(state: State, say: Say) -> Baseline | None:
     found = state.baseline.kinematics
     if not begun.turbulence.named:
         return None
-    calm = without_turbulence(of_aircraft(begun.flight), begun.calm.attached, state.fit.attached, begun.turbulence)
+    calm = without_turbulence(begun.flight, begun.calm.attached, state.fit.attached, begun.turbulence)
     if calm is None:
         return None
     evidence, ranked_ = calm

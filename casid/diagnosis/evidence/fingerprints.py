@@ -16,6 +16,7 @@ import numpy as np
 from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
+from casid.diagnosis.flight.terms import term_along
 from casid.filtering.kernel import COLUMNS
 from casid.model.effect import Effect, with_grid
 from casid.model.operators import CYCLES
@@ -269,7 +270,7 @@ def _symbolic_columns(base: FlightFit, effects: Sequence[Effect]) -> dict[str, t
 def _unit_history(base: FlightFit, effect: Effect, values: Mapping[str, float], onset: float | None) -> _History:
     """Port -> (N, R) time history of a unit of an effect, or of the complete effect on readings that is not linear."""
     if effect.quasi_steady:
-        term = base.flight.term_along(effect, base.regressors)
+        term = term_along(effect.regressor or "", base.regressors)
         return {str(effect.enters): np.broadcast_to(term, base.batch.live.shape)}
     one = _unit(effect, values, onset, base)
     names = base.batch.names

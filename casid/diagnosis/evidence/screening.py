@@ -17,6 +17,7 @@ from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.evidence.fingerprints import Fingerprint, fingerprints
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.terms import term_along
 from casid.model.effect import Effect
 
 
@@ -99,7 +100,7 @@ class Screen:
         reproduce. In closed loop the numbers of the file are known well: only their priors separate a cause from them.
         """
         left, match, share = self.projected(parts, keep)
-        least = 0.0 if self.base.flight.closed_loop else self.criteria.naming.approximate
+        least = 0.0 if self.base.flight.by_innovations else self.criteria.naming.approximate
         if left <= 0.0 or share < least * _bent(self.base, parts[0].effect):
             return 0.0, 0.0, np.inf, share
         return match**2 / left, match / left, left**-0.5, share
@@ -115,7 +116,7 @@ def _bent(base: FlightFit, effect: Effect) -> float:
     if not names:
         return 1.0
     live = base.batch.live
-    term = np.broadcast_to(base.flight.term_along(effect, base.regressors), live.shape)[live]
+    term = np.broadcast_to(term_along(effect.regressor or "", base.regressors), live.shape)[live]
     lines = np.stack([np.ones(len(term)), *(base.regressors[name][live] for name in names)], axis=1)
     left = term - lines @ np.linalg.lstsq(lines, term, rcond=None)[0]
     part = np.linalg.norm(left) / max(float(np.linalg.norm(term)), 1e-300)

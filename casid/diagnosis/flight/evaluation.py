@@ -28,6 +28,7 @@ from casid.filtering.innovations import Batch, Linear, NoiseModel, PointFunction
 from casid.filtering.kalman import Filter, coloured_news, kalman_filter, residual_about
 from casid.filtering.kernel import COLUMNS, SAMPLES
 from casid.model import operators
+from casid.model.causes import group_channels
 from casid.model.path import STATES
 from casid.model.station import Station
 from casid.model.system import Model
@@ -587,7 +588,7 @@ def lateness(attached: Sequence[Attached], flight: Subject, model: Model) -> np.
     records = flight.records
     late = np.zeros((len(records), len(outputs)), dtype=int)
     for one in (a for a in attached if a.effect.traits.late):
-        rows = [outputs.index(c) for c in flight.channels_of(one.effect) if c in outputs]
+        rows = [outputs.index(c) for c in group_channels(one.effect.target) if c in outputs]
         for j, record in enumerate(records):
             late[j, rows] += round(one.values["value"] / record.dt) if one.concerns(record.name) else 0
     return np.maximum(late, 0)

@@ -1,7 +1,7 @@
 """Noise that cannot be measured in the records is estimated with the model: its level and its correlation time.
 
-A channel that was filtered, held or rounded does not show its noise (`Flight.doubted`). Its residuals consist mostly of
-errors of the model. Level and correlation time are therefore estimated from the residuals by maximum likelihood, and
+A channel that was filtered, held or rounded does not show its noise (`Subject.doubted`). Its residuals consist mostly
+of errors of the model. Level and correlation time are therefore estimated from the residuals by maximum likelihood, and
 again after every named cause.
 """
 
@@ -16,8 +16,9 @@ import scipy
 
 from casid.diagnosis.flight.evaluation import FlightFit, Free, Gram, about_motion, scaled_inverse
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, of_aircraft
+from casid.diagnosis.flight.flight import with_filtered_inputs, with_inputs_held, with_noise_above, within_the_motion
 from casid.diagnosis.flight.hypothesis import Attached, readings
+from casid.diagnosis.flight.subject import Subject
 from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
 from casid.filtering.free_flight import chance_error, free_flight_sigma
@@ -58,7 +59,7 @@ def free_simulation(fit: FlightFit, start: np.ndarray | None = None) -> Simulate
     model = fit.model
     batch = fit.batch
     N, R = batch.live.shape
-    if fit.flight.closed_loop:
+    if fit.flight.by_innovations:
         return _predicted(fit)
     chain = fit.functions.step_function.mapaccum("chain", N - 1)
     X = np.empty((N, R, len(model.states)))
@@ -281,15 +282,15 @@ def is_far(fitted: FlightFit, most: float) -> bool:
     return not fitted.flight.noise_by_fit and float(np.sum(fitted.white**2)) > most * fitted.readings
 
 
-def unread(flight: Flight) -> Flight:
+def unread(flight: Subject) -> Subject:
     """The flight with the noise of all outputs doubted, except where the file states it."""
     unsure = tuple(o for o in flight.outputs if not flight.aircraft.noise.get(o))
-    return replace(flight, doubted=unsure).within_the_motion()
+    return within_the_motion(replace(flight, doubted=unsure))
 
 
 def _under(fitted: FlightFit, sigma: dict[str, float], colour: dict[str, tuple[float, float]], free: Free) -> FlightFit:
     """The fit under another noise of its outputs."""
-    flight = replace(of_aircraft(fitted.flight), sigma=sigma, colour=colour)
+    flight = replace(fitted.flight, sigma=sigma, colour=colour)
     noise = replace(fitted.noise, measurement=sigma, colour=colour)
     return fit(flight, fitted.attached, noise, fitted, free=free, extent="first")
 
@@ -393,16 +394,16 @@ def _innovations(fitted: FlightFit) -> np.ndarray:
     return plain.predicted(*about_motion(fitted))[0]
 
 
-def with_noise_level(flight: Flight, attached: Sequence[Attached]) -> Flight:
+def with_noise_level(flight: Subject, attached: Sequence[Attached]) -> Subject:
     """The flight with its noise estimated.
 
     The noise of doubted outputs is estimated with the model and the effects `attached`. That of the inputs is raised if
     a filter common to all channels reduced it.
     """
-    return _by_the_model(flight, attached).with_filtered_inputs().within_the_motion()
+    return within_the_motion(with_filtered_inputs(_by_the_model(flight, attached)))
 
 
-def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
+def _by_the_model(flight: Subject, attached: Sequence[Attached]) -> Subject:
     """The flight with the noise of doubted outputs estimated with the model."""
     if not flight.doubted:
         return flight
@@ -415,15 +416,15 @@ def _by_the_model(flight: Flight, attached: Sequence[Attached]) -> Flight:
         before = now.sigma
         fitted = fit(now, attached, now.noise(), fitted)
         residual = free_simulation(fitted).residual
-        now = flight.with_noise_above(
-            [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]
+        now = with_noise_above(
+            flight, [_left(now, record, residual[: len(record), r]) for r, record in enumerate(now.records)]
         )
         if all(abs(np.log(now.sigma[o] / before[o])) < numerics.noise_stays for o in flight.doubted):
             break
     return now
 
 
-def _left(flight: Flight, record: Record, residual: np.ndarray) -> Record:
+def _left(flight: Subject, record: Record, residual: np.ndarray) -> Record:
     """The record with the residuals in place of its outputs."""
     return record.with_channels(**{o: residual[:, i] for i, o in enumerate(flight.outputs)})
 
@@ -441,7 +442,7 @@ def without_outliers(fitted: FlightFit) -> FlightFit:
             kept = {o: np.where(alone, np.nan, record[o]) for o, alone in off.items()}
             notes = [f"{o}: {alone.sum()} single readings far from all others left out" for o, alone in off.items()]
             records.append(replace(record.with_channels(**kept), notes=(*record.notes, *notes)))
-        flight = replace(of_aircraft(fitted.flight), records=tuple(records), _regressors={})
+        flight = replace(fitted.flight, records=tuple(records), _regressors={})
         fitted = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return fitted
 
@@ -472,7 +473,7 @@ def _at_once(fitted: FlightFit) -> np.ndarray:
 
 def _moving(fitted: FlightFit) -> np.ndarray:
     """(N, R) True at samples at which a surface moves, and at their neighbours."""
-    flight = of_aircraft(fitted.flight)
+    flight = fitted.flight
     batch = fitted.batch
     moving = np.zeros(fitted.batch.live.shape, dtype=bool)
     for name in (one for one in SURFACES if one in fitted.model.inputs):
@@ -495,7 +496,7 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
         if named or not doubted:
             return fitted
         share = 1.0  # a simulator that holds its inputs: tried before anything else is called wrong
-    flight = of_aircraft(fitted.flight).with_inputs_held(share)
+    flight = with_inputs_held(fitted.flight, share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
     return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted
 

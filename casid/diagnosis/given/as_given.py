@@ -9,7 +9,6 @@ import numpy as np
 
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import SimulatedRecords, View, view_of
 from casid.diagnosis.flight.subject import Subject
@@ -83,20 +82,20 @@ def error_over_noise(views: Sequence[View]) -> float:
     return float(np.sqrt(np.mean(np.square(found)))) if np.isfinite(found).all() else np.inf
 
 
-def fly_as_given(flight: Flight, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
+def fly_as_given(flight: Subject, held: Sequence[Record], known: Sequence[Attached]) -> AsGiven:
     """Simulations of the fitted and the held-out records by the unmodified file; `known` are its own effects."""
-    both = [flight, flight.with_records(flight.aircraft, held)]
+    both = [flight, flight.elsewhere({}, held)]
     fitted, unseen = side_by_side(lambda one: _flown(one, known), both)
     return AsGiven(mended=(fitted, unseen))
 
 
 def fly_recorded(
-    flight: Flight, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
+    flight: Subject, recorded: tuple[Sequence[Record], Sequence[Record]], known: Sequence[Attached]
 ) -> tuple[View, View] | None:
     """The same with the records before they were corrected; None if it cannot be simulated with these."""
     fitted, held = recorded
     try:
-        return fly_as_given(flight.with_records(flight.aircraft, fitted), held, known).mended
+        return fly_as_given(flight.elsewhere({}, fitted), held, known).mended
     except InputError:
         return None
 
@@ -115,7 +114,7 @@ def attached_effects(aircraft: Aircraft, names: Sequence[str]) -> list[Attached]
     return found
 
 
-def _flown(flight: Flight, known: Sequence[Attached]) -> View:
+def _flown(flight: Subject, known: Sequence[Attached]) -> View:
     view = view_of(_states(flight, known), _start(flight, known))
     return replace(view, fit=view.fit.lighter())
 
@@ -124,14 +123,14 @@ def _states(flight: Subject, known: Sequence[Attached]) -> FlightFit:
     return fit(flight, known, flight.noise(), free="states")
 
 
-def _start(flight: Flight, known: Sequence[Attached]) -> np.ndarray | None:
+def _start(flight: Subject, known: Sequence[Attached]) -> np.ndarray | None:
     """(R, states) initial states: measured ones, and fits to the first seconds for the others; None if those seconds do
     not determine them.
     """
     window = flight.criteria.given.window
     parts = [record.between(record.t[0], record.t[0] + window) for record in flight.records]
     try:
-        short = flight.with_records(flight.aircraft, parts)
+        short = flight.elsewhere({}, parts)
         begun = _states(short, known)
     except InputError:
         return None

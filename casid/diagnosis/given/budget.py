@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from casid.above import ask_above
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.noise import View, expected_error, most_by_chance
 from casid.diagnosis.given.as_given import AsGiven
 from casid.signals import label_of
@@ -105,7 +104,7 @@ def budget_of(given: AsGiven, values: View, structure: View, fitted: View) -> Bu
     together = BudgetSteps(
         **{one.name: _mean([getattr(c, one.name) for c in channels.values()]) for one in fields(BudgetSteps)}
     )
-    labels = {name: label_of(name) for name in shared} if isinstance(given.held.fit.flight, Flight) else {}
+    labels = {name: label_of(name) for name in shared} if given.held.fit.flight.coefficients else {}
     by_record = [
         *_by_record(given.fitted, fitted, sigma[fitted], held_out=False),
         *_by_record(given.held, structure, sigma[structure], held_out=True),

@@ -18,7 +18,6 @@ from scipy.special import ndtri
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, deviation_along, left_open, straight_lines
 from casid.diagnosis.flight.evaluation import FlightFit, by_rows
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import smallest_stated_std
 from casid.estimation.residual_colour import (
     WhitePiece,
@@ -85,7 +84,7 @@ def flight_values(
     found = {}
     quantile = float(ndtri(0.5 * (1.0 + fit.criteria.priors.holds)))
     coloured = coloured_deviation(fit)
-    bends = _bends(fit) if isinstance(fit.flight, Flight) else {}
+    bends = _bends(fit) if fit.flight.coefficients else {}
     lines = straight_lines(evidence)
     wake = by_the_wake(evidence, lines)
     for i, slot in enumerate(fit.slots):
@@ -122,7 +121,7 @@ def by_the_wake(evidence: Evidence, lines: np.ndarray) -> np.ndarray:
     if not any(term == "alphadot" for _, term in evidence.terms):
         return found  # as of any system that is no aircraft
     number = {slot.name: i for i, slot in enumerate(fit.slots)}
-    aircraft = of_aircraft(fit.flight).aircraft
+    aircraft = fit.flight.aircraft
     lift = next((abs(fit.derivatives[name]) for name in ("CL_alpha", "CZ_alpha") if name in fit.derivatives), 0.0)
     slope = min(2.0 * lift * aircraft.moment_length_pitch**2 / (math.pi * aircraft.area), 1.0)
     for j, (coefficient, term) in enumerate(evidence.terms, len(fit.slots)):
@@ -166,7 +165,7 @@ def _bends(fit: FlightFit) -> dict[str, dict[int, float]]:
         for name, series in fit.regressors.items()
         if name in VARIABLES
     }
-    trim = of_aircraft(fit.flight).aircraft.trim
+    trim = fit.flight.aircraft.trim
     middle |= {name: trim[name] for name in middle.keys() & trim.keys() - {"V"}}  # a term has its relative change
     found: dict[str, dict[int, float]] = {}
     for name in fit.derivatives:
@@ -338,7 +337,7 @@ def _impossible(aircraft: Aircraft, flight: Mapping[str, FlightValue]) -> Iterat
     effects = {effect.name: effect for effect in map(effect_of, aircraft.effects)}
     for doubt in impossibilities(aircraft):
         stated = _flight_says(effects[doubt.parameter], flight) if doubt.parameter in effects else None
-        says = f" Flight says {_number(stated, doubt.unit)}." if stated is not None and stated.determined else ""
+        says = f" Subject says {_number(stated, doubt.unit)}." if stated is not None and stated.determined else ""
         told = impossible(replace(doubt, sentence=f"{doubt.sentence}{says}"))
         yield replace(told, flight=stated.value, std=stated.std) if stated is not None else told
 
@@ -350,7 +349,7 @@ def _flight_says(effect: Effect, flight: Mapping[str, FlightValue]) -> FlightVal
 
 
 def _against(name: str, unit: str, given: float, flight: FlightValue, margin: float) -> Contradiction:
-    """Flight beside the file."""
+    """Subject beside the file."""
     opposes = flight.value * given < 0.0 and min(abs(flight.value), abs(given)) > margin
     says = "says the opposite sign," if opposes else "says"
     return Contradiction(

@@ -11,7 +11,8 @@ import numpy as np
 
 from casid.data_check.criteria import DataCriteria
 from casid.diagnosis.criteria import Criteria, GivenCriteria, HeldOutCriteria
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare, resting
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.contradicted import Contradiction, FlightValue, contradicted
 from casid.diagnosis.given.factors import Factor, borne_out, common_factors
 from casid.diagnosis.kinematics.kinematics import NEEDED
@@ -50,7 +51,7 @@ def _varies(series: np.ndarray) -> bool:
     return np.unique(series[np.isfinite(series)]).size > 1
 
 
-def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
+def left_open(flight: Subject, given: Sequence[Record], values: Mapping[str, FlightValue]) -> Iterator[NotJudged]:
     """List what stays open in the axes of a flight: instruments, moving air, and numbers of the file.
 
     given    the records as they were read
@@ -69,7 +70,7 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
     needed = [name for name in NEEDED[flight.axes] if name not in flight.outputs]
     if needed:
         yield NotJudged(what="instruments by kinematics alone", because=f"they take {_all_of(needed)} too")
-    for surface in flight.resting:
+    for surface in resting(flight.records):
         if any(surface in record for record in given):
             yield NotJudged(what=f"derivatives by {surface}", because=f"{surface} stands still")
     undetermined = [name for name in flight.aircraft.derivatives if name in values and not values[name].determined]
@@ -80,7 +81,7 @@ def left_open(flight: Flight, given: Sequence[Record], values: Mapping[str, Flig
         )
 
 
-def out_of_sight(flight: Flight, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
+def out_of_sight(flight: Subject, detectable: Mapping[str, float]) -> Iterator[NotJudged]:
     """List what the fitted records cannot show: instrument and thrust faults whose smallest `detectable` size exceeds
     the largest plausible one, and channels whose noise could not be measured."""
     beyond = [
@@ -157,10 +158,10 @@ def axes_that_tell(
         if aircraft is not None and has_aerodynamics(aircraft, modelled) and not has_aerodynamics(aircraft, absent):
             coefficients = ", ".join(moved_coefficients(aircraft, absent))
             return Axes(name=modelled, not_judged=_motions(absent, f"the aircraft file has nothing of {coefficients}"))
-    for resting, moving in _OTHER.items():
-        share = _share(records, resting, moving)
+    for still_axes, moving in _OTHER.items():
+        share = _share(records, still_axes, moving)
         if share < still:
-            return Axes(name=moving, not_judged=_motions(resting, _rests(records, resting, share)))
+            return Axes(name=moving, not_judged=_motions(still_axes, _rests(records, still_axes, share)))
     return Axes(name="full")
 
 
@@ -344,7 +345,7 @@ class Scope:
     given  the fitted records as they were read; `lost` what is outside the scope
     """
 
-    flight: Flight
+    flight: Subject
     held: tuple[Record, ...]
     given: tuple[Record, ...]
     lost: tuple[NotJudged, ...]
@@ -398,7 +399,7 @@ def scope_of(aircraft: Aircraft, records: Split, criteria: Criteria, axes: str |
     powered = with_thrust(aircraft, fitted, judged.name, nodes)
     unseen = with_thrust(aircraft, held, judged.name, nodes).records
     flight = prepare(aircraft, powered.records, criteria, judged.name, average=True)
-    flight.with_records(flight.aircraft, unseen)  # what they lack is reported before the work begins
+    flight.elsewhere({}, unseen)  # what they lack is reported before the work begins
     flight = replace(flight, unknown=powered.unknown)
     return Scope(flight=flight, held=unseen, given=tuple(fitted), lost=(*judged.not_judged, *powered.lost))
 

@@ -16,7 +16,6 @@ from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Candidate, Screen, screen
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_slow_as_left, is_far
 from casid.diagnosis.flight.subject import Subject
@@ -167,7 +166,7 @@ def no_kinematics(subject: Subject, offsets: Sequence[Attached] = ()) -> Kinemat
 
 
 def judge_kinematics(
-    flight: Flight, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
+    flight: Subject, known: Sequence[Attached], offsets: Sequence[Attached], refitted: FlightFit
 ) -> KinematicFindings:
     """Run the kinematic stage, with the effects `known` by the file and small `offsets` of instruments.
 
@@ -196,7 +195,7 @@ def judge_kinematics(
     return KinematicFindings(evidence=evidence, ranked=ranked, turbulence=turbulent, nuisance=nuisance)
 
 
-def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
+def _leading_skews(flight: Subject, found: FlightFit) -> list[Attached]:
     """Skews between instruments if they explain more than any other cause; a vane far from its stated position imitates
     some.
     """
@@ -207,7 +206,7 @@ def _leading_skews(flight: Flight, found: FlightFit) -> list[Attached]:
     return skews if gained > max(c.net for c in screen(weigh(found, discrepancy=False), elsewhere)) else []
 
 
-def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
+def comes_near(flight: Subject, known: Sequence[Attached]) -> bool:
     """Return True if the kinematics come near the data with at most one cause.
 
     If so, the measured noise is correct, and what a model leaves is that cause or an error of its aerodynamics.
@@ -225,7 +224,7 @@ def comes_near(flight: Flight, known: Sequence[Attached]) -> bool:
 
 
 def without_turbulence(
-    flight: Flight, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
+    flight: Subject, known: Sequence[Attached], attached: Sequence[Attached], turbulent: Turbulence
 ) -> tuple[Evidence, list[Candidate]] | None:
     """Kinematic evidence in calm air with its ranking, if the named causes explain what was taken for turbulence.
 
@@ -242,13 +241,13 @@ def without_turbulence(
     return evidence, screen(evidence, _observable(flight, before))
 
 
-def _observable(flight: Flight, known: Sequence[Attached]) -> list[Effect]:
+def _observable(flight: Subject, known: Sequence[Attached]) -> list[Effect]:
     """Causes that affect the kinematics and are not `known`."""
     taken = {one.effect.key for one in known}
     return [e for e in flight.effects if e.kinematic and e.key not in taken]
 
 
-def _with_faults(flight: Flight, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
+def _with_faults(flight: Subject, turbulent: Turbulence, calm: FlightFit, effects: Sequence[Effect]) -> Turbulence:
     """The turbulence after a test against faults that look like it: instrument faults, discrete gusts, a shear.
 
     Turbulence can imitate any fault, and faults can imitate much of turbulence. Faults are preferred if they leave no
@@ -295,7 +294,7 @@ def moves_the_aircraft(turbulent: Turbulence, refitted: FlightFit) -> bool:
     Turbulence has the strength and scale found in the kinematics, and rolls the aircraft too. It must explain more than
     slow noise of all readings does, by the same statistic that the kinematics require.
     """
-    flight = of_aircraft(refitted.flight)
+    flight = refitted.flight
     if refitted.noise.colour:  # noise estimated with the model already includes the effect of the air
         return True
     air = gusts(flight, turbulent.sigma, {"dCl": 1.0}, turbulent.length)

@@ -3,7 +3,7 @@
 Angular rates, accelerations, attitudes and air data of a rigid body are related by kinematics alone. The reconstruction
 (`kinematics.reconstruct`) is of the records as `check` corrects them, and leaves all forces and moments free. It
 estimates the motion, the biases of all instruments, and those errors of scale, delay and position that the data
-require. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A.
+require. R. V. Jategaonkar, Subject Vehicle System Identification, 2nd ed. (2015), chapter 10; V. Klein and E. A.
 Morelli, Aircraft System Identification (2006), chapter 10.
 """
 
@@ -25,8 +25,9 @@ from casid.diagnosis.evidence.evidence import Evidence, deviation, weigh
 from casid.diagnosis.evidence.screening import Candidate, screen
 from casid.diagnosis.evidence.size import without_and_with
 from casid.diagnosis.flight.evaluation import FlightFit
-from casid.diagnosis.flight.flight import Flight, of_aircraft, prepare
+from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.gates import is_possible
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.kinematics import NEEDED
@@ -327,7 +328,7 @@ def _step_sigma(records: Sequence[Record], name: str) -> float:
     return float(np.sqrt(np.mean(np.concatenate([np.diff(values, 2) for values in series]) ** 2)))
 
 
-def _flight(records: Sequence[Record], plane: Aircraft, axes: str | None, criteria: Criteria) -> Flight:
+def _flight(records: Sequence[Record], plane: Aircraft, axes: str | None, criteria: Criteria) -> Subject:
     """The flight of the records without thrust and aerodynamics."""
     able = [name for name, needed in NEEDED.items() if all(c in record for record in records for c in (*needed, "V"))]
     if axes is None and not able:
@@ -386,7 +387,7 @@ def _nominal(records: Sequence[Record], aircraft: Aircraft | None) -> Aircraft:
     )
 
 
-def _in_moving_air(flight: Flight, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
+def _in_moving_air(flight: Subject, biased: Sequence[Attached], air: Turbulence) -> FlightFit:
     """The reconstruction in turbulence, with biases of the instruments."""
     moving = gusts(flight, air.sigma, length=air.length)
     return kinematics.again(kinematics.reconstruct(flight, moving=moving), biased)
@@ -396,7 +397,7 @@ Separate = Callable[[Evidence, Attached], bool]
 
 
 def _with_errors(
-    flight: Flight, found: FlightFit, tried: Sequence[str], separate: Separate = lambda evidence, one: True
+    flight: Subject, found: FlightFit, tried: Sequence[str], separate: Separate = lambda evidence, one: True
 ) -> tuple[Evidence, dict[str, tuple[str, ...]]]:
     """The reconstruction with the further errors that the data require and `separate`, added one at a time, and their
     alternatives."""
@@ -436,7 +437,7 @@ def _stands_out(air: Turbulence, hidden: list[str], evidence: Evidence, one: Att
     its own r.m.s. it reads like any error that is proportional to the motion.
     """
     fit = evidence.fit
-    speed = kinematics.typical_speed(of_aircraft(evidence.fit.flight))
+    speed = kinematics.typical_speed(evidence.fit.flight)
     moved = {"V": air.sigma, "alpha": air.sigma / speed, "beta": air.sigma / speed}
     channels = [name for name in one.effect.reads if name in moved and name in fit.model.outputs]
     plain, seen = without_and_with(fit, one)
@@ -480,7 +481,7 @@ def _error(evidence: Evidence, one: Attached, rivals: tuple[str, ...]) -> Instru
     )
 
 
-def _not_judged(records: Sequence[Record], flight: Flight, errors: Sequence[InstrumentError]) -> tuple[str, ...]:
+def _not_judged(records: Sequence[Record], flight: Subject, errors: Sequence[InstrumentError]) -> tuple[str, ...]:
     """List what these records leave open, in words."""
     wanted = {"alpha": "vane of incidence", "beta": "vane of sideslip", "phi": "bank angle", "theta": "pitch angle"}
     plane = {"longitudinal": ("beta", "phi"), "lateral": ("alpha", "theta")}.get(flight.axes, ())

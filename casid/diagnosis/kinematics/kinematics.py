@@ -17,8 +17,9 @@ from casid.diagnosis.criteria import KinematicCriteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
+from casid.diagnosis.flight.flight import with_aircraft
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.filtering.innovations import NoiseModel
 from casid.model import station
@@ -29,10 +30,10 @@ _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 _FORCES: Mapping[str, str] = MappingProxyType({"CX": "ax", "CY": "ay", "CZ": "az"})
 
 
-_ALREADY: WeakKeyDictionary[Flight, Flight] = WeakKeyDictionary()  # keeps the models that were built
+_ALREADY: WeakKeyDictionary[Subject, Subject] = WeakKeyDictionary()  # keeps the models that were built
 
 
-def without_aerodynamics(flight: Flight) -> Flight:
+def without_aerodynamics(flight: Subject) -> Subject:
     """The flight of an aircraft with the accelerations that its accelerometers measure on average.
 
     They do not follow the airspeed: free coefficients would be smaller, and more probable, at a higher airspeed, and
@@ -43,11 +44,11 @@ def without_aerodynamics(flight: Flight) -> Flight:
         sphere = Inertia(Ixx=1.0, Iyy=1.0, Izz=1.0, Ixz=0.0)  # an acceleration about one axis makes none about another
         free = {"force_axes": "accelerations", "derivatives": _constants(flight), "inertia": sphere}
         bare = replace(flight.aircraft, **nothing, **free)
-        _ALREADY[flight] = replace(flight, aircraft=bare, _models={}, _functions={}, _regressors={})
+        _ALREADY[flight] = with_aircraft(flight, bare)
     return _ALREADY[flight]
 
 
-def _constants(flight: Flight) -> dict[str, float]:
+def _constants(flight: Subject) -> dict[str, float]:
     """Constant accelerations in body axes."""
     found = dict.fromkeys((f"{c}_0" for c in coefficient_names("accelerations")), 0.0)
     for coefficient, channel in _FORCES.items():
@@ -56,7 +57,7 @@ def _constants(flight: Flight) -> dict[str, float]:
     return found
 
 
-def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
+def free_forces(flight: Subject) -> dict[str, tuple[float, float]]:
     """Acceleration -> r.m.s. [m/s2] or [rad/s2] and time constant [s] of a Gauss-Markov disturbance that is as large as
     the motion.
 
@@ -69,13 +70,13 @@ def free_forces(flight: Flight) -> dict[str, tuple[float, float]]:
     return {station.coefficient(name): (size, criteria.time) for name, size in sizes.items()}
 
 
-def typical_speed(flight: Flight) -> float:
+def typical_speed(flight: Subject) -> float:
     """Median true airspeed [m/s], or that of the trim."""
     V = np.concatenate([record["V"] for record in flight.records if "V" in record] or [np.array([np.nan])])
     return float(np.nanmedian(V)) if np.isfinite(V).any() else flight.aircraft.trim["V"]
 
 
-def _angular_acceleration(flight: Flight, rate: str, criteria: KinematicCriteria) -> float:
+def _angular_acceleration(flight: Subject, rate: str, criteria: KinematicCriteria) -> float:
     """1-sigma [rad/s2] of a free angular acceleration.
 
     It is computed from the increments of the measured rate over the correlation time, as for an integrated first-order
@@ -111,19 +112,19 @@ NEEDED: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 
 
-def available(flight: Flight) -> bool:
+def available(flight: Subject) -> bool:
     """Return True if the records contain the accelerations and rates that are needed to leave the forces free."""
     return all(name in flight.outputs for name in NEEDED[flight.axes])
 
 
 def reconstruct(
-    flight: Flight,
+    flight: Subject,
     attached: Sequence[Attached] = (),
     moving: Mapping[str, tuple[float, float]] = _CALM,
     start: FlightFit | None = None,
     extent: Extent | tuple[float, ...] = "again",
 ) -> FlightFit:
-    """Flight-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
+    """Subject-path reconstruction: trajectory and instrument errors with forces left free, in `moving` air (see
     `gusts`).
     """
     flight = without_aerodynamics(flight)
@@ -131,7 +132,7 @@ def reconstruct(
     return fit(flight, attached, noise, start, free="effects", extent=extent)
 
 
-def forceless_noise(flight: Flight, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
+def forceless_noise(flight: Subject, moving: Mapping[str, tuple[float, float]] = _CALM) -> NoiseModel:
     """The noise model with forces left free, in `moving` air.
 
     It has no colour, because innovations with free forces contain more than noise of the readings.

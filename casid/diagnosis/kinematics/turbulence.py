@@ -13,7 +13,6 @@ from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import moving_air
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, relaxed
-from casid.diagnosis.flight.flight import Flight, of_aircraft
 from casid.diagnosis.flight.hypothesis import acting_noise
 from casid.diagnosis.flight.noise import is_far
 from casid.diagnosis.flight.subject import Subject
@@ -91,7 +90,7 @@ def _in_air(flight: Subject, sigma: float, std: float, gain: float, beyond_one_a
 
 
 def gusts(
-    flight: Flight,
+    flight: Subject,
     sigma: float,
     moments: Mapping[str, float] = _NO_MOMENTS,
     length: float | None = None,
@@ -124,7 +123,7 @@ def gusts(
     return processes
 
 
-def in_turbulence(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
+def in_turbulence(flight: Subject, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit of the full model in turbulence, of the form that explains most, under its most likely noise."""
     return relaxed(_under_its_noise(_in_likeliest_form(flight, turbulent, start)))
 
@@ -179,7 +178,7 @@ def _likeliest_noise(fitted: FlightFit) -> NoiseModel:
     return under(found, fitted.noise)
 
 
-def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) -> FlightFit:
+def _in_likeliest_form(flight: Subject, turbulent: Turbulence, start: FlightFit) -> FlightFit:
     """The fit in the form of turbulence that explains most, under the filter of that form's first point.
 
     The air is uniform over the aircraft, or turns with the gradient of its velocity, whichever explains more. The signs
@@ -199,8 +198,8 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
     def other(moments: Sequence[str], scale: float, start: FlightFit, turning: Mapping[str, float]) -> FlightFit:
         """The fit in another form of turbulence; `start` itself if it does not come below that."""
         noise = flight.noise(gusts(flight, turbulent.sigma, dict.fromkeys(moments, scale), turbulent.length))
-        flown = of_aircraft(start.flight)
-        air = flown if flown.turning == turning else flight.turned_by_air(turning)
+        flown = start.flight
+        air = flown if flown.turning == turning else flight.changed(turning=turning)
         to_beat = start.deviance if start.noise.coloured else np.inf
         found = fit(air, start.attached, noise, start, extent="rough", give_up=to_beat, far=far)
         is_first = not start.noise.coloured  # the other rotations of the air are compared under its filter
@@ -208,7 +207,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
 
     def larger(moments: Sequence[str], best: FlightFit) -> FlightFit:
         for scale in scales[1:]:  # one after the other: the first is mostly worse, and ends it
-            found = other(moments, scale, best, of_aircraft(best.flight).turning)
+            found = other(moments, scale, best, best.flight.turning)
             if found is best:
                 break
             best = found
@@ -231,7 +230,7 @@ def _in_likeliest_form(flight: Flight, turbulent: Turbulence, start: FlightFit) 
     best = larger(_ROLLING, min(others, key=lambda one: one.deviance))
     if uniform.deviance < best.deviance:
         return uniform
-    besides = other(tuple(_DAMPING), scales[0], best, of_aircraft(best.flight).turning)
+    besides = other(tuple(_DAMPING), scales[0], best, best.flight.turning)
     if besides is not best:
         besides = larger(tuple(_DAMPING), besides)
     more = best.deviance - besides.deviance
@@ -243,7 +242,7 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
 
     Records separate the forms by the derivatives that each of them would need; a file does not know either.
     """
-    flight = of_aircraft(fitted.flight)
+    flight = fitted.flight
     wind = {n: one for n, one in fitted.noise.coloured.items() if n in WIND}
     sigma = max(velocity for velocity, _ in wind.values())
     length = typical_speed(flight) * max(tau for _, tau in wind.values())
@@ -252,10 +251,10 @@ def in_other_air(fitted: FlightFit) -> FlightFit:
     turned = gusts(flight, sigma, moments, length, axes=())
     moving = {name: one for name, one in turned.items() if name in fitted.model.disturbances}
     noise = replace(fitted.noise, coloured=wind | moving)
-    return fit(flight.turned_by_air(turning), fitted.attached, noise, fitted, extent="rough")
+    return fit(flight.changed(turning=turning), fitted.attached, noise, fitted, extent="rough")
 
 
-def turbulence(flight: Flight, calm: FlightFit) -> Turbulence:
+def turbulence(flight: Subject, calm: FlightFit) -> Turbulence:
     """Estimate r.m.s. velocity and scale length of turbulence with forces left free.
 
     The velocity is first found on a grid. Length and velocity are then refined with parabolas through the deviance.

@@ -20,8 +20,9 @@ from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.check import KinematicFindings
 from casid.diagnosis.kinematics.turbulence import still_air
 from casid.model.causes import (
@@ -41,7 +42,7 @@ LAGGED = Attached(effect=actuator_lag("delta_e"), values={"value": 0.05})
 BIAS = Attached(effect=sensor_bias("q"), values={"value": 0.004})
 
 
-def state_of(flight: Flight, attached: list[Attached], rounds: tuple[Round, ...]) -> State:
+def state_of(flight: Subject, attached: list[Attached], rounds: tuple[Round, ...]) -> State:
     """A search that has found these causes, in calm air."""
     calm = fit(flight, (), flight.noise(), extent="first")
     still = KinematicFindings(evidence=None, ranked=[], turbulence=still_air(flight), nuisance=[])

@@ -17,9 +17,10 @@ from scipy import signal
 
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare, with_noise_above
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour, unread, with_noise_level
+from casid.diagnosis.flight.subject import Subject
 from casid.model.causes.controls import actuator_lag
 from casid.records.noise import mean_over, quiet_windows
 from casid.records.noise_spectrum import density_sigma, high_band_holds, motion_edge
@@ -52,7 +53,7 @@ def measured(
     return records
 
 
-def ratios(flight: Flight) -> np.ndarray:
+def ratios(flight: Subject) -> np.ndarray:
     return np.array([flight.sigma[name] / NOISE[name] for name in flight.outputs])
 
 
@@ -86,7 +87,7 @@ def test_a_simulation_that_departed_leaves_the_noise_to_the_records() -> None:
     """No residual of any record is finite: the octave above the motion has the noise's density, and is all there is."""
     flight = prepare(do328(), measured(50.0, 5.0, 0.0, count=1))
     none = [r.with_channels(**{o: np.full(len(r), np.nan) for o in flight.outputs}) for r in flight.records]
-    found = ratios(flight.with_noise_above(none))
+    found = ratios(with_noise_above(flight, none))
     assert np.isfinite(found).all() and found.min() > 1.0 / _FACTOR
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from small_flight import aircraft_file, records
 
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.subject import Subject
 from casid.model.terms import IN_PLANE, OUT_OF_PLANE, parse_term
 
 
-def variables(flight: Flight) -> set[str]:
+def variables(flight: Subject) -> set[str]:
     """Of all terms that are offered."""
     return {v for e in flight.effects if e.regressor for v in parse_term(e.regressor).variables}
 

@@ -10,7 +10,8 @@ from diagnosis_flights import NOISE, flights, rough_file
 from scipy.signal import lfilter
 
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.kinematics.check import judge_kinematics, moves_the_aircraft
 from casid.diagnosis.kinematics.kinematics import reconstruct
 from casid.diagnosis.kinematics.turbulence import turbulence
@@ -33,14 +34,14 @@ def with_drifting(record: Record, rng: np.random.Generator, sizes: dict[str, flo
 
 
 @cache
-def in_calm_air() -> Flight:
+def in_calm_air() -> Subject:
     """Vanes and airspeed that wander for two seconds at a time, as far as the air at 0.4 m/s makes them."""
     rng, sizes = np.random.default_rng(1), {"V": 1.0, "alpha": 1.0, "beta": 1.0}
     return prepare(rough_file(), [with_drifting(one, rng, sizes, 2.0) for one in flights(seed=6, count=3)])
 
 
 @cache
-def in_moving_air(sigma: float, slow: bool) -> Flight:
+def in_moving_air(sigma: float, slow: bool) -> Subject:
     air = flown.turbulence(np.random.default_rng(7), _T, sigma, V_TRIM, 20.98)
     records, rng = flights(seed=7, count=3, disturbance=air), np.random.default_rng(2)
     sizes = dict.fromkeys(NOISE, 0.7) if slow else {}

@@ -18,9 +18,10 @@ from casid.diagnosis.evidence.onsets import at_peak
 from casid.diagnosis.evidence.screening import Screen
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate, gauss_newton_step
 from casid.diagnosis.flight.fit import fit, relaxed
-from casid.diagnosis.flight.flight import Flight, prepare
+from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.motion import Motion
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.contradicted import flight_values
 from casid.diagnosis.kinematics.check import without_turbulence
 from casid.diagnosis.kinematics.kinematics import reconstruct
@@ -107,7 +108,7 @@ def matters(effect: Effect) -> float:
 
 
 @cache
-def _in_turbulence() -> Flight:
+def _in_turbulence() -> Subject:
     air = flown.turbulence(np.random.default_rng(7), _T, 1.0, V_TRIM, 20.98)
     return prepare(rough_file(), flights(seed=7, count=3, disturbance=air))
 
@@ -210,7 +211,7 @@ def test_values_in_turbulence_are_those_that_predict() -> None:
         for r in flights(seed=7, count=3, disturbance=uniform, noise=rough)
     ]
     flight = prepare(do328(), records)
-    moving = flight.turned_by_air({})
+    moving = flight.changed(turning={})
     found = relaxed(fit(moving, [], moving.noise(gusts(flight, 1.0, {}, 533.0))))
     values = flight_values(weigh(found), found)
     for name in ("CL_alpha", "Cm_alpha", "CY_beta", "Cn_beta", "Cl_delta_a"):

@@ -8,9 +8,9 @@ from diagnosis_flights import flights, one_round
 import casid as cs
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import Flight
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import is_far, with_noise_level
+from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.given.scope import scope_of
 from casid.diagnosis.kinematics.check import comes_near
 from casid.model.aircraft import Aircraft
@@ -23,7 +23,7 @@ from problems.faults.flights import real_flight
 LATE = Attached(effect=sensor_delay("inertial"), values={"value": 0.3})
 
 
-def as_read(aircraft: Aircraft, records: list[Record]) -> Flight:
+def as_read(aircraft: Aircraft, records: list[Record]) -> Subject:
     scope = scope_of(aircraft, (records, records), Criteria(), None)
     return with_noise_level(scope.flight, ())
 

@@ -1,4 +1,4 @@
-"""A plant in the aircraft's engine. Truth: faults that simulators of their own hide in five systems."""
+"""A subject in the aircraft's engine. Truth: faults that simulators of their own hide in five systems."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from casid.diagnosis.evidence.missing_input import missing_inputs
 from casid.diagnosis.evidence.screening import screen
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.systems.plant import Plant, PlantSizes, first_fit, plant_of
+from casid.diagnosis.flight.ported import first_fit, ported
+from casid.diagnosis.flight.subject import Subject
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
 
@@ -27,20 +28,20 @@ HIDDEN = {
 }
 
 
-def plant_with(name: str, fault: Fault | None, seed: int = 11) -> Plant:
+def subject_with(name: str, fault: Fault | None, seed: int = 11) -> Subject:
     system = SYSTEMS[name]
-    return plant_of(system.model(), system.fly(seed, fault)[:3], system.ports(), system.library, Criteria())
+    return ported(system.model(), system.fly(seed, fault)[:3], system.ports(), system.library, Criteria())[0]
 
 
 @pytest.mark.parametrize("name", HIDDEN)
 def test_a_hidden_cause_is_ranked_first_and_fitted_to_its_size(name: str) -> None:
     """Or second: a lag and a delay resemble each other until they are fitted."""
     fault = HIDDEN[name]
-    plant = plant_with(name, fault)
-    refitted = first_fit(plant)
-    first = [one for one in screen(weigh(refitted), plant.effects)[:2] if one.name == fault.name]
+    subject = subject_with(name, fault)
+    refitted = first_fit(subject)
+    first = [one for one in screen(weigh(refitted), subject.effects)[:2] if one.name == fault.name]
     assert first
-    fitted = fit(plant, [first[0].attached], plant.noise(), refitted, extent=(25, 0.5))
+    fitted = fit(subject, [first[0].attached], subject.noise(), refitted, extent=(25, 0.5))
     assert fitted.converged
     assert np.sum(fitted.white**2) < 1.1 * fitted.readings  # nothing but noise is left
     assert abs(fitted.attached[0].values["value"] - fault.size) < 0.05 * abs(fault.size)
@@ -48,12 +49,12 @@ def test_a_hidden_cause_is_ranked_first_and_fitted_to_its_size(name: str) -> Non
 
 def test_a_stuck_reading_tells_nothing_of_the_motion_from_its_onset_on() -> None:
     """The sensitivities of the reading to the state are zero there, so that its noise does not move the fit."""
-    plant = plant_with(
+    subject = subject_with(
         "Lotka-Volterra", Fault(kind="sensor_stuck", target="prey", size=1.0, records=("m2",), onset=12.0)
     )
-    (effect,) = [one for one in plant.effects if one.name == "sensor_stuck(prey)"]
+    (effect,) = [one for one in subject.effects if one.name == "sensor_stuck(prey)"]
     one = Attached(effect=effect, values={"value": 1.0}, onsets={"m2": 12.0})
-    fitted = fit(plant, [one], plant.noise(), first_fit(plant), extent=(25, 0.5))
+    fitted = fit(subject, [one], subject.noise(), first_fit(subject), extent=(25, 0.5))
     assert fitted.attached[0].values["value"] == pytest.approx(1.0, abs=0.02)
     after = fitted.batch.t[:, 1] > 12.1
     whole = np.abs(fitted.linear.C[:, 0, fitted.model.outputs.index("prey")]).max()
@@ -67,8 +68,8 @@ def test_what_no_cause_describes_is_missing_where_it_enters() -> None:
         rng = np.random.default_rng([3, k])
         wander = np.interp(record.t, np.arange(0.0, 9.0, 0.5), 0.4 * rng.standard_normal(18))
         records.append(record.with_channels(V=record["V"] - wander))
-    plant = plant_of(system.model(), records, system.ports(), system.library, Criteria())
-    gains = {one.station: one.gain for one in missing_inputs(weigh(first_fit(plant)))}
+    subject = ported(system.model(), records, system.ports(), system.library, Criteria())[0]
+    gains = {one.station: one.gain for one in missing_inputs(weigh(first_fit(subject)))}
     assert max(gains, key=lambda name: gains[name]) in ("d_V", "f_i")
     assert gains["d_V"] == pytest.approx(gains["f_i"], rel=1e-3)
     assert gains["d_V"] > 2.0 * gains["f_omega"]
@@ -76,9 +77,11 @@ def test_what_no_cause_describes_is_missing_where_it_enters() -> None:
 
 def test_a_bias_is_sized_by_what_matters_at_its_port() -> None:
     """A port says that 0.02 matters: 0.1 is five times that."""
-    plant = plant_with("pendulum on a cart", None)
-    (effect,) = [one for one in plant.effects if one.name == "sensor_bias(x)"]
-    assert PlantSizes().share_of(first_fit(plant), Attached(effect=effect, values={"value": 0.1})) == pytest.approx(5.0)
+    subject = subject_with("pendulum on a cart", None)
+    (effect,) = [one for one in subject.effects if one.name == "sensor_bias(x)"]
+    assert subject.sizes.share_of(first_fit(subject), Attached(effect=effect, values={"value": 0.1})) == pytest.approx(
+        5.0
+    )
 
 
 def test_times_of_criteria_are_as_long_as_the_records() -> None:
@@ -93,11 +96,11 @@ def test_a_system_in_hours_is_the_system_in_seconds() -> None:
     """The unit of time is a matter of taste: the ranking and its gains are the same."""
     system, fault = SYSTEMS["two compartments"], HIDDEN["two compartments"]
     records = system.fly(11, fault)[:3]
-    plain = plant_of(system.model(), records, system.ports(), system.library, Criteria())
+    plain = ported(system.model(), records, system.ports(), system.library, Criteria())[0]
     model, hour = system.model(), 3600.0
     slow = replace(model, f=model.f / hour)
     later = [replace(record, t=record.t * hour) for record in records]
-    scaled = plant_of(slow, later, system.ports(), system.library, Criteria())
-    one, other = (screen(weigh(first_fit(plant)), plant.effects)[0] for plant in (plain, scaled))
+    scaled = ported(slow, later, system.ports(), system.library, Criteria())[0]
+    one, other = (screen(weigh(first_fit(subject)), subject.effects)[0] for subject in (plain, scaled))
     assert one.name == other.name
     assert one.statistic == pytest.approx(other.statistic, rel=1e-3)

@@ -9,16 +9,17 @@ import pytest
 
 import casid as cs
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.systems.plant import Plant
-from casid.diagnosis.systems.rotorcraft import before_vertical, most_likely_noise, rotorcraft
+from casid.diagnosis.flight.rotorcraft import before_vertical, most_likely_noise, rotorcraft
+from casid.diagnosis.flight.subject import Subject
 from casid.filtering.innovations import NoiseModel, PointFunctions, linearise, make_batch
 from casid.filtering.kalman import kalman_filter
 
 G, HOVER = 9.80665, 0.6
+Hovering = tuple[Subject, cs.Model]
 
 
 @pytest.fixture(scope="module")
-def hovering() -> Plant:
+def hovering() -> Hovering:
     """Three seconds of a quadrotor that rests in the air, read with noise."""
     rng, t = np.random.default_rng(1), np.arange(0.0, 3.0, 0.02)
     corners = [(1, 1, 1), (-1, 1, -1), (-1, -1, 1), (1, -1, -1)]
@@ -35,9 +36,10 @@ def hovering() -> Plant:
     return rotorcraft(aircraft, [record], Criteria())
 
 
-def has_density(plant: Plant, noise: NoiseModel) -> bool:
+def has_density(hovering: Hovering, noise: NoiseModel) -> bool:
     """Whether the innovations have one along the motion as read."""
-    model, (record,) = plant.base, plant.records
+    subject, model = hovering
+    (record,) = subject.records
     P, X = model.nominal_vector()[None], model.guess(record)[:, None]
     try:
         kalman_filter(linearise(PointFunctions(model, ()), make_batch(model, [record]), P, X), noise)
@@ -46,13 +48,14 @@ def has_density(plant: Plant, noise: NoiseModel) -> bool:
     return True
 
 
-def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
+def test_no_noise_from_which_the_search_begins_ends_it(hovering: Hovering):
     """Readings up to 1e14 times as exact as they are, forces from nothing to a million times the weight: most begin
     without a density, and what is found has one wherever the beginning has."""
-    rng, usual, ill = np.random.default_rng(2), hovering.noise(), 0
-    numerics = hovering.criteria.numerics
+    subject, model = hovering
+    rng, usual, ill = np.random.default_rng(2), subject.noise(), 0
+    numerics = subject.criteria.numerics
     rough = replace(numerics, levels=replace(numerics.levels, factors=(4.0,), sweeps=1))
-    criteria = replace(hovering.criteria, numerics=rough)
+    criteria = replace(subject.criteria, numerics=rough)
     for _ in range(12):
         drawn = {
             part: {name: value * 10.0 ** rng.uniform(*decades) for name, value in table.items()}
@@ -63,7 +66,7 @@ def test_no_noise_from_which_the_search_begins_ends_it(hovering: Plant):
             )
         }
         start = replace(usual, **drawn)
-        found = most_likely_noise(hovering.base, hovering.records, hovering.freed, start, criteria)
+        found = most_likely_noise(model, subject.records, subject.freed, start, criteria)
         sizes = [*found.measurement.values(), *found.white.values(), *found.inputs.values()]
         assert np.isfinite(sizes).all() and min(sizes) > 0.0
         begun = has_density(hovering, start)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.systems.diagnose import diagnose_system
-from casid.diagnosis.systems.plant import first_fit, plant_of
+from casid.diagnosis.diagnose_ported import diagnose_system
+from casid.diagnosis.flight.ported import first_fit, ported
 from casid.model.library import Library
 from casid.model.port import ports_of
 from casid.model.system import Model, define_model
@@ -52,7 +52,7 @@ def test_a_resonance_is_fitted_from_afar_with_nine_samples_per_cycle(w: float, g
     """Forty cycles with 3 % of damping: frequencies of 0.3 and 2 times the truth are many cycles away at the end.
     One Runge-Kutta step for a ninth of a cycle is 0.2 % slow."""
     record, model = swung(1, 1.0, 0.06, 360, 9), swing(w, 0.02, gain)
-    fitted = first_fit(plant_of(model, [record], ports_of(model), Library(), Criteria()))
+    fitted = first_fit(ported(model, [record], ports_of(model), Library(), Criteria())[0])
     assert fitted["w2"] == pytest.approx(1.0, abs=5.0 * fitted.std("w2") + 0.005)
     assert fitted["b"] == pytest.approx(1.0, abs=5.0 * fitted.std("b") + 0.01)
     assert np.sum(fitted.white**2) < 1.3 * fitted.readings
@@ -125,6 +125,6 @@ def test_a_term_that_a_parameter_multiplies_is_the_value_of_that_parameter() -> 
     world = draw(86)
     assert world.truth == "values" and not diagnosed(world).causes
     model = swing(1.0, 0.1, 1.0)
-    plant = plant_of(model, [swung(1, 1.0, 0.1, 100, 20)], ports_of(model), Library(), Criteria())
-    terms = {one.term for one in plant.effects if one.key[:2] == ("missing_term", "v")}
+    subject, _ = ported(model, [swung(1, 1.0, 0.1, 100, 20)], ports_of(model), Library(), Criteria())
+    terms = {one.term for one in subject.effects if one.key[:2] == ("missing_term", "v")}
     assert not terms & {"x", "v", "u"} and {"1", "x^2", "x*u", "u^2"} <= terms

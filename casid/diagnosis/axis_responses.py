@@ -20,9 +20,8 @@ _AXES = {"roll": "p", "pitch": "q", "yaw": "r", "climb": "w"}
 def axis_responses(given: Aircraft, extended: Aircraft, records: Sequence[Record]) -> AxisResponses:
     """The answers to steps of the inputs by which the file rolls, pitches, yaws and climbs alone, with 1 rad/s2 or
     1 m/s2, about the mean inputs of the records."""
-    rotors = given.rotors
+    rotors = given.required_rotors
     after = _behind(extended)
-    assert rotors is not None
     at = {name: float(np.mean(np.concatenate([record[name] for record in records]))) for name in rotors.inputs}
     file, found = (_per_input(aircraft, at) for aircraft in (given, extended))
     steps = np.linalg.pinv(file)
@@ -38,21 +37,19 @@ def axis_responses(given: Aircraft, extended: Aircraft, records: Sequence[Record
 
 def _per_input(aircraft: Aircraft, at: dict[str, float]) -> np.ndarray:
     """(4, rotors) angular accelerations and climbing acceleration per input of each rotor."""
-    assert aircraft.rotors is not None
     model = aircraft_model(aircraft)
     slope = ca.Function("slope", [model.x, model.u, model.p, model.w], [ca.jacobian(model.f, model.u)])
     inputs = [at.get(name, 1.0 if name == "rho" else 0.0) for name in model.inputs]
     rest = np.zeros(len(model.states))
     table = slope(rest, inputs, model.nominal_vector(), np.zeros(len(model.disturbances))).full()
-    columns = [model.inputs.index(name) for name in aircraft.rotors.names]
+    columns = [model.inputs.index(name) for name in aircraft.required_rotors.names]
     rows = [model.states.index(state) for state in _AXES.values()]
     return table[np.ix_(rows, columns)] * np.array([[1.0], [1.0], [1.0], [-1.0]])
 
 
 def _behind(aircraft: Aircraft) -> Rotors:
     """The rotors with the effects of the aircraft file in their numbers, as far as these hold them."""
-    rotors = aircraft.rotors
-    assert rotors is not None
+    rotors = aircraft.required_rotors
     for value in aircraft.effects:
         make = effect_of(value).forms.into_rotors
         rotors = (make(rotors, aircraft.mass * aircraft.gravity, value.value) if make else None) or rotors

@@ -1,4 +1,4 @@
-"""An aircraft with rotors in the place of a plant: it flies in closed loop, so that innovations judge it.
+"""An aircraft with rotors as the subject of a diagnosis: it flies in closed loop, so that innovations judge it.
 
 A multirotor integrates its moments four times into position, and its controller answers every disturbance: in open loop
 no simulation follows a flight for longer than a second, and inputs are correlated with what disturbs the motion. The
@@ -9,9 +9,10 @@ likely one beside all parameters and a constant at every equation.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -26,11 +27,13 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import as_updated, moves
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import colour_of
+from casid.diagnosis.flight.ported import Ported, PortSizes, for_systems, noise_of
+from casid.diagnosis.flight.subject import Subject
+from casid.diagnosis.flight.terms import term_along
 from casid.diagnosis.given.as_given import attached_effects
 from casid.diagnosis.given.scope import NotJudged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.sentences import noted, thrust_curve
-from casid.diagnosis.systems.plant import Plant, PlantSizes, for_systems, noise_of
 from casid.errors import InputError
 from casid.filtering.innovations import Linear, NoiseModel, PointFunctions, linearise, make_batch, padded
 from casid.filtering.kalman import Filter, kalman_filter, residual_column
@@ -89,21 +92,19 @@ def measured_outputs(aircraft: Aircraft, records: Sequence[Record], criteria: Cr
 def with_stated_uncertainty(aircraft: Aircraft, criteria: Criteria) -> Aircraft:
     """The aircraft with a usual uncertainty of its rotors, and of the derivatives of its wing, where its file states
     none."""
-    rotors = aircraft.rotors
-    assert rotors is not None
+    rotors = aircraft.required_rotors
     if not rotors.relative_uncertainty and not any(one.std for one in rotors.each):
         rotors = replace(rotors, relative_uncertainty=criteria.rotors.effectiveness)
     of_wing = aircraft.relative_uncertainty or (criteria.prior.spread if aircraft.winged else 0.0)
     return replace(aircraft, rotors=rotors, relative_uncertainty=of_wing)
 
 
-def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> Plant:
-    """The plant of an aircraft with rotors and the records to be fitted.
+def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria) -> tuple[Subject, Model]:
+    """The subject of an aircraft with rotors and the records to be fitted, and its model as given.
 
     Raises InputError for records that lack an input of a rotor, or every rate.
     """
     aircraft = with_stated_uncertainty(aircraft, criteria)
-    assert aircraft.rotors is not None
     outputs = measured_outputs(aircraft, records, criteria)
     ready = prepared(aircraft, records, outputs, criteria.rotors.rate)
     own = [value for value in aircraft.effects if _in_every_flight(value)]
@@ -116,12 +117,12 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     stated = offsets | {effect_of(value).name: value.std for value in own if value.std}
     nominal = dict(base.nominal) | {effect_of(value).name: value.value for value in own}
     base = replace(base, nominal=nominal, prior_std={**base.prior_std, **stated}, state_scale=scale)
-    free = tuple(name for name in base.parameters if name in base.prior_std)
     ports = (
         *(Port(kind="state derivative", name=name, words=_WORDS[name]) for name in _WORDS),
         *(Port(kind="output", name=name) for name in outputs),
     )
-    commanded = {name: pooled_sigma([record[name] for record in ready]) for name in aircraft.rotors.names}
+    rotors = aircraft.required_rotors
+    commanded = {name: pooled_sigma([record[name] for record in ready]) for name in rotors.names}
     by_band = NoiseModel(
         measurement=noise_of(base, ready, criteria.noise),
         white=_usual_disturbances(aircraft, criteria.rotors.disturbed),
@@ -132,27 +133,50 @@ def rotorcraft(aircraft: Aircraft, records: Sequence[Record], criteria: Criteria
     terms = _terms_of_wing(aircraft, base, every)
     told = [e for e in every if e.regressor in terms or (e.regressor is None and e.target not in COEFFICIENTS)]
     effects = [_in_all_records(e) for e in told if e.key not in there]
-    beside = replace(aircraft, effects=tuple(value for value in aircraft.effects if value not in own))
-    plant = Plant(
-        base=base,
-        freed=free,
-        ports=ports,
+    channels = tuple(name for name in ready[0].channels if name not in (*outputs, *base.inputs))
+    of = Ported(base=base, ports=ports, terms=terms, channels=channels)
+    flight = Subject(
+        **_of_model(of, build),
+        file=aircraft,
+        freed=tuple(name for name in base.parameters if name in base.prior_std),
         records=ready,
         sigma=dict(by_band.measurement),
         white=by_band.white,
         input_sigma=dict(by_band.inputs),
-        terms_of=terms,
         criteria=for_systems(criteria, float(np.median([record.duration for record in ready]))),
-        effects=effects,
-        sizes=RotorSizes(aircraft=aircraft),
-        channels=tuple(name for name in ready[0].channels if name not in (*outputs, *base.inputs)),
-        build=build,
-        prepare=partial(prepared, aircraft, outputs=outputs, rate=criteria.rotors.rate),
-        closed_loop=True,
-        known=lambda names: tuple(attached_effects(beside, names)),
-        imitated={effectiveness(name): _judged_as_stated(rotor_effectiveness(name)) for name in aircraft.rotors.names},
+        catalogue=lambda _: effects,
+        sizes=RotorSizes(aircraft=aircraft, at_ports=PortSizes(ports={port.station: port for port in ports})),
+        by_innovations=True,
+        imitated={effectiveness(name): _judged_as_stated(rotor_effectiveness(name)) for name in rotors.names},
     )
-    return _with_noise(plant, by_band)
+    return _with_noise(flight, base, by_band), base
+
+
+def known_effects(flight: Subject, names: Sequence[str]) -> tuple[Attached, ...]:
+    """The effects of the file that act in the records of some names, and are no numbers of the model."""
+    aircraft = flight.aircraft
+    others = tuple(value for value in aircraft.effects if not _in_every_flight(value))
+    return tuple(attached_effects(replace(aircraft, effects=others), names))
+
+
+Build = Callable[[Sequence[Effect]], Model]
+
+
+def _of_model(of: Ported, build: Build) -> dict[str, Any]:
+    """The fields of the subject that depend on the model as given."""
+
+    def built(flight: Subject, effects: Sequence[Effect]) -> Model:
+        base = of.base
+        model = build(effects)
+        own = {"nominal": {**model.nominal, **base.nominal}, "prior_std": base.prior_std}
+        return replace(model, state_scale=base.state_scale, **own)
+
+    def moved_to(flight: Subject, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
+        base = replace(of.base, nominal={**of.base.nominal, **values})
+        ready = prepared(flight.aircraft, records, flight.outputs, flight.criteria.rotors.rate)
+        return flight.changed(**_of_model(replace(of, base=base), build), records=ready)
+
+    return {**of.fields(), "build": built, "moved_to": moved_to}
 
 
 def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -> dict[str, ca.SX]:
@@ -169,16 +193,16 @@ def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -
     return {name: ca.SX(term.evaluate(path.regressor)) for name, term in terms.items() if "dot" not in name}
 
 
-def _with_noise(plant: Plant, by_band: NoiseModel) -> Plant:
-    """The plant with its most likely noise: about the file as given, and once more about its fit under that noise."""
+def _with_noise(flight: Subject, base: Model, by_band: NoiseModel) -> Subject:
+    """The flight with its most likely noise: about the file as given, and once more about its fit under that noise."""
     values: Mapping[str, float] = {}
     for again in (False, True):
-        at = replace(plant.base, nominal={**plant.base.nominal, **values})
-        noise = most_likely_noise(at, plant.records, plant.freed, by_band, plant.criteria)
+        at = replace(base, nominal={**base.nominal, **values})
+        noise = most_likely_noise(at, flight.records, flight.freed, by_band, flight.criteria)
         own = {"white": noise.white, "input_sigma": dict(noise.inputs)}
-        plant = replace(plant, sigma=dict(noise.measurement), **own)
-        values = values if again else first_fit(plant).derivatives
-    return plant
+        flight = replace(flight, sigma=dict(noise.measurement), **own)
+        values = values if again else first_fit(flight).derivatives
+    return flight
 
 
 def before_vertical(record: Record, step: float) -> tuple[Record, tuple[NotJudged, ...]]:
@@ -208,9 +232,8 @@ def prepared(aircraft: Aircraft, records: Iterable[Record], outputs: Sequence[st
 
 
 def _in_flight(aircraft: Aircraft, record: Record) -> Record:
-    assert aircraft.rotors is not None
-    first, last = airborne(record, aircraft.rotors)
-    settled = max(one.delay + 3.0 * one.lag for one in aircraft.rotors.each)
+    first, last = airborne(record, aircraft.required_rotors)
+    settled = max(one.delay + 3.0 * one.lag for one in aircraft.required_rotors.each)
     begin = first + settled if settled < 0.5 * (last - first) else first
     return record.between(begin, last + 0.5 * record.dt)
 
@@ -238,8 +261,7 @@ def _in_all_records(effect: Effect) -> Effect:
 
 def _can_show(effect: Effect, aircraft: Aircraft) -> bool:
     """Return True if an effect can show in this model: moving air only where something depends on it."""
-    rotors = aircraft.rotors
-    assert rotors is not None
+    rotors = aircraft.required_rotors
     moved_by_air = aircraft.winged or any(rotors.drag) or rotors.inflow
     return bool(moved_by_air) or effect.enters is None or not effect.enters.startswith("wind_")
 
@@ -288,40 +310,40 @@ def most_likely_noise(
     return noise(found)
 
 
-def first_fit(plant: Plant) -> FlightFit:
+def first_fit(flight: Subject) -> FlightFit:
     """The file with its numbers estimated, and the timing of its inputs, which no record determines to a sample.
 
     What is later than a log may be late is a cause: the timing is then that of the record, so that causes compete.
     """
-    known = plant.known(plant.names)
+    known = known_effects(flight, flight.names)
     late = Attached(effect=rotor_delay(ALL), values={"value": 0.0}, nuisance=True)
     if any(one.effect.key == late.effect.key for one in known):
-        return fit(plant, known, plant.noise(), extent="first")
-    fitted = fit(plant, (*known, late), plant.noise(), extent="first")
-    surely = abs(fitted[late.name]) - plant.criteria.significance.sigmas * fitted.std(late.name)
-    if surely < (plant.smallest_that_matters(late.effect) or np.inf):
+        return fit(flight, known, flight.noise(), extent="first")
+    fitted = fit(flight, (*known, late), flight.noise(), extent="first")
+    surely = abs(fitted[late.name]) - flight.criteria.significance.sigmas * fitted.std(late.name)
+    if surely < (flight.smallest_that_matters(late.effect) or np.inf):
         return fitted
-    return fit(plant, known, plant.noise(), extent="first")
+    return fit(flight, known, flight.noise(), extent="first")
 
 
-def in_its_colour(plant: Plant, fitted: FlightFit) -> tuple[Plant, FlightFit]:
-    """The plant and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
+def in_its_colour(flight: Subject, fitted: FlightFit) -> tuple[Subject, FlightFit]:
+    """The flight and its fit with innovations as coloured as those of the fit: what disturbs a multirotor lasts longer
     than a sample.
 
     Its correlation time tau is at most the longest that records of length T can separate from an infinite one, as its
     relative 1-sigma is sqrt(2 tau / T): what may as well last for ever is no noise, but something that the model lacks.
     """
-    length = sum(record.duration for record in plant.records)
+    length = sum(record.duration for record in flight.records)
     longest = length / (2.0 * fitted.criteria.significance.sigmas**2)
     for _ in range(fitted.criteria.numerics.fit.repeats):
-        before = plant.colour
-        colour = colour_of(fitted, plant.outputs, longest)
-        plant = replace(plant, colour=colour)
-        fitted = fit(plant, fitted.attached, plant.noise(), fitted, extent="first")
+        before = flight.colour
+        colour = colour_of(fitted, flight.outputs, longest)
+        flight = replace(flight, colour=colour)
+        fitted = fit(flight, fitted.attached, flight.noise(), fitted, extent="first")
         stays = fitted.criteria.numerics.fit.noise_stays
         if before and all(abs(np.log(colour[o][0] / before[o][0])) < stays for o in colour):
             break
-    return plant, fitted
+    return flight, fitted
 
 
 def _smoothed(model: Model, records: Sequence[Record], free: Sequence[str], noise: NoiseModel) -> Linear:
@@ -367,22 +389,18 @@ def _eliminated(linear: Linear, kalman: Filter, disturbed: Sequence[str]) -> flo
 
 def _usual_disturbances(aircraft: Aircraft, part: float) -> dict[str, float]:
     """Equation -> 1-sigma of process noise that a part of the weight makes, at the arm of a rotor."""
-    assert aircraft.rotors is not None
     force = part * aircraft.gravity
-    arm = max(math.hypot(*one.position[:2]) for one in aircraft.rotors.each)
+    arm = max(math.hypot(*one.position[:2]) for one in aircraft.required_rotors.each)
     moment = force * aircraft.mass * arm
     inertia = {"p": aircraft.inertia.Ixx, "q": aircraft.inertia.Iyy, "r": aircraft.inertia.Izz}
     return {equation(n): moment / inertia[n] if n in inertia else force for n in EQUATIONS}
 
 
-def too_small_in_closed_loop(
-    aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria
-) -> list[NotJudged]:
+def too_small_for_rotors(aircraft: Aircraft, detectable: Mapping[str, float], criteria: Criteria) -> list[NotJudged]:
     """List what the records cannot show of rotors and mass: sizes below the smallest that would have shown. A rotor is
     judged against its stated uncertainty, as one number and not as the best of many."""
-    assert aircraft.rotors is not None
     alone = criteria.significance.sigmas / criteria.significance.detectable
-    each = [alone * detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.rotors.names]
+    each = [alone * detectable.get(rotor_effectiveness(name).name, math.inf) for name in aircraft.required_rotors.names]
     sizes = (
         ("a change of the thrust of one rotor under {:.0f} %", 100.0 * max(each)),
         ("a lag of all rotors that differs by less than {:.2g} s", detectable.get(rotor_lag(ALL).name, math.inf)),
@@ -397,9 +415,8 @@ def with_thrust_curve(found: Diagnosis) -> Diagnosis:
     """The diagnosis with the thrust by the records in words, beside the first cause that changes the curve of the
     file."""
     weight = found.extended_aircraft.mass * found.extended_aircraft.gravity
-    rotors = found.extended_aircraft.rotors
+    rotors = found.extended_aircraft.required_rotors
     changing = []
-    assert rotors is not None
     for cause in found.causes:
         make = cause.effect.forms.into_rotors
         held = make(rotors, weight, cause.value) if make else None
@@ -415,6 +432,7 @@ class RotorSizes:
     """Size of a cause of an aircraft with rotors, in units of the smallest that matters."""
 
     aircraft: Aircraft
+    at_ports: PortSizes
 
     def share_of(self, fit: FlightFit, one: Attached) -> float:
         """The value over the smallest that matters; for a reading, or for a time, not more than its consequence."""
@@ -429,7 +447,7 @@ class RotorSizes:
         arm of a rotor for the moments."""
         linear = fit.linear
         at = fit.model.disturbances.index(str(one.effect.enters))
-        term = np.broadcast_to(fit.flight.term_along(one.effect, fit.regressors), fit.batch.live.shape)
+        term = np.broadcast_to(term_along(one.effect.regressor or "", fit.regressors), fit.batch.live.shape)
         rates = one.values["value"] * term[:-1, :, None] * (linear.Bw0 + linear.Bw1)[..., at] / linear.dt[..., None]
         least = _usual_disturbances(self.aircraft, fit.criteria.size.share)
         sizes = [np.sqrt(np.mean(rates[..., fit.model.states.index(n)] ** 2)) / least[equation(n)] for n in EQUATIONS]
@@ -441,12 +459,12 @@ class RotorSizes:
 
     def told_at(self, fit: FlightFit, missing: Sequence[MissingInput]) -> list[MissingInput]:
         """The strongest of the latent inputs, with its port in words."""
-        return PlantSizes().told_at(fit, missing)
+        return self.at_ports.told_at(fit, missing)
 
     def missing_share(self, fit: FlightFit, missing: MissingInput) -> float:
         """R.m.s. of the latent input at a port over the variation there."""
-        return PlantSizes().missing_share(fit, missing)
+        return self.at_ports.missing_share(fit, missing)
 
     def missing_size(self, fit: FlightFit, missing: MissingInput) -> float:
         """The same in units of what matters."""
-        return PlantSizes().missing_size(fit, missing)
+        return self.at_ports.missing_size(fit, missing)

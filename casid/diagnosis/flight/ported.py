@@ -1,10 +1,11 @@
-"""A dynamic system and its records in the place of a `Flight`: model, noise, terms, sizes and priors for the engine."""
+"""A model with ports as the subject of a diagnosis: its noise, terms, first fit and sizes."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -17,16 +18,14 @@ from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.evaluation import FlightFit, Work, evaluate
 from casid.diagnosis.flight.fit import by_wider_noise, fit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
-from casid.diagnosis.flight.subject import Sizes, once
-from casid.diagnosis.time_limit import TimeLimit
+from casid.diagnosis.flight.subject import Subject
+from casid.diagnosis.flight.terms import Terms
 from casid.errors import EstimationError, InputError
 from casid.estimation import Problem, solve
 from casid.filtering.innovations import (
-    Batch,
     Linear,
     NoiseModel,
     PointFunctions,
-    at_points,
     brought_inside,
     linearise,
     make_batch,
@@ -40,236 +39,88 @@ from casid.model.in_force import InForce
 from casid.model.library import Library, as_term, effects_of
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
-from casid.model.station import as_read, control, reading, stuck
+from casid.model.station import Station, as_read, control, stuck
 from casid.model.system import Model
 from casid.model.with_effects import Draft
-from casid.native.compiler import Compilable
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
 
-class Terms:
-    """The terms of a library along trajectories, the recorded inputs and the readings, by name."""
+def with_ports_of(subject: Subject, effects: Sequence[Effect], of: Ported) -> Model:
+    """The model with its ports as disturbances, and symbolic `effects` among its parameters."""
+    base = of.base
+    draft = Draft(base, of.terms)
+    symbols = {effect.name: ca.SX.sym("value") for effect in effects}
+    for effect in effects:
+        assert effect.change is not None
+        effect.change(draft, {"value": symbols[effect.name]})
+    made = draft.made([InForce(effect=effect, name=effect.name) for effect in effects], symbols)
+    h = ca.SX(made.h)
+    read = [port.name for port in of.ports if port.kind == "output"]
+    loses = ca.SX.sym("stuck", len(read))
+    for k, name in enumerate(read):
+        h[base.outputs.index(name)] *= 1.0 - loses[k]
+    model = replace(
+        made,
+        disturbances=(*base.disturbances, *map(stuck, read)),
+        w=ca.vertcat(base.w, loses),
+        h=h,
+    )
+    return with_ports(model, of.ports)
 
-    def __init__(self, plant: Plant, model: Model) -> None:
-        self._batch = plant.batch(model)
-        self._states = model.states
-        self._inputs = model.inputs
-        self._sigma = plant.input_sigma
-        names = [control(name) for name in model.inputs]
-        self._acting = [model.disturbances.index(n) if n in model.disturbances else None for n in names]
-        self._terms = tuple(map(as_term, plant.terms_of))
-        base = plant.base
-        rows = ca.densify(ca.vertcat(*plant.terms_of.values())) if self._terms else ca.SX(0, 1)
-        self._function = Compilable(ca.Function("terms", [base.x, base.u], [rows]))
-        self.recorded = {name: self._batch.U[..., i] for i, name in enumerate(self._inputs)}
-        self._read = {as_read(name): self._batch.Z[..., i] for i, name in enumerate(model.outputs)}
-        self._read |= {name: padded([record[name] for record in plant.records]) for name in plant.channels}
 
-    def inputs(self, noise: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, R, nu) recorded inputs, corrected by their most likely `noise` (disturbance -> (N, R)) where they have
-        any; noise larger than possible indicates a fault and is reduced in proportion to its excess."""
-        if not noise:
-            return self._batch.U
-        U = self._batch.U.copy()
-        live = self._batch.live
-        for i, name in enumerate(self._inputs):
-            if (station := control(name)) in noise:
-                power = np.sum(noise[station] ** 2, axis=0) / live.sum(axis=0) / self._sigma[station] ** 2
-                U[..., i] += noise[station] / np.maximum(power, 1.0)
-        return U
-
-    def along(self, X: np.ndarray, W: np.ndarray, inputs: np.ndarray, ahead: bool = False) -> dict[str, np.ndarray]:
-        """name -> (N, R): states of the trajectory X (N, R, nx), `inputs` (N, R, nu), readings as measured, and the
-        terms with the inputs as they act under the disturbances W (N, R, nw), whether predicted `ahead` or not."""
-        table = {name: X[..., i] for i, name in enumerate(self._states)}
-        table |= {name: inputs[..., i] for i, name in enumerate(self._inputs)} | self._read
-        if not self._terms:
-            return table
-        acting = inputs.copy()
-        for i, at in enumerate(self._acting):
-            if at is not None:
-                acting[..., i] += W[..., at]
-        values = at_points(self._function, X, acting)[0][..., 0]
-        return table | {name: values[..., i] for i, name in enumerate(self._terms)}
+def terms_of(subject: Subject, model: Model, of: Ported) -> Terms:
+    """The terms of the library, with the inputs as they act, beside states, inputs and readings as measured."""
+    base = of.base
+    acting = [ca.SX(0)] * len(model.inputs)
+    moved = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
+    acting = [u + moved.get(control(n), 0) for n, u in zip(model.inputs, ca.vertsplit(model.u), strict=True)]
+    made = ca.Function("terms", [base.x, base.u], [ca.densify(ca.vertcat(*of.terms.values()))]) if of.terms else None
+    rows = ca.vertsplit(made(model.x[: len(base.states)], ca.vertcat(*acting))) if made else []
+    batch = subject.batch(model)
+    read = {as_read(name): batch.Z[..., i] for i, name in enumerate(model.outputs)}
+    read |= {name: padded([record[name] for record in subject.records]) for name in of.channels}
+    named = dict(zip(map(as_term, of.terms), rows, strict=True))
+    measured = subject.measured(model)
+    return Terms(model, batch, named, measured, subject.input_sigma, states=model.states, read=read)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Plant:
-    """A model and its records for a diagnosis."""
+class Ported:
+    """A model with ports, as given: parameters with a prior of 0 are fixed."""
 
-    base: Model  # the model as given, parameters with a prior of 0 fixed;  freed  its estimated parameters
-    freed: tuple[str, ...]
-    ports: tuple[Port, ...]  # where reality may differ;  terms_of  name -> expression that an equation may lack
-    records: tuple[Record, ...]
-    sigma: dict[str, float]  # 1-sigma of the noise of each output
-    terms_of: Mapping[str, ca.SX]
-    criteria: Criteria
-    # record -> (N, states) start of a fit; otherwise the model's own first guess
-    paths: Mapping[str, np.ndarray] = field(default_factory=dict)
-    # the causes that are considered;  sizes  their measures of size
-    effects: list[Effect] = field(default_factory=list)
-    sizes: Sizes
-    white: Mapping[str, float] = field(default_factory=dict)  # disturbance -> 1-sigma of process noise
+    base: Model
+    ports: tuple[Port, ...]  # where reality may differ
+    terms: Mapping[str, ca.SX]  # name -> expression that an equation may lack
     channels: tuple[str, ...] = ()  # channels of the records that effects look at, beside inputs and readings
-    # makes the model with some symbolic effects, where these change more than equations and readings
-    build: Callable[[Sequence[Effect]], Model] | None = None
-    prepare: Callable[[Sequence[Record]], Sequence[Record]] = tuple  # makes records ready for the model
-    # output -> (1-sigma, correlation time) of its innovations
-    colour: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    # whether predictions are compared with a record instead of a simulation (`Flight.closed_loop`)
-    closed_loop: bool = False
-    imitated: Mapping[str, Effect] = field(default_factory=dict)  # free number -> effect whose relative change it is
-    # names of records -> effects that the file has in them
-    known: Callable[[Sequence[str]], tuple[Attached, ...]] = lambda names: ()
-    every: int = 1  # number of recorded samples of which each sample is the mean
-    limit: TimeLimit = field(default_factory=TimeLimit)  # the time that the search may take
-    input_sigma: dict[str, float] = field(default_factory=dict)
-    doubted: tuple[str, ...] = ()
-    unknown: tuple[str, ...] = ()
-    offsets: list[Effect] = field(default_factory=list)
-    noise_by_fit: bool = False
-    held: float = 0.0
-    coefficients: tuple[str, ...] = ()
-    moved: tuple[str, ...] = ()
-    terms: tuple[tuple[str, str, str], ...] = ()
-    _models: dict[tuple[str, ...], Model] = field(default_factory=dict, repr=False)
-    _functions: dict[Model, PointFunctions] = field(default_factory=dict, repr=False)
-    _regressors: dict[Model, Terms] = field(default_factory=dict, repr=False)
 
-    @property
-    def title(self) -> str:
-        """Name of what is diagnosed."""
-        return self.base.name
+    def fields(self) -> dict[str, Any]:
+        """The fields of a subject that the model and its ports decide."""
+        return {
+            "title": self.base.name,
+            "outputs": self.base.outputs,
+            "stations": [port.station for port in self.ports if port.kind != "output"],
+            "readings": [port.station for port in self.ports if port.kind == "output"],
+            "lines": (*self.base.states, *self.base.inputs),
+            "terms_of": partial(terms_of, of=self),
+            "prior_of": stated_std,
+        }
 
-    @property
-    def names(self) -> tuple[str, ...]:
-        return tuple(record.name for record in self.records)
 
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return self.base.outputs
+def stated_std(subject: Subject, model: Model, name: str) -> float:
+    """1-sigma of a parameter before the records, as it is stated."""
+    return model.prior_std.get(name, np.inf)
 
-    @property
-    def stations(self) -> list[str]:
-        """Equations and inputs at which something unknown may enter, as disturbances of the model."""
-        return [port.station for port in self.ports if port.kind != "output"]
 
-    @property
-    def readings(self) -> list[str]:
-        """Readings at which something unknown may enter."""
-        return [reading(port.name) for port in self.ports if port.kind == "output"]
+def _moved_to(subject: Subject, values: Mapping[str, float], records: Sequence[Record], of: Ported) -> Subject:
+    """The model with values of its parameters, along other records under the same noise."""
+    base = replace(of.base, nominal={**of.base.nominal, **values})
+    found = motions(base, records, subject.sigma, subject.criteria.numerics.fit.repeats)
+    return subject.changed(**_of_model(replace(of, base=base)), records=tuple(records), paths=found)
 
-    def noise(self, coloured: dict[str, tuple[float, float]] | None = None) -> NoiseModel:
-        """Measurement noise, and `coloured` disturbances beside it."""
-        random = {"white": self.white, "inputs": self.input_sigma, "colour": self.colour}
-        return NoiseModel(measurement=self.sigma, coloured=coloured or {}, **random)
 
-    def model(self, effects: Sequence[Effect] = ()) -> Model:
-        """The model with its ports as disturbances, and symbolic `effects` among its parameters."""
-        symbolic = [effect for effect in effects if effect.symbolic]
-        return once(self._models, tuple(effect.name for effect in symbolic), lambda: self._built(symbolic))
-
-    def _built(self, effects: Sequence[Effect]) -> Model:
-        if self.build is not None:
-            model = self.build(effects)
-            own = {"nominal": {**model.nominal, **self.base.nominal}, "prior_std": self.base.prior_std}
-            return replace(model, state_scale=self.base.state_scale, **own)
-        base = self.base
-        draft = Draft(base, self.terms_of)
-        symbols = {effect.name: ca.SX.sym("value") for effect in effects}
-        for effect in effects:
-            assert effect.change is not None
-            effect.change(draft, {"value": symbols[effect.name]})
-        made = draft.made([InForce(effect=effect, name=effect.name) for effect in effects], symbols)
-        h = ca.SX(made.h)
-        read = [port.name for port in self.ports if port.kind == "output"]
-        loses = ca.SX.sym("stuck", len(read))
-        for k, name in enumerate(read):
-            h[base.outputs.index(name)] *= 1.0 - loses[k]
-        model = replace(
-            made,
-            disturbances=(*base.disturbances, *map(stuck, read)),
-            w=ca.vertcat(base.w, loses),
-            h=h,
-        )
-        return with_ports(model, self.ports)
-
-    def functions(self, model: Model) -> PointFunctions:
-        """The functions of one of its models."""
-        return once(self._functions, model, lambda: PointFunctions(model, ()))
-
-    def regressors(self, model: Model) -> Terms:
-        """The terms that effects of one of its models are made of."""
-        return once(self._regressors, model, lambda: Terms(self, model))
-
-    def batch(self, model: Model) -> Batch:
-        return make_batch(model, self.records)
-
-    def measured(self, model: Model) -> np.ndarray:
-        """(N, R, states) motion from which a fit begins."""
-        known = self.paths
-        return padded([known[r.name] if r.name in known else self.base.guess(r) for r in self.records])
-
-    def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Plant:
-        """This plant with values of its parameters, and other records under its noise."""
-        base = replace(self.base, nominal={**self.base.nominal, **values})
-        records = tuple(self.prepare(records))
-        smoothed = self.criteria.numerics.fit.repeats
-        paths = motions(base, records, self.sigma, smoothed) if self.build is None else {}
-        return replace(
-            self,
-            base=base,
-            records=records,
-            paths=paths,
-            _models={},
-            _functions={},
-            _regressors={},
-        )
-
-    def smallest_that_matters(self, effect: Effect) -> float | None:
-        """None: the size of an effect of a system is judged by what it does."""
-        least = effect.size.meaningful
-        return None if self.build is None or callable(least) else least
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Names of the regressors that parameters multiply: a term may be nearly a line in these."""
-        return (*self.base.states, *self.base.inputs)
-
-    @property
-    def imitated_names(self) -> frozenset[str]:
-        """Names of effects that are a relative change of a fitted number."""
-        return frozenset(effect.name for effect in self.imitated.values())
-
-    def suspects(self, fit: FlightFit) -> list[tuple[Effect, float, float]]:
-        """(effect, value, stated 1-sigma) of every fitted number that left its stated uncertainty and is an effect.
-
-        A number that is drawn to its stated value moves by sqrt(stated^2 - fitted^2), 1-sigma, where that is right.
-        """
-        found = []
-        for name, make in self.imitated.items():
-            if not any(slot.name == name for slot in fit.slots):
-                continue
-            given = self.base.nominal[name]
-            std = self.base.prior_std.get(name, np.inf)
-            change = fit[name] - given
-            moves = math.sqrt(max(std**2 - fit.std(name) ** 2, 0.0))
-            if abs(change) > fit.criteria.significance.sigmas * moves:
-                found.append((make, change / given, std / given))
-        return found
-
-    def channels_of(self, effect: Effect) -> tuple[str, ...]:
-        """The reading that an effect of an instrument changes."""
-        return effect.reads
-
-    def term_along(self, effect: Effect, regressors: Mapping[str, np.ndarray]) -> np.ndarray:
-        """(N, R) the term of an effect along `regressors` of this plant."""
-        return regressors[as_term(effect.regressor or "")]
-
-    def prior_std(self, model: Model, name: str) -> float:
-        """1-sigma of a parameter of the model before the records."""
-        return model.prior_std.get(name, np.inf)
+def _of_model(of: Ported) -> dict[str, Any]:
+    return {**of.fields(), "build": partial(with_ports_of, of=of), "moved_to": partial(_moved_to, of=of)}
 
 
 def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float], times: int) -> dict[str, np.ndarray]:
@@ -300,9 +151,9 @@ def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float],
     return found
 
 
-def plant_of(
+def ported(
     model: Model, records: Sequence[Record], ports: Sequence[Port], library: Library, criteria: Criteria
-) -> Plant:
+) -> tuple[Subject, Ported]:
     """A model and the records to be fitted. Priors of 0 become fixed values, and a state is as large as it is measured.
 
     Raises InputError for an output that no record has, and for a model without a free parameter."""
@@ -317,18 +168,18 @@ def plant_of(
         state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
     )
     sigma = noise_of(base, records, criteria.noise)
-    return Plant(
-        base=base,
+    of = Ported(base=base, ports=tuple(ports), terms=library.terms(base) | library.further_terms(base))
+    effects = effects_of(library, base, ports, records, free, criteria.systems)
+    return Subject(
+        **_of_model(of),
         freed=free,
-        ports=tuple(ports),
         records=tuple(records),
         sigma=sigma,
-        terms_of=library.terms(base) | library.further_terms(base),
         criteria=for_systems(criteria, float(np.median([record.duration for record in records]))),
         paths=motions(base, records, sigma, criteria.numerics.fit.repeats),
-        effects=effects_of(library, base, ports, records, free, criteria.systems),
-        sizes=PlantSizes(),
-    )
+        catalogue=lambda _: effects,
+        sizes=PortSizes(ports={port.station: port for port in of.ports}),
+    ), of
 
 
 def for_systems(criteria: Criteria, duration: float) -> Criteria:
@@ -365,7 +216,7 @@ def noise_of(model: Model, records: Sequence[Record], criteria: NoiseCriteria) -
     return found
 
 
-def first_fit(plant: Plant) -> FlightFit:
+def first_fit(subject: Subject) -> FlightFit:
     """The model with re-estimated parameters.
 
     The fit may diverge, or end in a minimum far from the records: if the model lacks a large effect, or if its states
@@ -377,39 +228,43 @@ def first_fit(plant: Plant) -> FlightFit:
     Raises EstimationError for a model that cannot follow its records at all.
     """
     try:
-        plain = fit(plant, (), plant.noise(), extent="first")
+        plain = fit(subject, (), subject.noise(), extent="first")
     except InputError as error:
         raise EstimationError(
-            f"model '{plant.title}' cannot be fitted to these records from its nominal values: {error}"
+            f"model '{subject.title}' cannot be fitted to these records from its nominal values: {error}"
         ) from None
     left = float(np.sqrt(np.sum(plain.white**2) / plain.readings))
-    if plain.converged and left < plant.criteria.given.fails:
+    if plain.converged and left < subject.criteria.given.fails:
         return plain
     wide, again = by_wider_noise(plain, left)
-    found = [one for one in (plain, again, *_by_equation_error(plant)) if one.converged]
+    found = [one for one in (plain, again, *_by_equation_error(subject)) if one.converged]
     if found:
         return min(found, key=lambda one: one.deviance)
-    return evaluate(Work(plant, (), plant.noise(), "all"), (), wide.values, wide.motion)
+    return evaluate(Work(subject, (), subject.noise(), "all"), (), wide.values, wide.motion)
 
 
-def _by_equation_error(plant: Plant) -> list[FlightFit]:
+def _by_equation_error(subject: Subject) -> list[FlightFit]:
     """The fit that starts from the values with the smallest error of the equations; empty where it departs."""
-    stations = [port.station for port in plant.ports if port.kind == "state derivative"]
-    at = [plant.base.states.index(port.name) for port in plant.ports if port.kind == "state derivative"]
-    rates = [np.gradient(plant.paths[r.name], r.t, axis=0) for r in plant.records if r.name in plant.paths]
+    states = subject.model().states
+    stations = [name for name in subject.stations if Station.at(name).kind == "equation"]
+    at = [states.index(Station.at(name).name) for name in stations]
+    rates = [np.gradient(subject.paths[r.name], r.t, axis=0) for r in subject.records if r.name in subject.paths]
     if not stations or not rates:
         return []
     sizes = np.std(np.concatenate(rates), axis=0)[at]
     white = {s: float(size) for s, size in zip(stations, sizes, strict=True) if size > 0.0}
     try:
-        first = fit(plant, (), replace(plant.noise(), white=white), extent="first")
-        return [fit(plant, (), plant.noise(), first, extent="first")]
+        first = fit(subject, (), replace(subject.noise(), white=white), extent="first")
+        return [fit(subject, (), subject.noise(), first, extent="first")]
     except (InputError, np.linalg.LinAlgError):
         return []
 
 
-class PlantSizes:
-    """Size of a cause of a plant, in units of what matters at its port, or in the readings."""
+@dataclass(frozen=True, kw_only=True)
+class PortSizes:
+    """Size of a cause of a model, in units of what matters at its port, or in the readings."""
+
+    ports: Mapping[str, Port]  # by station
 
     def share_of(self, fit: FlightFit, one: Attached) -> float:
         """R.m.s. of the effect of a cause at its port, in units of what matters there.
@@ -424,7 +279,7 @@ class PlantSizes:
             return abs(value) / share  # nothing is left of a reading that does not move
         if effect.traits.relative:
             return abs(value) / (share * max(abs(fit.model.nominal[effect.target]), 1e-12))
-        port = _port(fit, effect.enters)
+        port = self.ports[str(effect.enters)]
         history = _history(fit, one)
         there = np.array([one.concerns(name) for name in fit.batch.names]) & fit.batch.live
         size = _size(history[there]) / matters_at(fit, port)
@@ -452,11 +307,11 @@ class PlantSizes:
             return []
         alike = [one for one in missing if missing[0].gain - one.gain < equivalence(missing[0].gain, fit.criteria)]
         best = next((one for one in alike if one.place.kind == "control"), missing[0])
-        return [replace(best, called=_port(fit, best.station).words)]
+        return [replace(best, called=self.ports[best.station].words)]
 
     def missing_share(self, fit: FlightFit, missing: MissingInput) -> float:
         """R.m.s. of the latent input at a port over the variation there."""
-        port = _port(fit, missing.station)
+        port = self.ports[missing.station]
         return fit.criteria.size.share * missing.rms / matters_at(fit, port)
 
     def missing_size(self, fit: FlightFit, missing: MissingInput) -> float:
@@ -477,11 +332,6 @@ def matters_at(fit: FlightFit, port: Port) -> float:
     else:
         there = fit.linear.output[..., fit.model.outputs.index(port.name)][live]
     return max(fit.criteria.size.share * float(np.std(there)), 1e-12)
-
-
-def _port(fit: FlightFit, station: str | None) -> Port:
-    ports = {port.station: port for port in fit.flight.ports}  # pyright: ignore[reportAttributeAccessIssue]
-    return ports[str(station)]
 
 
 def _history(fit: FlightFit, one: Attached) -> np.ndarray:

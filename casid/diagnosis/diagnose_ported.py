@@ -1,9 +1,10 @@
-"""Diagnose a simulation of any dynamic system: causes, the ports where they enter, and the improvement."""
+"""Diagnose a model with ports, of an aircraft with rotors or of any other system."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -18,20 +19,21 @@ from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import search
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import OFFSET
+from casid.diagnosis.flight.ported import first_fit, ported
+from casid.diagnosis.flight.rotorcraft import (
+    before_vertical,
+    in_its_colour,
+    known_effects,
+    rotorcraft,
+    too_small_for_rotors,
+    with_thrust_curve,
+)
+from casid.diagnosis.flight.rotorcraft import first_fit as rotorcraft_fit
 from casid.diagnosis.given.as_given import fly_system_as_given
 from casid.diagnosis.given.contradicted import contradicted_parameters
 from casid.diagnosis.given.scope import split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.systems.plant import first_fit, plant_of
-from casid.diagnosis.systems.rotorcraft import (
-    before_vertical,
-    in_its_colour,
-    rotorcraft,
-    too_small_in_closed_loop,
-    with_thrust_curve,
-)
-from casid.diagnosis.systems.rotorcraft import first_fit as rotorcraft_fit
 from casid.diagnosis.time_limit import Stages, TimeLimit
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
@@ -80,20 +82,21 @@ def diagnose_system(
     _check_measured(model, held)
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
-    plant = replace(plant_of(model, fit_on, ports, library, criteria), limit=limit)
+    subject, of = ported(model, fit_on, ports, library, criteria)
+    subject = replace(subject, limit=limit)
     stages.begin("refit of the model")
-    refitted = first_fit(plant)
+    refitted = first_fit(subject)
     stages.begin("simulation as given")
-    given = fly_system_as_given(plant, held, plant.known, refitted.derivatives)
+    given = fly_system_as_given(subject, held, lambda names: (), refitted.derivatives)
     report(sentences.so_far(given, (), 0))
 
     def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
-        base = replace(plant.base, nominal={**plant.base.nominal, **{name: kept.fit[name] for name in plant.freed}})
+        base = replace(of.base, nominal={**of.base.nominal, **{name: kept.fit[name] for name in subject.freed}})
         found = [one.entry for one in kept.fit.attached]
-        return DiagnosedSystem(model=model, extended=with_effects(base, found, plant.terms_of))
+        return DiagnosedSystem(model=model, extended=with_effects(base, found, of.terms))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
-    return concluded(found, contradicted_parameters(plant.base, found.flight, criteria))
+    return concluded(found, contradicted_parameters(of.base, found.flight, criteria))
 
 
 ExtendedBy = Callable[[Aircraft, FlightFit, Sequence[Cause], Sequence[Cause]], Aircraft]
@@ -114,20 +117,20 @@ def diagnose_rotorcraft(
     """
     stages = Stages(report)
     stages.begin("reading the records")
-    rotors = aircraft.rotors
-    assert rotors is not None
+    rotors = aircraft.required_rotors
     stopped = tuple(one for record in (*records, *hold_out) for one in standing(record, rotors))
     records, hold_out = ([until_one_stands(one, rotors) for one in both] for both in (records, hold_out))
     step = 1.0 / criteria.rotors.rate
     steep = [left for record in (*records, *hold_out) for left in before_vertical(record, step)[1]]
     records, hold_out = ([before_vertical(one, step)[0] for one in both] for both in (records, hold_out))
     fit_on, held = split(records, hold_out, criteria.held_out)
-    plant = replace(rotorcraft(aircraft, fit_on, criteria), limit=limit)
-    _check_measured(plant.base, held)
+    flight, base = rotorcraft(aircraft, fit_on, criteria)
+    flight = replace(flight, limit=limit)
+    _check_measured(base, held)
     stages.begin("refit of the model")
-    plant, refitted = in_its_colour(plant, rotorcraft_fit(plant))
+    flight, refitted = in_its_colour(flight, rotorcraft_fit(flight))
     stages.begin("simulation as given")
-    given = fly_system_as_given(plant, held, plant.known, refitted.derivatives)
+    given = fly_system_as_given(flight, held, partial(known_effects, flight), refitted.derivatives)
     report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
 
     def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], _: object) -> DiagnosedAircraft:
@@ -136,12 +139,12 @@ def diagnose_rotorcraft(
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
     found = with_thrust_curve(found)
     usual = () if aircraft.relative_uncertainty else aircraft.derivatives  # of the wing, where the file states nothing
-    stated = {name: std for name, std in plant.base.prior_std.items() if name not in usual}
-    against = contradicted_parameters(replace(plant.base, prior_std=stated), found.flight, criteria)
+    stated = {name: std for name, std in base.prior_std.items() if name not in usual}
+    against = contradicted_parameters(replace(base, prior_std=stated), found.flight, criteria)
     least = criteria.significance.sigmas
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
-    not_judged = [*steep, *too_small_in_closed_loop(aircraft, found.detectable, criteria)]
+    not_judged = [*steep, *too_small_for_rotors(aircraft, found.detectable, criteria)]
     return concluded(found, told, not_judged=not_judged, data=stopped)
 
 

@@ -1,1 +1,0 @@
-"""The diagnosis of any dynamic system: ports, a library of causes for any model, and complete hypotheses."""
