@@ -13,8 +13,8 @@ from casid.data_check.check import check as check
 from casid.data_check.reading import Finding as Finding
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.diagnosis.cause import Decision as Decision
-from casid.diagnosis.cause import Gate as Gate
 from casid.diagnosis.cause import Trace as Trace
+from casid.diagnosis.comparisons import Gate as Gate
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.kinematics.compatibility import Compatibility, InstrumentError, SteadyWind, compatibility
 from casid.diagnosis.result import Cause, Diagnosis

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from casid.diagnosis.cause import at_least
+from casid.diagnosis.comparisons import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.trial import Gain, Trial
 from casid.diagnosis.evidence.screening import Candidate
@@ -38,6 +38,16 @@ NOISE = {
 SURFACE_NOISE = 0.03 * DEG
 _PICARD, _AIR = 4, ("wind_x", "wind_y", "wind_z")
 _SIGNS = (1.0, -1.0, 0.8, -0.9)
+
+
+def at_least(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
+    """Return a gate that passes if the value reaches the threshold."""
+    return Gate(gate=gate, value=value, threshold=threshold, criterion=criterion, or_else=tuple(or_else))
+
+
+def at_most(gate: str, value: float, threshold: float) -> Gate:
+    """Return a gate that passes if the value does not exceed the threshold."""
+    return Gate(gate=gate, value=value, threshold=threshold, least=False)
 
 
 def one_round() -> Criteria:

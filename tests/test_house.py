@@ -223,15 +223,14 @@ def test_the_report_draws_and_fits_nothing() -> None:
 
 
 def test_gates_are_made_in_one_file() -> None:
-    """Why a cause was named is read in `casid/diagnosis/gates.py`; `cause.py` has the class and its constructors."""
-    makers = {"Gate", "at_least", "at_most"}
+    """What a cause was asked is read in `casid/diagnosis/comparisons.py`."""
     found = {
         str(path.relative_to(REPO))
         for path in sources("casid")
         for node in ast.walk(tree_of(path))
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in makers
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Gate"
     }
-    assert found == {"casid/diagnosis/cause.py", "casid/diagnosis/gates.py"}
+    assert found == {"casid/diagnosis/comparisons.py"}
 
 
 # who minimises anything by scipy, and why it is no fit of a problem

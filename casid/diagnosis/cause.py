@@ -6,12 +6,12 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from casid.diagnosis.reasons import clause
+from casid.diagnosis.comparisons import Gate, clause
 from casid.errors import InputError, nearest, unknown
-from casid.keeping import by_fields, plain
+from casid.keeping import by_fields
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_named
@@ -25,92 +25,6 @@ REFUSED = "refused"
 NOT_TRIED = "not tried"
 _OUTCOMES = {NAMED: "named", IN_A_SET: "cannot be told apart", MINOR: "too small to matter"}
 OUTCOMES = (NAMED, IN_A_SET, MINOR, REFUSED, NOT_TRIED)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Gate:
-    """One comparison of a value with a threshold.
-
-    Attributes
-    ----------
-    gate
-        The quantity that is compared, in a few words.
-    value, threshold
-        The numbers that are compared.
-    criterion
-        Name of the threshold in `Criteria`, as "naming.gain"; empty for a limit of the cause itself or a logical
-        condition.
-    least
-        Whether the value must be at least the threshold; otherwise at most.
-    or_else
-        Alternative gates, one of which is sufficient if this comparison fails.
-
-    Examples
-    --------
-    >>> import casid as cs
-    >>> gate = cs.Gate(gate="share", value=0.4, threshold=1.0, criterion="naming.share", least=True)
-    >>> gate.passed
-    False
-    """
-
-    gate: str
-    value: float
-    threshold: float
-    criterion: str = ""
-    least: bool = True
-    or_else: tuple[Gate, ...] = ()
-
-    @property
-    def holds(self) -> bool:
-        """Return True if the comparison itself holds, without the alternatives."""
-        return self.value >= self.threshold if self.least else self.value <= self.threshold
-
-    @property
-    def passed(self) -> bool:
-        """Return True if the comparison holds or one of the alternatives passes."""
-        return self.holds or any(other.passed for other in self.or_else)
-
-    def __str__(self) -> str:
-        sign = ">=" if self.least else "<="
-        by = f" [{self.criterion}]" if self.criterion else ""
-        others = "".join(f"; or {other}" for other in self.or_else)
-        value = f"{self.value:.4g}" if math.isfinite(self.value) else "without bound"
-        return f"{self.gate}: {value} {sign} {self.threshold:.4g}{by}{others}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """An entry of `gates` in diagnosis.json."""
-        return plain(self, "gate value threshold criterion least passed" + (" or_else" if self.or_else else ""))
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any]) -> Gate:
-        """The gate of an entry of ``gates`` in diagnosis.json. The outcome gives the sign of an infinite number."""
-        others = tuple(cls.from_dict(other) for other in entry.get("or_else", ()))
-        least = entry.get("least", True)
-        holds = entry["passed"] and not any(other.passed for other in others)
-        infinite = math.inf if holds == least else -math.inf
-        return cls(
-            gate=entry["gate"],
-            value=infinite if entry["value"] is None else float(entry["value"]),
-            threshold=-infinite if entry["threshold"] is None else float(entry["threshold"]),
-            criterion=entry["criterion"],
-            least=least,
-            or_else=others,
-        )
-
-
-def at_least(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
-    """A gate that passes if the value reaches the threshold."""
-    return Gate(gate=gate, value=float(value), threshold=float(threshold), criterion=criterion, or_else=tuple(or_else))
-
-
-def at_most(gate: str, value: float, threshold: float, criterion: str = "", or_else: Iterable[Gate] = ()) -> Gate:
-    """A gate that passes if the value does not exceed the threshold."""
-    return replace(at_least(gate, value, threshold, criterion, or_else), least=False)
-
-
-def all_passed(gates: Iterable[Gate]) -> bool:
-    """Return True if every gate passed."""
-    return all(gate.passed for gate in gates)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,14 +102,15 @@ class Decision:
 class Trace:
     """The decisions of a diagnosis, by cause and round, in the order in which they were made.
 
-    Examples
-    --------
-    >>> from casid.diagnosis.cause import Decision, Trace, at_least
-    >>> gate = at_least("gains enough", 12.0, 40.0, "naming.gain")
-    >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
-    >>> print(trace.of("mass"))
-    mass: refused, round 1
-      FAILED  gains enough: 12 >= 40 [naming.gain]
+        Examples
+        --------
+        >>> from casid.diagnosis.cause import Decision, Trace
+    >>> from casid.diagnosis.comparisons import GAIN
+        >>> gate = GAIN.of(12.0, 40.0, "naming.gain")
+        >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
+        >>> print(trace.of("mass"))
+        mass: refused, round 1
+          FAILED  gain: 12 >= 40 [naming.gain]
     """
 
     decisions: tuple[Decision, ...] = field(default=())
@@ -269,10 +184,10 @@ class Trace:
         first = next((one for one in self.decisions if one.cause in decision.against), None)
         same = [one for one in self.decisions if first and one.cause == first.cause and one.round == decision.round]
         behind = same[0].statistic - decision.statistic if same else math.nan
-        of = {gate.gate.partition(", in the final")[0]: gate for gate in decision.failed[:1] or decision.gates}
+        of = {gate.gate: gate for gate in decision.failed[:1] or decision.gates}
         told = sorted(of.values(), key=lambda gate: not gate.gate.startswith("gain"))
         title = first.title if first else ""
-        said = [clause(gate.gate, gate.passed, (gate.value, gate.threshold), title, behind) for gate in told]
+        said = [clause(gate, title, behind) for gate in told]
         text = "; ".join(dict.fromkeys(one for one in said if one))
         return f"{text[0].upper()}{text[1:]}." if text else ""
 

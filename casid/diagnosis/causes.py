@@ -8,8 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy import special
 
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
-from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Gate, Trace, all_passed, merged
+from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace, merged
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.engine.acceptance import sine
 from casid.diagnosis.engine.baseline import is_induced_drag, is_usual
 from casid.diagnosis.engine.held_out import Kept
@@ -87,10 +89,10 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
     if name not in {one.name for one in evidence.fit.attached}:
         if name in {one.name for one in state.fit.attached}:
             return noted(cause_of(leader, state, (), held, asked), NOT_CONFIRMED), False
-        asked = (*asked, gates.gone_beside_later_causes())
+        asked = (*asked, ask.STILL_NEEDED.failed())
         return noted(cause_of(leader, state, (), held, asked), NOT_NEEDED), False
     final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
-    asked = (*asked, *gates.in_the_final_model(final))
+    asked = (*asked, *final)
     present = _as_in(evidence, leader)
     if not all_passed(final):
         refused = cause_of(present, state, (), held, asked)
@@ -120,10 +122,10 @@ def trace_of_search(
                 cause = final.get(key) or small.get(key) or out.get(key)
                 told.add(key)
                 outcome = NAMED if key in final else MINOR if key in small else REFUSED
-                later = cause.gates if cause else (gates.gone_beside_later_causes(),)
+                later = cause.gates if cause else (ask.STILL_NEEDED.failed(),)
                 one = replace(one, outcome=outcome, gates=(*one.gates, *later))
             elif one.outcome == IN_A_SET and key not in alike:
-                unnamed = gates.first_is_named(round_.leader.candidate.name)
+                unnamed = ask.FIRST_IS_NAMED.failed(f" ({round_.leader.candidate.name})")
                 one = replace(one, outcome=REFUSED, gates=(*one.gates, unnamed))
             found.append(one)
     exits = ((causes, NAMED), (minor, MINOR), (refused, REFUSED))
@@ -145,7 +147,7 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
 def still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
     """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters."""
     one = next(a for a in fit.attached if a.name == name)
-    return (*gates.possible(one), gates.matters(meaningful_share(fit, one)))
+    return (*gates.possible(one), ask.MATTERS.of(meaningful_share(fit, one), 1.0, "size.share"))
 
 
 def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
@@ -262,11 +264,11 @@ def _expected(name: str, evidence: Evidence, held: float | None, required: float
     usual = one.nuisance or is_induced_drag(effect, value, fit)
     clear = gates.clear_gain(effect, criteria, fit.flight.noise_by_fit)
     asked = (
-        gates.unusual(usual),
-        gates.gain_of_structure(statistic, required),
+        ask.UNUSUAL.of(usual, 0.0),
+        ask.GAIN.of(statistic, required, "naming.approximate"),
         *gates.clear_size(share, statistic, clear, criteria),
         *sure(evidence, name),
-        gates.gain_held_out(held),
+        ask.GAIN_HELD_OUT.of(held or 0.0, 0.0),
         gates.still_missing(statistic, left, criteria),
     )
     meaningful = all_passed(asked)

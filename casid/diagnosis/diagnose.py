@@ -12,6 +12,7 @@ from typing import Any, overload
 from casid.arguments import number, require
 from casid.data_check.check import DataFindings, channels_of, check
 from casid.data_check.reading import Finding
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
@@ -24,7 +25,6 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import with_noise_level
 from casid.diagnosis.flight.subject import Subject
-from casid.diagnosis.gates import odds_against_good_records
 from casid.diagnosis.given.as_given import AsGiven, attached_effects, error_over_noise, fly_as_given, fly_recorded
 from casid.diagnosis.given.contradicted import FlightValue
 from casid.diagnosis.given.scope import Scope, out_of_sight, scope_of, split
@@ -178,7 +178,7 @@ def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
             cause=f"{one.kind}({one.target})",
             round=0,
             outcome=NAMED,
-            gates=() if one.odds is None else (odds_against_good_records(one.odds),),
+            gates=() if one.odds is None else (ask.ODDS.of(one.odds, 1.0),),
             against=tuple(f"{rival['kind']}({rival['target']})" for rival in one.indistinguishable_from),
         )
         for one in findings

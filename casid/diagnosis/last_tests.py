@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
-from casid.diagnosis import gates, sentences
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis import sentences
 from casid.diagnosis.cause import NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.causes import cause_of, causes_of, minor_trials, still_missing, too_small, trace_of_search
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
@@ -30,7 +29,6 @@ from casid.diagnosis.given.contradicted import FlightValue, flight_values
 from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.sentences import SLOW_NOISE, noted
 from casid.diagnosis.time_limit import Stages
 from casid.records.record import Record
 
@@ -74,7 +72,12 @@ def traced(kept: Kept, left: Sequence[MissingInput], unexplained: Sequence[Missi
     found = list(of_causes.decisions)
     for m in left:
         known = m.place.name in kept.fit.flight.unknown
-        asked = gates.unexplained(m.gain, missing_size(kept.fit, m), m.station in told, known, kept.evidence.criteria)
+        asked = (
+            ask.INPUT_GAIN.of(m.gain, kept.evidence.criteria.verdict.missing, "verdict.missing"),
+            ask.MATTERS.of(missing_size(kept.fit, m), 1.0, "size.share"),
+            ask.LEFT.of(m.station in told, 1.0),
+            *((ask.RECORDED.failed(),) if known else ()),
+        )
         outcome = NAMED if m.station in told else REFUSED
         found.append(Decision(cause=m.station, round=0, outcome=outcome, gates=asked))
     return Trace(decisions=tuple(found))
@@ -91,46 +94,6 @@ def too_small_or_refused(fitted: FlightFit, causes: Sequence[Cause]) -> tuple[tu
     small = [one.share < 1.0 or one.key in usual for one in causes]
     first, second = (tuple(c for c, is_ in zip(causes, small, strict=True) if is_ is side) for side in (True, False))
     return first, second
-
-
-def beside_slow_noise(
-    kept: Kept, state: State, left: Sequence[MissingInput], causes: Sequence[Cause], minor: Sequence[Cause]
-) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
-    """The named and the minor causes, after a test with slow noise.
-
-    The noise of each reading, and the instrument offsets, are made as slow and as large as the residuals with all
-    causes allow. A cause with too small a statistic under that noise becomes minor. This is backward elimination: the
-    weakest cause is dropped and the others are tested again without it.
-    """
-    if not causes or kept.fit.noise.colour or state.baseline.fixed:
-        return tuple(causes), tuple(minor)
-    slow = as_slow_as_left(kept.fit, drifting(kept.fit, left))
-    stay = list(causes)
-    while stay and slow.noise.slow:
-        shares = [_share_of_required(slow, state, cause) for cause in stay]
-        found = [gates.beside_slow_noise(one) for one in shares]
-        asked = [replace(cause, gates=(*cause.gates, gate)) for cause, gate in zip(stay, found, strict=True)]
-        weakest = int(np.argmin(shares))
-        if found[weakest].passed:
-            stay = asked
-            break
-        one = stay.pop(weakest)
-        minor = (*minor, noted(asked[weakest], SLOW_NOISE))
-        others = [a for a in slow.attached if a.effect.key != one.key]
-        slow = fit(slow.flight, others, slow.noise, slow)
-    return tuple(stay), tuple(minor)
-
-
-def _share_of_required(slow: FlightFit, state: State, cause: Cause) -> float:
-    """Likelihood-ratio statistic of a cause, from its standard deviation, over that required for a name.
-
-    It is infinite for a cause that is not a parameter of the fit, such as turbulence.
-    """
-    slots = {slot.name for slot in slow.slots}
-    for one in slow.attached:
-        if one.effect.key == cause.key and one.name in slots:
-            return (slow[one.name] / slow.std(one.name)) ** 2 / gates.required_gain(one.effect, state.criteria)
-    return np.inf
 
 
 def _not_by_noise(
@@ -197,7 +160,7 @@ def _last_tests(
     kept: Kept, state: State, left: Sequence[MissingInput]
 ) -> tuple[Probabilities, tuple[Cause, ...], tuple[Cause, ...], list[MissingInput]]:
     """Probabilities of the named causes, the minor and the refused ones, and the latent inputs that remain."""
-    causes, minor = beside_slow_noise(kept, state, left, *causes_of(state, kept, left))
+    causes, minor = causes_of(state, kept, left)
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
     minor, refused = too_small_or_refused(kept.fit, minor)
     return probabilities(causes, unexplained, state, left), minor, refused, unexplained

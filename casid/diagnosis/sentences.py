@@ -36,7 +36,6 @@ from casid.signals import label_of
 
 NOT_CONFIRMED = "Not confirmed on held-out data."
 NOT_NEEDED = "No longer sure, or not needed, beside the other causes."
-SLOW_NOISE = "Slow noise and offsets of instruments do as much."
 _ADEQUATE = "No cause of a size that matters shows in these records."
 _BY_VALUES = "No cause of a size that matters shows; re-estimated values account for the difference."
 _SMALL = " Effects that are expected, or too small to matter, are listed as minor."

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 from casid.data_check.reading import Finding
 from casid.diagnosis import claims, sentences
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.size import missing_share
 from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
 from casid.diagnosis.flight.noise import Following
-from casid.diagnosis.gates import common, follows_inputs, refused_by_the_data
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
 from casid.diagnosis.given.scope import NotJudged
@@ -166,12 +166,13 @@ def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
 
 def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: Criteria) -> Decision:
     """The decision on a cause that values reproduce: it is listed with them, for no record separates them."""
-    return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(common(statistic, criteria),), against=values)
+    gate = ask.COMMON.of(statistic, criteria.significance.chance, "significance.chance")
+    return Decision(cause=cause, round=0, outcome=IN_A_SET, gates=(gate,), against=values)
 
 
 def of_air(one: Following, criteria: Criteria) -> Decision:
     """The decision on what was taken for moving air and follows an input: it is named if that is no chance."""
-    gate = follows_inputs(one.statistic, criteria)
+    gate = ask.FOLLOWS_INPUTS.of(one.statistic, criteria.verdict.missing, "verdict.missing")
     name = f"follows({one.input}:{one.output})"
     outcome = NAMED if gate.passed else REFUSED
     return Decision(cause=name, round=0, outcome=outcome, gates=(gate,))
@@ -206,7 +207,7 @@ def _in_doubt(found: Diagnosis, because: str) -> Diagnosis:
         )
         for c in found.causes
     ]
-    gate = refused_by_the_data(because)
+    gate = ask.DATA_AT_FAULT.failed(f": {because}")
     decisions = tuple(
         replace(one, outcome=MINOR, gates=(*one.gates, gate)) if one.outcome in (NAMED, IN_A_SET) else one
         for one in found.trace.decisions

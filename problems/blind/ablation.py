@@ -28,7 +28,8 @@ from typing import Any
 import numpy as np
 
 from casid.criterion import Criterion
-from casid.diagnosis.cause import NOT_TRIED, Decision, Gate, all_passed
+from casid.diagnosis.cause import NOT_TRIED, Decision
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from problems.blind.table import markdown
 from problems.campaign.store import read_results

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 import casid as cs
-from casid.diagnosis.cause import NOT_TRIED, REFUSED, all_passed
+from casid.diagnosis.cause import NOT_TRIED, REFUSED
+from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.record import Record

@@ -7,10 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from diagnosis_flights import flights, trial_of
+from diagnosis_flights import at_least, flights, trial_of
 
-from casid.diagnosis.cause import IN_A_SET, MINOR, REFUSED, Cause, all_passed, at_least
+from casid.diagnosis.cause import IN_A_SET, MINOR, REFUSED, Cause
 from casid.diagnosis.causes import minor_trials, onset_intervals, trace_of_search
+from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import can_be_named, ranked, ranked_behind
 from casid.diagnosis.engine.trial import Round, refused_rounds

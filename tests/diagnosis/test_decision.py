@@ -6,10 +6,11 @@ import json
 import math
 
 import pytest
+from diagnosis_flights import at_least, at_most
 from hypothesis import given
 from hypothesis import strategies as st
 
-from casid.diagnosis.cause import Decision, Trace, at_least, at_most, merged, trace_of
+from casid.diagnosis.cause import Decision, Trace, merged, trace_of
 from casid.errors import InputError
 from casid.keeping import plain
 

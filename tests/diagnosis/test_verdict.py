@@ -5,33 +5,20 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
-import numpy as np
 import pytest
-from diagnosis_flights import NOISE, flights
-from scipy.signal import lfilter
 
 import casid as cs
 from casid.data_check.reading import Finding
-from casid.diagnosis.cause import IN_A_SET, Cause
-from casid.diagnosis.criteria import Criteria
+from casid.diagnosis.cause import IN_A_SET
 from casid.diagnosis.diagnose import named_in_errors
-from casid.diagnosis.flight.fit import fit
-from casid.diagnosis.flight.flight import prepare
-from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.given.factors import Factor
-from casid.diagnosis.last_tests import beside_slow_noise
 from casid.diagnosis.result import Diagnosis
-from casid.diagnosis.sentences import _hidden_by_air
 from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.keeping import plain
-from casid.model.causes import actuator_lag, effectiveness_change, sensor_scale
 from casid.model.plausible import Doubt
-from problems.do328 import do328
 from problems.systems.count import SYSTEMS
 from problems.systems.system import Fault
 
@@ -112,55 +99,3 @@ def test_a_fault_of_the_data_that_a_named_cause_explains_stands_in_its_set(expla
     assert found.verdict != "data at fault" and json.dumps(plain(found.to_dict()))
     other = replace(told, indistinguishable_from=({**rival, "target": "elsewhere"},))
     assert concluded(explained, (), data=[other]).verdict == "data at fault"
-
-
-def test_every_cause_that_stays_is_asked_where_noise_is_slow() -> None:
-    """A lag, a scale of the gyro, and a scale of the roll gyro that is not there, beside noise with a memory of 0.15 s:
-    the two that stay have the gate, as the one that goes has, each with a value of its own."""
-    lag, scale, absent = (
-        Attached(effect=effect, values={"value": value})
-        for effect, value in ((actuator_lag("delta_e"), 0.12), (sensor_scale("q"), 0.2), (sensor_scale("p"), 0.0))
-    )
-    rng, told = np.random.default_rng(2), np.exp(-0.04 / 0.15)
-    records = [
-        one.with_channels(
-            **{
-                name: one[name] + lfilter([sigma * np.sqrt(1.0 - told**2)], [1.0, -told], rng.normal(size=len(one)))
-                for name, sigma in NOISE.items()
-            }
-        )
-        for one in flights([lag, scale], seed=2, count=2)
-    ]
-    flight = prepare(do328(), records)
-    fitted = fit(flight, [lag, scale, absent], flight.noise(), extent="first")
-    kept: Any = SimpleNamespace(fit=fitted)
-    state: Any = SimpleNamespace(baseline=SimpleNamespace(fixed=False), criteria=Criteria())
-    causes, minor = beside_slow_noise(kept, state, (), [cause_of(one) for one in (lag, scale, absent)], [])
-    assert [one.name for one in causes] == [lag.name, scale.name] and [one.name for one in minor] == [absent.name]
-    gates = [gate for one in causes for gate in one.gates]
-    assert {gate.gate for gate in gates} == {gate.gate for one in minor for gate in one.gates}
-    assert len({gate.value for gate in gates}) == 2 and all(gate.passed for gate in gates)
-
-
-def cause_of(one: Attached) -> Cause:
-    return Cause(
-        effect=one.effect,
-        value=one.values["value"],
-        std=0.1,
-        records=("m1", "m2"),
-        statistic=100.0,
-        sentence="",
-        meaningful=True,
-        share=1.0,
-    )
-
-
-def test_turbulence_states_the_largest_sudden_change_that_it_would_hide() -> None:
-    """Of the sizes that would have shown; what could not be seen at any possible size is not judged instead."""
-    effects = [effectiveness_change("delta_a"), effectiveness_change("delta_r"), effectiveness_change("delta_e")]
-    sizes = dict(zip((one.name for one in effects), (0.08, 0.21, 7.0), strict=True))
-    flight = SimpleNamespace(effects=[*effects, sensor_scale("alpha")])
-    found: Any = SimpleNamespace(bare=SimpleNamespace(flight=flight), detectable=sizes)
-    assert _hidden_by_air(found) == "The turbulence would hide: rudder: effectiveness change under 21 %."
-    found.detectable = {}
-    assert not _hidden_by_air(found)

@@ -6,7 +6,8 @@ import tomllib
 import numpy as np
 import pytest
 
-from casid.diagnosis.cause import NAMED, Decision, Gate, all_passed
+from casid.diagnosis.cause import NAMED, Decision
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from problems.blind.ablation import moved, same_decisions, use_of
 

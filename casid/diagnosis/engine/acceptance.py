@@ -23,8 +23,9 @@ from functools import cached_property
 
 import numpy as np
 
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
-from casid.diagnosis.cause import Gate, all_passed
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, sure
@@ -73,13 +74,12 @@ def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float,
     criteria = fitted.criteria
     alone = confirmed or one.effect.of_an_instrument
     clear = gates.clear_gain(one.effect, criteria, fitted.flight.noise_by_fit)
-    bounds = (*gates.possible(one), *gates.remembered(one, float(np.median(fitted.batch.dt))))
-    found = (*gates.clear_size(share, statistic, clear, criteria, alone), *bounds)
+    found = (*gates.clear_size(share, statistic, clear, criteria, alone), *gates.possible(one))
     if not one.onsets:
         return found
     first = {record.name: record.t[0] + criteria.numerics.events.step for record in fitted.flight.records}
     latest = max(onset - first[record] for record, onset in one.onsets.items())
-    return (*found, gates.begins_inside(latest, criteria))
+    return (*found, ask.ONSET.of(latest, criteria.numerics.events.fine, "numerics.events.fine"))
 
 
 def explains(
@@ -108,7 +108,7 @@ def explains(
         asked += objection(seen)
         if not all_passed(asked):
             return tuple(asked)
-    return tuple(asked) if seen.effect.traits.improbable else (*asked, _explains_what_was_missing(seen))
+    return tuple(asked) if seen.effect.traits.improbable else (*asked, *_explains_what_was_missing(seen))
 
 
 def _nearness(gate: Gate) -> tuple[bool, float]:
@@ -184,18 +184,6 @@ class _Seen:
         return found
 
 
-def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
-    """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
-    criteria = seen.criteria
-    more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
-    worse = [m for m in seen.after if m.gain > (1.0 + criteria.doubt.left) * seen.was[m.station] + more]
-    sizes = {m.place.words: missing_size(seen.evidence.fit, m) for m in worse}
-    if not sizes:
-        return []
-    most = max(sizes, key=lambda place: sizes[place])
-    return [gates.nothing_worse(most, sizes[most])]
-
-
 def _is_sure(seen: _Seen) -> list[Gate]:
     return list(sure(seen.evidence, seen.last.candidate.name))
 
@@ -204,14 +192,6 @@ def _is_no_bias_that_drifts(seen: _Seen) -> list[Gate]:
     """The gate on a constant error of a reading: no drift of the same reading may remain."""
     own = reading(seen.effect.target)
     return seen.gone([own] if seen.effect.traits.constant and own in seen.was else [], "doubt.left_by_terms")
-
-
-def _is_no_drift_of_one_reading(seen: _Seen) -> list[Gate]:
-    """The gate on turbulence: it must have more likelihood-ratio statistic than the drift of any single reading."""
-    if seen.effect.enters is None or Station.at(seen.effect.enters).kind != "wind":
-        return []
-    drift = max(gain for station, gain in seen.was.items() if Station.at(station).kind == "reading")
-    return [gates.no_single_drift(drift, seen.last.gain.raw, seen.criteria)]
 
 
 def _is_symmetric_or_explains_all(seen: _Seen) -> list[Gate]:
@@ -228,26 +208,26 @@ def _is_no_imitation(seen: _Seen) -> list[Gate]:
         return []
     if effect.traits.last_resort:
         left = max((m for m in seen.after if m.station in seen.own), key=lambda m: m.gain)
-        return [gates.nothing_left(left.gain, missing_size(seen.evidence.fit, left), seen.criteria)]
+        size = missing_size(seen.evidence.fit, left)
+        noise = gates.no_more_than_noise(left.gain, seen.criteria)
+        return [ask.MISSING_SIZE.of(size, 1.0, "size.share", [noise])]
     return seen.gone(seen.own, "doubt.left_by_terms", seen.last.gain.total)
 
 
-def _explains_what_was_missing(seen: _Seen) -> Gate:
+def _explains_what_was_missing(seen: _Seen) -> list[Gate]:
     """The gate on the latent inputs at the judged ports, with its alternatives (see `explains`)."""
     most = max(seen.was[s] for s in seen.own or seen.was)
-    alternatives = [gates.as_much_as_any_input(seen.last.gain.raw, most)]
+    alternatives = [ask.ANY_INPUT.of(seen.last.gain.raw / max(most, 1e-300), 1.0)]
     own = reading(seen.effect.target)
-    (found,) = seen.gone(seen.judged) or [gates.largest_missing(max(seen.left.values()), seen.last.gain.total)]
-    if seen.last.confirmed and not (found.passed or alternatives[0].passed):
-        alternatives.append(seen.drift_gone(own) if own in seen.was else gates.confirmed_by_kinematics())
-    return replace(found, or_else=(*found.or_else, *alternatives))
+    judged = seen.gone(seen.judged) or alternatives[:1]
+    if seen.last.confirmed and own in seen.was and not any(one.passed for one in (*judged, *alternatives)):
+        alternatives.append(seen.drift_gone(own))
+    return [replace(one, or_else=(*one.or_else, *alternatives)) for one in judged]
 
 
 _OBJECTIONS: tuple[Callable[[_Seen], list[Gate]], ...] = (
-    _makes_nothing_worse,
     _is_sure,
     _is_no_bias_that_drifts,
-    _is_no_drift_of_one_reading,
     _is_symmetric_or_explains_all,
     _is_no_imitation,
 )
@@ -336,17 +316,18 @@ def ranked_behind(best: Trial, trials: Sequence[Trial], criteria: Criteria) -> d
 
     A trial that cannot replace the best one, although it may pass its own gates, has the gate that explains it.
     """
-    found = {t.candidate.name: gates.confirmed_by_kinematics(t.confirmed) for t in trials if t.effect.traits.grounded}
-    found |= {t.candidate.name: gates.best_of_its_forms() for t in trials if t.effect.key == best.effect.key}
+    found = {t.candidate.name: ask.CONFIRMED.of(t.confirmed, 1.0) for t in trials if t.effect.traits.grounded}
+    found |= {t.candidate.name: ask.BEST_FORM.failed() for t in trials if t.effect.key == best.effect.key}
     rivals = possible_rivals(best, trials)
     if not best.meaningful:
-        return found | {t.candidate.name: gates.tried_again_beside(best.candidate.name) for t in rivals}
+        small = f" {best.candidate.name}, which is too small to matter"
+        return found | {t.candidate.name: ask.DECIDED_BEFORE.failed(small) for t in rivals}
     return found | {t.candidate.name: stands_beside(best, t, criteria) for t in rivals}
 
 
 def stands_beside(best: Trial, trial: Trial, criteria: Criteria) -> Gate:
     """The gate that an alternative must pass to be in one ambiguity set with the best trial."""
-    return gates.stands_beside(distance(best, trial, criteria))
+    return ask.BEHIND.of(distance(best, trial, criteria), 1.0, "screening.equivalent")
 
 
 def possible_rivals(best: Trial, trials: Sequence[Trial]) -> list[Trial]:

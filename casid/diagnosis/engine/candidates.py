@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
-from casid.diagnosis.cause import Gate, all_passed
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import look_alike, size_gates
 from casid.diagnosis.engine.trial import Gain, Trial
@@ -62,8 +63,10 @@ def worth_trying(
         # a fit moves an onset to its best place in the whole record, wherever the linearisation begins it
         chosen += [c for c in further if not any(is_same(c.attached, b.attached, np.inf) for b in before)]
         screened = {**others, **screened}
-    beside = {c.name: gates.beside_turbulence(c.attached.effect, c.net, required, criteria) for c in chosen}
-    faint = {name: asked for name, asked in beside.items() if not all_passed(asked)}
+    least = criteria.naming.tried * required
+    beside = {c.name: ask.BESIDE_TURBULENCE.of(c.net, least, "naming.tried") for c in chosen}
+    kinematic_ones = {c.name for c in chosen if c.attached.effect.kinematic}
+    faint = {name: (asked,) for name, asked in beside.items() if not asked.passed and name not in kinematic_ones}
     chosen = [c for c in chosen if c.name not in faint]
     tried = {c.name for c in chosen}
     return chosen, {name: asked for name, asked in {**screened, **faint}.items() if name not in tried}
@@ -94,9 +97,9 @@ def _best_few(
     places = count
     for candidate in candidates:
         effect = candidate.attached.effect
-        enough = gates.predicted_statistic(candidate.net, base.criteria)
+        enough = _promising(candidate, base.criteria)
         if not enough.passed or not places:
-            rank = (gates.place_left(places),) if enough.passed else ()
+            rank = (ask.PLACES.of(places, 1.0, where=" among those tried"),) if enough.passed else ()
             screened[candidate.name] = (enough, *rank)
             continue
         asked = (enough, *_predicted_size(base, candidate))
@@ -111,13 +114,15 @@ def _best_few(
             if len(terms) < numerics.trials and near:
                 alike.append(candidate)
             else:
-                screened[candidate.name] = (*asked, gates.place_left(numerics.further_trials - len(terms), terms=True))
+                left = numerics.further_trials - len(terms)
+                full = ask.PLACES.of(left, 1.0, where=" among terms of its coefficient")
+                screened[candidate.name] = (*asked, full)
             continue
         chosen.append(candidate)
         seen = worth_fitting(kinematic, candidate.attached)
         places -= seen is None or seen.passed
     names = {one.name for one in (*chosen, *alike)}
-    others = [c for c in candidates if c.name not in names and gates.predicted_statistic(c.net, base.criteria).passed]
+    others = [c for c in candidates if c.name not in names and _promising(c, base.criteria).passed]
     alike += [c for c in others if any(_predict_the_same(c, one, base.criteria) for one in chosen)]
     return [*chosen, *alike], screened
 
@@ -128,7 +133,13 @@ def _predicted_size(base: FlightFit, candidate: Candidate) -> tuple[Gate, ...]:
     clear = gates.clear_gain(one.effect, base.criteria, base.flight.noise_by_fit)
     share = meaningful_share(base, one)
     matters = gates.predicted_size(one.effect, share, candidate.statistic, clear, base.criteria)
-    return (*matters, *gates.possible_in_part(one))
+    return (*matters, *gates.possible(one, 0.5))
+
+
+def _promising(candidate: Candidate, criteria: Criteria) -> Gate:
+    """The gate on the score statistic of a cause that is to be fitted."""
+    by = criteria.naming
+    return ask.PREDICTED.of(candidate.net, by.tried * by.gain, "naming.tried")
 
 
 def _predict_the_same(one: Candidate, other: Candidate, criteria: Criteria) -> bool:
@@ -198,7 +209,7 @@ def try_cause(
         fitted = fit(base.flight, begin, noise, base, extent="trial", give_up=give_up)
         joint = weigh(fitted)
     except (InputError, np.linalg.LinAlgError):  # with the cause, the model diverges on a record
-        return given_up(base, candidate, gates.cannot_be_flown()), evidence, {}
+        return given_up(base, candidate, ask.SIMULATED.failed()), evidence, {}
     if attached.effect.timed:
         wider = in_its_records(joint, fitted.attached[-1])
         if wider.onsets.keys() != joint.fit.attached[-1].onsets.keys():

@@ -14,7 +14,8 @@ from functools import partial
 import numpy as np
 from scipy.linalg import block_diag
 
-from casid.diagnosis.cause import Gate
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.comparisons import Gate
 from casid.diagnosis.engine.baseline import Baseline
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Trial
@@ -27,7 +28,7 @@ from casid.diagnosis.flight.fit import all_free, fit, without
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import in_colour
 from casid.diagnosis.flight.subject import Subject
-from casid.diagnosis.gates import borne_out, cannot_be_flown, required_gain
+from casid.diagnosis.gates import required_gain
 from casid.diagnosis.kinematics.kinematics import forceless_noise, without_aerodynamics
 from casid.diagnosis.kinematics.turbulence import gusts
 from casid.errors import InputError
@@ -183,7 +184,7 @@ def keep(held: Sequence[Record], state: State) -> Kept:
     if not there.flown:
         final, evidence, there = _flown(final, list(causes), steps, judged)
         known[_key(final)] = evidence, there
-        gates = {name: cannot_be_flown() for name in causes if name not in _names_of(final)}
+        gates = {name: ask.SIMULATED.failed() for name in causes if name not in _names_of(final)}
         gains = dict.fromkeys(gates)
         causes = {name: one for name, one in causes.items() if name not in gates}
     while causes:
@@ -300,7 +301,7 @@ def _borne_out(cause: Trial, gain: float | None, there: Predicted, state: State)
     negative.
     """
     spare = cause.gain.net - required_gain(cause.effect, state.criteria)
-    return borne_out(2.0 * there.fit.readings * (gain or 0.0) + spare)
+    return ask.BORNE_OUT.of(2.0 * there.fit.readings * (gain or 0.0) + spare, 0.0)
 
 
 def _put_in_later(begun: Baseline, final: FlightFit) -> list[Attached]:

@@ -21,7 +21,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from casid.diagnosis.cause import Gate, all_passed
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import (
     can_be_named,
@@ -56,7 +57,7 @@ from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.flight import with_inputs_held
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
-from casid.diagnosis.gates import no_time_left, promises_enough, required_gain
+from casid.diagnosis.gates import promises_enough, required_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
 from casid.diagnosis.kinematics.turbulence import still_air
@@ -384,7 +385,7 @@ def _tried(
             trial, joint, interval = try_cause(state.evidence, *one, give_up)
         except TimeIsUpError:
             limit.leave_out_fit(one[0].name)
-            return given_up(state.fit, one[0], no_time_left()), state.fit, {}
+            return given_up(state.fit, one[0], ask.TIME_LEFT.failed()), state.fit, {}
         return trial, joint.fit, interval
 
     by = state.criteria.naming

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from casid.diagnosis import gates
-from casid.diagnosis.cause import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision, Gate, all_passed
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.cause import IN_A_SET, NAMED, NOT_TRIED, REFUSED, Decision
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.effect import Effect
@@ -81,8 +82,11 @@ class Trial:
         before = () if self.given_up is None else (self.given_up,)
         must_be_seen = self.effect.traits.grounded or (self.effect.of_an_instrument and self.check.predicted > 0.0)
         check = self.check
-        seen = gates.must_be_seen(check.predicted, check.achieved, check.criteria) if must_be_seen else ()
-        return (*before, *check.gates, *seen)
+        if not must_be_seen:
+            return (*before, *check.gates)
+        least = check.criteria.significance.chance
+        seen = ask.PREDICTED_BY_KINEMATICS.of(check.predicted, least, "significance.chance")
+        return (*before, *check.gates, seen, ask.KINEMATIC_GAIN.of(check.achieved, 0.0))
 
     @property
     def refuted(self) -> bool:
@@ -173,7 +177,7 @@ class Round:
 def refused_rounds(rounds: Sequence[Round]) -> tuple[Round, ...]:
     """The rounds of a set that was refused; one that passes its own gates is refused for those that do not."""
     failed = [one.leader.candidate.name for one in rounds if one.doubt]
-    of_set = (gates.none_refused(failed),)
+    of_set = (ask.NONE_REFUSED.of(len(failed), 0.0, where=f" ({', '.join(failed)})"),)
     return tuple(
         replace(one, named=False, refused_by=one.refused_by if one.doubt or not one.named else of_set) for one in rounds
     )

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, solve_triangular
 
-from casid.diagnosis import gates
-from casid.diagnosis.cause import Gate
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.comparisons import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.flight.evaluation import FlightFit, Gram, scaled_inverse
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings
@@ -519,7 +519,7 @@ def sure(evidence: Evidence, name: str, records: Sequence[int] = ()) -> tuple[Ga
     if name not in {slot.name for slot in evidence.fit.slots}:
         return ()
     ratio = abs(evidence.fit[name]) / max(deviation(evidence, name, records), 1e-300)
-    return (gates.sure(ratio, evidence.criteria),)
+    return (ask.SURE.of(ratio, evidence.criteria.significance.sigmas, "significance.chance"),)
 
 
 def scatter(evidence: Evidence, along: np.ndarray) -> float:

@@ -8,8 +8,8 @@ from functools import partial, reduce
 
 import numpy as np
 
-from casid.diagnosis import gates
-from casid.diagnosis.cause import Gate
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.comparisons import Gate
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import Projection, fingerprints, history, onset_grid, prints_of, products_at
@@ -285,7 +285,7 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     whole = history(base, replace(one, onsets=dict.fromkeys(one.onsets, -np.inf)))
     acting = [s for s in range(whole.shape[2]) if _mean_part(whole[:, rows, s][live]) > 0.5]  # most of it
     if not acting:
-        return gates.sudden(np.inf, evidence.criteria)
+        return _sudden(np.inf, evidence)
     jump = Projection.shared(evidence, base.filter.whiten_histories(acting, history(base, one)[..., acting]))
     slow = np.zeros((*whole.shape[:2], len(acting), powers))
     for r in rows:
@@ -297,7 +297,13 @@ def sudden(evidence: Evidence, one: Attached) -> Gate:
     cross, match = zip(*products.values(), strict=True)
     grams = np.stack([gram_of(white[:, r].reshape(-1, white.shape[3])) for r in range(white.shape[1])])
     slower = Projection.by_record(evidence, grams, (np.concatenate(cross, axis=2), np.concatenate(match, axis=1)))
-    return gates.sudden(_gain_of(jump) / max(_gain_of(slower), 1e-300), evidence.criteria)
+    return _sudden(_gain_of(jump) / max(_gain_of(slower), 1e-300), evidence)
+
+
+def _sudden(over_slow: float, evidence: Evidence) -> Gate:
+    """The gate on the statistic of a jump over that of a slow change of the same effect."""
+    least = 1.0 / evidence.criteria.numerics.events.sudden
+    return ask.SUDDEN.of(over_slow, least, "numerics.events.slow_polynomials")
 
 
 def alone(evidence: Evidence, one: Attached) -> Gate:
@@ -325,7 +331,8 @@ def alone(evidence: Evidence, one: Attached) -> Gate:
                 own = max(own, statistic)
             else:
                 others.append(statistic)
-    return gates.alone(own / max(float(np.mean(others)) if others else 1.0, 1.0), evidence.criteria)
+    least = evidence.criteria.significance.search
+    return ask.ALONE.of(own / max(float(np.mean(others)) if others else 1.0, 1.0), least)
 
 
 def _mean_part(series: np.ndarray) -> float:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
-from casid.diagnosis.cause import Gate, all_passed
+from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.evidence import Evidence, weigh
 from casid.diagnosis.evidence.fingerprints import print_of
@@ -145,7 +146,7 @@ def worth_fitting(kinematic: Evidence | None, one: Attached) -> Gate | None:
     achieved = part * (whole.achieved + whole.predicted) - predicted
     if predicted <= whole.criteria.significance.search:
         return None
-    return gates.worth_fitting(predicted, achieved, whole.criteria)
+    return ask.WORTH_FITTING.of(achieved / predicted, whole.criteria.kinematics.refuted, "kinematics.refuted")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from diagnosis_flights import flights, trial_of
 
-from casid.diagnosis.cause import all_passed
+from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.engine.candidates import with_look_alikes, worth_trying
 from casid.diagnosis.evidence.screening import Candidate
 from casid.diagnosis.flight.fit import fit

@@ -6,9 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from diagnosis_flights import SURFACE_NOISE, flights, trial_of
+from diagnosis_flights import SURFACE_NOISE, at_least, flights, trial_of
 
-from casid.diagnosis.cause import at_least
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import can_be_named, equivalents_of, gains_enough, ranked
 from casid.diagnosis.engine.candidates import settled, try_cause

@@ -10,18 +10,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnosis_flights import trial_of
+from diagnosis_flights import at_least, at_most, trial_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from casid.diagnosis import claims
-from casid.diagnosis.cause import Cause, at_least, at_most
+from casid.diagnosis import comparisons as ask
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.probability import other_explanations, probabilities
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.screening import equivalence
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.gates import none_refused
 from casid.diagnosis.given.budget import BudgetSteps
 from casid.model.causes import (
     accelerometer_position,
@@ -152,7 +152,7 @@ def test_an_alternative_of_two_causes_is_there_if_it_is_either() -> None:
 FAILED = (at_most("part still missing", 0.5, 0.25),)
 
 
-@pytest.mark.parametrize("gates", [{"accepted_by": FAILED}, {"refused_by": (none_refused(["mass"]),)}])
+@pytest.mark.parametrize("gates", [{"accepted_by": FAILED}, {"refused_by": (ask.NONE_REFUSED.of(1.0, 0.0),)}])
 def test_what_was_refused_in_a_set_is_not_there(gates: dict[str, Any]) -> None:
     """A round whose leader gained much and was doubted for what it left missing, and one that passed its own gates
     beside such a cause: neither the leader nor what it was preferred to is there, in that round or in a later one."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights, trial_of
 
-from casid.diagnosis.cause import all_passed
+from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.acceptance import may_come_near

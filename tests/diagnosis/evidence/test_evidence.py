@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
-from casid.diagnosis.cause import all_passed
 from casid.diagnosis.causes import still_matters
+from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.evidence.evidence import is_sure, jackknife, left_open, weigh
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare

@@ -44,9 +44,9 @@ from problems.do328 import do328
         (83.0, 7.0, False, False),  # 0.54 +- 0.11 of the size: neither all of it nor nothing
         (60.0, -60.0, True, False),
         (40.0, -40.0, True, False),  # 0.0 +- 0.16: too small to be confirmed, not to be missed
-        (13.0, -13.0, True, False),  # 0.0 +- 0.28
+        (13.0, -13.0, False, False),  # 0.0 +- 0.28, hardly visible
         (13.0, -1.0, False, False),
-        (5.0, -20.0, False, False),  # hardly visible
+        (5.0, -20.0, False, False),
         (20.0, 20.0, False, False),
         (60.0, 60.0, False, True),
         (2589.0, 4744.0, False, False),  # 1.42 +- 0.02 of the size
