@@ -7,7 +7,7 @@ channels. Flat earth, body axes, 3-2-1 Euler angles.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -161,7 +161,8 @@ RELATIONS: tuple[Relation, ...] = (
 class Agreement:
     """Covariance of two sides, each without its line, and the number of independent samples that it is from.
 
-    `close` is the least that they have unlike, `scale` within which an instrument does not suggest another unit."""
+    `close` is the least that they have unlike, `scale` within which an instrument does not suggest another unit.
+    `by_errors` is the log-likelihood of the other side by ordinary errors of instruments alone, without the channel."""
 
     left: float
     right: float
@@ -169,6 +170,7 @@ class Agreement:
     independent: float
     close: float
     scale: float
+    by_errors: float = 0.0
 
     @property
     def unlike(self) -> float:
@@ -193,8 +195,9 @@ class Agreement:
 
     @property
     def log_likelihood(self) -> float:
-        """Log-likelihood of the samples, over that of two unrelated series."""
-        return -0.5 * self.independent * float(np.log(self.unlike))
+        """Log-likelihood of the samples, over that of two unrelated series; what ordinary errors explain without the
+        channel says nothing of it, or a channel that is made small would always fit."""
+        return max(-0.5 * self.independent * float(np.log(self.unlike)) - self.by_errors, 0.0)
 
 
 def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCriteria) -> Agreement | None:
@@ -208,7 +211,17 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
     errors = np.reshape(relation.errors(record, criteria), (-1, len(rate)))
     every = int(at.sum() / max(record.independent, 1.0)) + 1
     made = _without_line(made[at])
-    rate = _in_time(rate, made, errors, at, every, record.step, criteria)
+    seen = _in_time(rate, made, errors, at, every, record.step, criteria)
+    found = _agreement(seen, made, record.independent * float(at.mean()), criteria)
+    if found is None or not len(errors) or not np.isfinite(errors).all():
+        return found
+    alone = _in_time(np.zeros(len(rate)), made, errors, at, every, record.step, criteria)
+    by_errors = _agreement(alone, made, found.independent, criteria)
+    return replace(found, by_errors=by_errors.log_likelihood if by_errors else 0.0)
+
+
+def _agreement(rate: np.ndarray, made: np.ndarray, independent: float, criteria: DataCriteria) -> Agreement | None:
+    """Return the agreement of two series without their lines; None where they are not finite."""
     left, right, both = (
         float(one @ other) / (len(made) - 1) for one, other in ((rate, rate), (made, made), (rate, made))
     )
@@ -218,7 +231,7 @@ def agreement(relation: Relation, record: Read, gravity: float, criteria: DataCr
         left=left,
         right=right,
         both=both,
-        independent=record.independent * float(at.mean()),
+        independent=independent,
         close=criteria.close,
         scale=criteria.own_scale,
     )
