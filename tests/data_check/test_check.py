@@ -448,8 +448,7 @@ def test_a_flow_angle_that_hardly_moves_is_as_it_was_recorded(seed: int) -> None
     down = (np.gradient(alpha, t) - q + across) * V * np.cos(beta) / np.cos(alpha)
     right = (np.gradient(beta, t) - p * np.sin(alpha) + r * np.cos(alpha)) * V
     exact = {"V": np.full(len(t), V), "alpha": alpha, "beta": beta, "p": p, "q": q, "r": r, "phi": phi}
-    exact |= {"theta": np.full(len(t), theta), "psi": np.cumsum(turn) * 0.04}
-    exact |= {"ax": np.full(len(t), 9.81 * np.sin(theta))}
+    exact |= {
         "theta": np.full(len(t), theta),
         "psi": np.cumsum(turn) * 0.04,
         "ax": np.full(len(t), 9.81 * np.sin(theta)),
