@@ -170,6 +170,18 @@ def test_filter_error_estimates_the_noise_of_forces(pitching_moment, tmp_path):
         assert abs(parameter["value"] - STABLE[name]) < 4.0 * parameter["std"], name
 
 
+def test_a_lag_that_was_found_is_estimated_again_by_its_name(run_in_process, tmp_path):
+    """The elevator of the flight lags by 0.15 s; the file says 0.05 s. Truth: the simulator's lag."""
+    lag = EffectValue(kind="actuator_lag", target="delta_e", value=0.15)
+    record = flown(4, do328().with_effects([lag]))
+    write_record(record, tmp_path / "m1.csv")
+    do328().with_effects([EffectValue(kind="actuator_lag", target="delta_e", value=0.05)]).write(tmp_path / "file.toml")
+    options = ("--aircraft", tmp_path / "file.toml", "--free", "actuator_lag(delta_e)", "--out", tmp_path / "out")
+    run_in_process("estimate", tmp_path / "m1.csv", *options)
+    found = estimated(tmp_path / "out")["parameters"]["actuator_lag(delta_e)"]
+    assert abs(found["value"] - 0.15) < 4.0 * found["std"] + 0.003 and found["std"] < 0.01
+
+
 def test_effects_of_the_file_act_and_can_be_freed(run_in_process, tmp_path):
     """A c.g. 0.1 m forward, guessed as 0.03 m; instrument biases have an own value per record."""
     truth = do328().with_effects([EffectValue(kind="cg_offset", target="x", value=0.1)])
