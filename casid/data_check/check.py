@@ -184,10 +184,11 @@ def check(
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
+    corrected = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     if plane is not None:
-        missing += rotor_faults(given, plane)
+        missing += rotor_faults(corrected, plane)
     if not undo:
-        kept = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
+        kept = corrected
     return DataFindings(
         findings=(*together, *samples, *missing),
         records=given if undo else tuple(_noted(record, (*together, *samples)) for record in kept),

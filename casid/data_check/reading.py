@@ -297,9 +297,10 @@ class Finding:
     def puts_in_doubt(self) -> bool:
         """Return True if nothing that rests on these data can be judged.
 
-        Data for which a value of the aircraft file is as good an explanation are judged by that value.
+        Data for which a value of the aircraft file is as good an explanation are judged by that value. A channel that a
+        filter corrects in steps is as near to the motion as it was; its rate alone tells nothing.
         """
         of_the_file = any(one["kind"] in OF_THE_FILE for one in self.indistinguishable_from)
-        return self.handled == "reported" and not of_the_file
+        return self.handled == "reported" and not of_the_file and self.kind != "data_steps"
 
     to_dict = by_fields

@@ -12,9 +12,8 @@ from typing import Any, overload
 from casid.arguments import number, require
 from casid.data_check.check import DataFindings, channels_of, check
 from casid.data_check.reading import Finding
-from casid.diagnosis import comparisons as ask
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import NAMED, Cause, Decision, Trace
+from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose_ported import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.diagnosed import DiagnosedAircraft
@@ -31,7 +30,7 @@ from casid.diagnosis.given.scope import Scope, out_of_sight, scope_of, split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.time_limit import Stages, TimeLimit
-from casid.diagnosis.verdict import concluded
+from casid.diagnosis.verdict import concluded, of_data
 from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.causes import turbulence as turbulence_effect
@@ -69,7 +68,7 @@ def diagnose_aircraft(
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:
-        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, limit)
+        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, limit, as_recorded)
     stages = Stages(report)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)
@@ -169,20 +168,6 @@ def named_in_errors(data: Sequence[Finding], doubts: Sequence[Doubt], most: int)
         if not stated:
             raise
         raise type(error)(f"{error}{stated}") from None
-
-
-def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
-    """The decisions on the faults of the data that were found; they were made before the first round."""
-    return tuple(
-        Decision(
-            cause=f"{one.kind}({one.target})",
-            round=0,
-            outcome=NAMED,
-            gates=() if one.odds is None else (ask.ODDS.of(one.odds, 1.0),),
-            against=tuple(f"{rival['kind']}({rival['target']})" for rival in one.indistinguishable_from),
-        )
-        for one in findings
-    )
 
 
 def extended_aircraft(aircraft: Aircraft, fit: FlightFit, causes: Sequence[Cause], minor: Sequence[Cause]) -> Aircraft:

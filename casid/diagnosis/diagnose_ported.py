@@ -9,9 +9,10 @@ from functools import partial
 import numpy as np
 
 from casid.arguments import require
-from casid.data_check.rotors import standing, until_one_stands
+from casid.data_check.check import check
+from casid.data_check.rotors import until_one_stands
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import Cause
+from casid.diagnosis.cause import Cause, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.baseline import Baseline
@@ -35,7 +36,7 @@ from casid.diagnosis.given.scope import split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.time_limit import Stages, TimeLimit
-from casid.diagnosis.verdict import concluded
+from casid.diagnosis.verdict import concluded, of_data
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.library import Library
@@ -110,16 +111,20 @@ def diagnose_rotorcraft(
     criteria: Criteria,
     extended: ExtendedBy,
     limit: TimeLimit,
+    as_recorded: bool | Sequence[str] = False,
 ) -> Diagnosis:
     """Diagnose an aircraft with rotors; `extended` makes its file of a fit, the named and the minor causes.
 
     Raises InputError for records that lack an input of a rotor, and for channels that no record has.
     """
     stages = Stages(report)
+    stages.begin("faults of the data")
+    checked = check((*records, *hold_out), aircraft, undo=as_recorded, criteria=criteria.data)
+    given_to_fit = len(records)
     stages.begin("reading the records")
     rotors = aircraft.required_rotors
-    stopped = tuple(one for record in (*records, *hold_out) for one in standing(record, rotors))
-    records, hold_out = ([until_one_stands(one, rotors) for one in both] for both in (records, hold_out))
+    whole = [until_one_stands(one, rotors) for one in checked.records]
+    records, hold_out = (whole[:given_to_fit], whole[given_to_fit:])
     step = 1.0 / criteria.rotors.rate
     steep = [left for record in (*records, *hold_out) for left in before_vertical(record, step)[1]]
     records, hold_out = ([before_vertical(one, step)[0] for one in both] for both in (records, hold_out))
@@ -131,7 +136,7 @@ def diagnose_rotorcraft(
     flight, refitted = in_its_colour(flight, rotorcraft_fit(flight))
     stages.begin("simulation as given")
     given = fly_system_as_given(flight, held, partial(known_effects, flight), refitted.derivatives)
-    report(sentences.so_far(given, stopped, criteria.numerics.naming.listed))
+    report(sentences.so_far(given, checked.findings, criteria.numerics.naming.listed))
 
     def diagnosed(kept: Kept, causes: Sequence[Cause], minor: Sequence[Cause], _: object) -> DiagnosedAircraft:
         return DiagnosedAircraft(file=aircraft, extended=extended(aircraft, kept.fit, causes, minor))
@@ -145,7 +150,8 @@ def diagnose_rotorcraft(
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
     not_judged = [*steep, *too_small_for_rotors(aircraft, found.detectable, criteria)]
-    return concluded(found, told, not_judged=not_judged, data=stopped)
+    found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
+    return concluded(found, told, not_judged=not_judged, data=checked.findings)
 
 
 def _check_measured(model: Model, held: Sequence[Record]) -> None:

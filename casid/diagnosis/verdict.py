@@ -164,6 +164,20 @@ def _or_the_data(cause: Cause, data: Sequence[Finding]) -> Cause:
     return replace(cause, indistinguishable_from=(*cause.indistinguishable_from, *others)) if others else cause
 
 
+def of_data(findings: Sequence[Finding]) -> tuple[Decision, ...]:
+    """The decisions on the faults of the data that were found; they were made before the first round."""
+    return tuple(
+        Decision(
+            cause=f"{one.kind}({one.target})",
+            round=0,
+            outcome=NAMED,
+            gates=() if one.odds is None else (ask.ODDS.of(one.odds, 1.0),),
+            against=tuple(f"{rival['kind']}({rival['target']})" for rival in one.indistinguishable_from),
+        )
+        for one in findings
+    )
+
+
 def of_values(cause: str, statistic: float, values: tuple[str, ...], criteria: Criteria) -> Decision:
     """The decision on a cause that values reproduce: it is listed with them, for no record separates them."""
     gate = ask.COMMON.of(statistic, criteria.significance.chance, "significance.chance")

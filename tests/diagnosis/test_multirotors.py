@@ -50,6 +50,16 @@ def test_nothing_is_named_of_a_flight_without_a_fault():
 
 
 @pytest.mark.slow
+def test_a_reversed_gyro_is_a_fault_of_the_data_and_no_cause():
+    """The check of an aeroplane's records is that of a multirotor's."""
+    pytest.importorskip("rotorpy")
+    aircraft, record = flown(1.0)
+    found = cs.diagnose(aircraft, [record.with_channels(q=-record["q"])])
+    assert [(one.kind, one.target, one.handled) for one in found.data] == [("data_sign", "q", "corrected")]
+    assert found.verdict == "adequate" and not found.causes
+
+
+@pytest.mark.slow
 def test_the_lag_of_motors_that_a_simulator_lacks_is_named():
     pytest.importorskip("rotorpy")
     from problems.rotors.flown import Hidden, aircraft_file, fly, usual_parameters
