@@ -295,6 +295,17 @@ def _noted(record: Record, findings: Sequence[Finding]) -> Record:
     return replace(record, notes=(*record.notes, *said)) if said else record
 
 
+def check_readings(records: Sequence[Record], names: Sequence[str]) -> tuple[tuple[Finding, ...], list[Record]]:
+    """Faulty samples of the readings `names` of any system, and the records without them.
+
+    A reading that is frozen to the end of its record stays: that an instrument is stuck is a cause like others.
+    """
+    faults = [fault for record in records for fault in channel_faults(record, names=names)]
+    ended = [one for one in faults if one.kind != "data_steps" and not (one.kind == "data_stuck" and one.at[-1])]
+    found = [_of_channel(key, some, records, False) for key, some in by_kind(ended).items()]
+    return tuple(found), [without_faults(record, ended) for record in records]
+
+
 def _of_channel(key: tuple[str, str], faults: Sequence[ChannelFault], records: Sequence[Record], undo: bool) -> Finding:
     kind, target = key
     t = {record.name: record.t for record in records}

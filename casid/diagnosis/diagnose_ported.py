@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from casid.arguments import require
-from casid.data_check.check import check
+from casid.data_check.check import check, check_readings
 from casid.data_check.rotors import until_one_stands
 from casid.diagnosis import sentences
 from casid.diagnosis.cause import Cause, Trace
@@ -79,7 +79,8 @@ def diagnose_system(
     own = (*model.inputs, *model.outputs)
     records = given_records(records, "diagnose", own)
     hold_out = given_records(hold_out, "diagnose: hold_out", own)
-    fit_on, held = split(records, hold_out, criteria.held_out)
+    findings, whole = check_readings([*records, *hold_out], model.outputs)
+    fit_on, held = split(whole[: len(records)], whole[len(records) :], criteria.held_out)
     _check_measured(model, held)
     ports = ports_of(model, exact) if ports is None else tuple(ports)
     check_ports(model, ports)
@@ -89,7 +90,7 @@ def diagnose_system(
     refitted = first_fit(subject)
     stages.begin("simulation as given")
     given = fly_system_as_given(subject, held, lambda names: (), refitted.derivatives)
-    report(sentences.so_far(given, (), 0))
+    report(sentences.so_far(given, findings, criteria.numerics.naming.listed))
 
     def diagnosed(kept: Kept, *_: object) -> DiagnosedSystem:
         base = replace(of.base, nominal={**of.base.nominal, **{name: kept.fit[name] for name in subject.freed}})
@@ -97,7 +98,8 @@ def diagnose_system(
         return DiagnosedSystem(model=model, extended=with_effects(base, found, of.terms))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
-    return concluded(found, contradicted_parameters(of.base, found.flight, criteria))
+    found = replace(found, trace=Trace(decisions=(*of_data(findings), *found.trace.decisions)))
+    return concluded(found, contradicted_parameters(of.base, found.flight, criteria), data=findings)
 
 
 ExtendedBy = Callable[[Aircraft, FlightFit, Sequence[Cause], Sequence[Cause]], Aircraft]

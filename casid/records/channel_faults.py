@@ -7,7 +7,7 @@ Every judgement is one of exact repeats or of single samples; what moves slowly 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -141,15 +141,18 @@ def stretches(at: np.ndarray) -> list[tuple[int, int]]:
 
 
 def channel_faults(
-    record: Record, limits: Limits = LIMITS, answers: Mapping[str, np.ndarray] | None = None
+    record: Record,
+    limits: Limits = LIMITS,
+    answers: Mapping[str, np.ndarray] | None = None,
+    names: Collection[str] = _READ,
 ) -> list[ChannelFault]:
-    """The faults that channels of a record show by themselves, in the order in which they are to be taken out. A sample
-    that `answers`, channel -> (N,) what surfaces make of it at once, explain is no outlier."""
+    """The faults that channels of these names show by themselves, in the order in which they are to be taken out. A
+    sample that `answers`, channel -> (N,) what surfaces make of it at once, explain is no outlier."""
     found: list[ChannelFault] = []
     parts = _unbroken(record)
     commanded = _commanded(record)
     for name, values in record.channels.items():
-        if name not in _READ or np.isfinite(values).sum() < _FEWEST or _rests(values):
+        if name not in names or np.isfinite(values).sum() < _FEWEST or _rests(values):
             continue
         faults, clean = _of_levels(record, name, values, limits)
         if not update_interval(record, name) > _SLOWER * record.dt:

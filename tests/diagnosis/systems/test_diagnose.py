@@ -155,3 +155,21 @@ def test_a_ratio_is_told_where_its_members_are_not_determined() -> None:
     found = cs.diagnose(model, records[:1], records[1:])
     (one,) = found.combinations
     assert set(one.parameters) == {"k", "m"} and "k / m" in one.sentence and "0.9" in one.sentence, one.sentence
+
+
+def test_frozen_and_wild_readings_of_a_system_are_left_out_and_no_cause():
+    """A concentration that stands for a sixth of one record, and three wild readings in another. A reading that is
+    stuck to the end is a cause, as before."""
+    system = SYSTEMS["two compartments"]
+    first, second, third = system.fly(3, None)[:3]
+    name = system.model().outputs[0]
+    frozen, wild = first[name].copy(), second[name].copy()
+    frozen[len(frozen) // 3 : len(frozen) // 2] = frozen[len(frozen) // 3]
+    wild[[40, 90, 130]] += 20.0 * np.std(wild)
+    records = [first.with_channels(**{name: frozen}), second.with_channels(**{name: wild}), third]
+    found = cs.diagnose(system.model(), records, ports=system.ports(), library=system.library)
+    assert {(one.kind, one.target, one.handled) for one in found.data} == {
+        ("data_stuck", name, "excluded"),
+        ("data_spikes", name, "excluded"),
+    }
+    assert not found.causes and not found.unexplained
