@@ -104,7 +104,9 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
 
 
 def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
-    """The model with a disturbance, null 0, at every port, after those that it has."""
+    """The model with a disturbance, null 0, at every port, after those that it has; a port at which it has one keeps
+    it."""
+    ports = [port for port in ports if port.station not in model.disturbances]
     w = ca.SX.sym("ports", len(ports))
     f = ca.SX(model.f)
     h = ca.SX(model.h)

@@ -36,6 +36,12 @@ def test_slopes_of_the_ports_are_those_of_the_places() -> None:
     assert found == pytest.approx(np.array([[1.0, 2.0, 0.0], [0.0, 0.1, 1.0]]))
 
 
+def test_a_port_at_which_a_model_has_a_disturbance_keeps_it() -> None:
+    """As the model of an aircraft has at its surfaces."""
+    wide = with_ports(model(), ports_of(model(), exact=("h",)))
+    assert with_ports(wide, ports_of(model())).disturbances == ("d_u", "reading_level", "f_h")
+
+
 def test_a_port_that_is_not_there_and_one_that_stands_twice() -> None:
     with pytest.raises(cs.InputError, match="did you mean 'level'"):
         check_ports(model(), [cs.ModelPort(kind="output", name="levl")])

@@ -45,8 +45,8 @@ class Sizes(Protocol):
 class Subject:
     """A simulation and its prepared records, with what a diagnosis asks of both.
 
-    The functions among its fields are those of a kind of simulation: `airframe` of an aircraft by its aerodynamics,
-    `ported` of a model with ports.
+    It is made by `prepare` (`flight.py`) of an aircraft with aerodynamics, by `rotorcraft` of one with rotors, and by
+    `ported` of any other model; the functions among its fields are theirs.
     """
 
     title: str  # name of what is simulated

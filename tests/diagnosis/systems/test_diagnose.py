@@ -173,3 +173,15 @@ def test_frozen_and_wild_readings_of_a_system_are_left_out_and_no_cause():
         ("data_spikes", name, "excluded"),
     }
     assert not found.causes and not found.unexplained
+
+
+@pytest.mark.slow
+def test_the_model_of_an_aircraft_gives_what_its_file_gives():
+    """The demonstration as a model of any system, which knows nothing of aircraft: the same cause of the same size."""
+    demo = Path(cs.__file__).parent / "cli" / "demo"
+    aircraft = cs.Aircraft.read(demo / "aircraft.toml")
+    records = cs.read_records(str(demo / "m*.csv"))
+    by_file = cs.diagnose(aircraft, records[:3], hold_out=records[3:]).causes[0]
+    by_model = cs.diagnose(cs.aircraft_model(aircraft), records[:3], hold_out=records[3:]).causes[0]
+    assert by_model.key == by_file.key
+    assert by_model.value == pytest.approx(by_file.value, rel=0.02)
