@@ -13,7 +13,7 @@ from casid.arguments import number, require
 from casid.data_check.check import DataFindings, channels_of, check
 from casid.data_check.reading import Finding
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import Cause, Trace
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnose_ported import diagnose_rotorcraft, diagnose_system
 from casid.diagnosis.diagnosed import DiagnosedAircraft
@@ -30,7 +30,7 @@ from casid.diagnosis.given.scope import Scope, out_of_sight, scope_of, split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.time_limit import Stages, TimeLimit
-from casid.diagnosis.verdict import concluded, of_data
+from casid.diagnosis.verdict import concluded
 from casid.errors import CasidError, InputError, unknown
 from casid.model.aircraft import Aircraft, EffectValue, given_aircraft
 from casid.model.causes import turbulence as turbulence_effect
@@ -95,7 +95,6 @@ def diagnose_aircraft(
             return DiagnosedAircraft(file=aircraft, extended=with_estimates(extended, {}, std))
 
         found = judged(state, given, scope.held, diagnosed, stages)
-        found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
         return concluded(
             found,
             scope.contradicted(aircraft, found.flight),

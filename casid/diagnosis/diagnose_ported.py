@@ -12,7 +12,7 @@ from casid.arguments import require
 from casid.data_check.check import check, check_readings
 from casid.data_check.rotors import until_one_stands
 from casid.diagnosis import sentences
-from casid.diagnosis.cause import Cause, Trace
+from casid.diagnosis.cause import Cause
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.diagnosed import DiagnosedAircraft, DiagnosedSystem
 from casid.diagnosis.engine.baseline import Baseline
@@ -36,7 +36,7 @@ from casid.diagnosis.given.scope import split
 from casid.diagnosis.last_tests import judged
 from casid.diagnosis.result import Diagnosis
 from casid.diagnosis.time_limit import Stages, TimeLimit
-from casid.diagnosis.verdict import concluded, of_data
+from casid.diagnosis.verdict import concluded
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.library import Library
@@ -98,7 +98,6 @@ def diagnose_system(
         return DiagnosedSystem(model=model, extended=with_effects(base, found, of.terms))
 
     found = judged(search(Baseline.alone(refitted), stages.begin), given, held, diagnosed, stages)
-    found = replace(found, trace=Trace(decisions=(*of_data(findings), *found.trace.decisions)))
     return concluded(found, contradicted_parameters(of.base, found.flight, criteria), data=findings)
 
 
@@ -152,7 +151,6 @@ def diagnose_rotorcraft(
     clear = [one for one in against if abs(one.flight - one.given) > least * stated.get(one.parameter, 0.0)]
     told = [one for one in clear if not one.parameter.startswith(OFFSET)]
     not_judged = [*steep, *too_small_for_rotors(aircraft, found.detectable, criteria)]
-    found = replace(found, trace=Trace(decisions=(*of_data(checked.findings), *found.trace.decisions)))
     return concluded(found, told, not_judged=not_judged, data=checked.findings)
 
 

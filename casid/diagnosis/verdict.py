@@ -90,7 +90,7 @@ def concluded(
         data=tuple(data),
         contradicted=(*facts.impossible, *(() if claims.no_values(facts) else facts.contradicted)),
         factors=factors,
-        trace=Trace(decisions=(*alike, *found.trace.decisions)),
+        trace=Trace(decisions=(*alike, *of_data(data), *found.trace.decisions)),
         moved=facts.moved,
         combinations=facts.combinations,
         claims=claims.claims_of(facts),
