@@ -193,6 +193,9 @@ MISSING_SIZE = Comparison(
     least=False,
 )
 ANY_INPUT = Comparison("gain, of what any input gains there", "an unknown input at its place explains more")
+NEWLY_MISSING = Comparison(
+    "size newly missing, of what matters", "with it, something else is missing{rest}", least=False
+)
 BEHIND = Comparison(
     "gain behind the first, of what is equivalent",
     "it fits worse than {first}{behind}",

@@ -184,6 +184,18 @@ class _Seen:
         return found
 
 
+def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
+    """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
+    criteria = seen.criteria
+    more = max(criteria.verdict.missing, criteria.naming.approximate * seen.last.gain.raw)
+    worse = [m for m in seen.after if m.gain > (1.0 + criteria.doubt.left) * seen.was[m.station] + more]
+    sizes = {m.place.words: missing_size(seen.evidence.fit, m) for m in worse}
+    if not sizes:
+        return []
+    most = max(sizes, key=lambda place: sizes[place])
+    return [ask.NEWLY_MISSING.of(sizes[most], 1.0, "size.share", where=f" at {most}")]
+
+
 def _is_sure(seen: _Seen) -> list[Gate]:
     return list(sure(seen.evidence, seen.last.candidate.name))
 
@@ -226,6 +238,7 @@ def _explains_what_was_missing(seen: _Seen) -> list[Gate]:
 
 
 _OBJECTIONS: tuple[Callable[[_Seen], list[Gate]], ...] = (
+    _makes_nothing_worse,
     _is_sure,
     _is_no_bias_that_drifts,
     _is_symmetric_or_explains_all,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from diagnosis_flights import trial_of
 
@@ -11,6 +12,7 @@ from casid.diagnosis.comparisons import all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine import acceptance
 from casid.diagnosis.engine.acceptance import explains as gates_of
+from casid.diagnosis.evidence.size import AircraftSizes
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics.check import KinematicCheck
 from casid.model.causes import (
@@ -21,6 +23,8 @@ from casid.model.causes import (
     sensor_scale,
     unsteady_aero,
 )
+from casid.model.station import Station
+from problems.do328 import do328
 
 
 @pytest.mark.parametrize(
@@ -80,6 +84,31 @@ def test_a_drift_is_held_against_the_constant_error_of_its_own_reading(effect, s
     after = [SimpleNamespace(station=one, gain=7000.0 if one == "reading_beta" else 0.0) for one in gains]
     found = gates_of(before, after, trial_of(Attached(effect=effect, values={"value": 0.015}), 4.6e5), evidence)  # pyright: ignore
     assert all_passed(found) == (effect.target == "delta_e")
+
+
+@pytest.mark.parametrize(("largest", "believed"), [(0.8, True), (1.3, False)])
+def test_a_drift_that_nowhere_reaches_a_bias_that_matters_is_none(largest: float, believed: bool) -> None:
+    """A speed that hardly varies, by 0.5 m/s, and drifts besides a cause; a bias of it matters from 1 m/s on."""
+    trial = trial_of(Attached(effect=unsteady_aero("Cl"), values={"value": 0.27}), 4000.0)
+    before = [
+        SimpleNamespace(station=station, gain=gain) for station, gain in {"dCl": 3000.0, "reading_V": 0.0}.items()
+    ]
+    drifting = SimpleNamespace(
+        station="reading_V", place=Station.at("reading_V"), gain=500.0, rms=0.5 * largest, largest=largest
+    )
+    read, live = np.linspace(-0.9, 0.9, 200)[:, None, None], np.ones((200, 1), dtype=bool)
+    model, batch, flight = (
+        SimpleNamespace(outputs=("V",)),
+        SimpleNamespace(live=live),
+        SimpleNamespace(smallest_that_matters=lambda one: one.smallest_that_matters(do328()), sizes=AircraftSizes()),
+    )
+    fitted = SimpleNamespace(
+        slots=(), attached=(), read=read, model=model, batch=batch, flight=flight, criteria=Criteria()
+    )
+    after = [SimpleNamespace(station="dCl", gain=1.0), drifting]
+    gates = gates_of(before, after, trial, SimpleNamespace(fit=fitted, criteria=Criteria()))  # pyright: ignore
+    assert all_passed(gates) == believed
+    assert believed or [gate.criterion for gate in gates if not gate.passed] == ["size.share"]
 
 
 @pytest.mark.parametrize(("left", "explains"), [(0.1, True), (0.5, False)])
