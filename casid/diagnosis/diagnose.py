@@ -68,7 +68,8 @@ def diagnose_aircraft(
     channels_of(as_recorded, "diagnose: as_recorded")
     criteria = require(criteria or Criteria(), Criteria, "diagnose: criteria", "Criteria(...)")
     if aircraft.rotors is not None:
-        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, limit, as_recorded)
+        judged_as = {"limit": limit, "as_recorded": as_recorded}
+        return diagnose_rotorcraft(aircraft, records, hold_out, report, criteria, extended_aircraft, **judged_as)
     stages = Stages(report)
     stages.begin("faults of the data")
     as_line = linearised(aircraft, records)

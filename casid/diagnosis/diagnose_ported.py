@@ -111,6 +111,7 @@ def diagnose_rotorcraft(
     report: Callable[[str], None],
     criteria: Criteria,
     extended: ExtendedBy,
+    *,
     limit: TimeLimit,
     as_recorded: bool | Sequence[str] = False,
 ) -> Diagnosis:
