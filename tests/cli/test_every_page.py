@@ -190,6 +190,7 @@ def test_pages_that_need_an_aircraft(
     whole_page(command, f"{page}.html", *(files.get(word, word) for word in words), statuses=(0, 1))
 
 
+@pytest.mark.slow
 def test_diagnosis_of_the_largest_flight(whole_page: Callable, largest: tuple[Path, Path]) -> None:
     aircraft, record = largest
     whole_page("diagnose", "report.html", record, "--aircraft", aircraft, "--quick")

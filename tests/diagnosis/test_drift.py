@@ -10,7 +10,6 @@ from diagnosis_flights import flights
 
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED, REFUSED, Trace
-from casid.diagnosis.diagnose import of_data
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.missing_input import MissingInput, drifts
 from casid.diagnosis.evidence.size import missing_size
@@ -18,6 +17,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.noise import as_slow_as_left
 from casid.diagnosis.last_tests import drifting, traced
+from casid.diagnosis.verdict import of_data
 from casid.model.causes import sensor_bias
 from problems.do328 import do328
 
@@ -32,7 +32,7 @@ def test_a_drift_matters_as_a_bias_does_however_much_the_reading_varies() -> Non
         assert (missing_size(fitted, missing) > 1.0) == (part > 1.0)
 
 
-@pytest.mark.parametrize("channel", ["q", "alpha", "ay"])
+@pytest.mark.parametrize("channel", ["q", *(pytest.param(one, marks=pytest.mark.slow) for one in ("alpha", "ay"))])
 def test_a_drift_matters_from_the_size_of_a_bias_that_matters(channel: str) -> None:
     """A zero that runs off evenly. Noise as slow would explain all of it; so there is none where a bias of that size
     would be told. A tenth of that size is noise."""

@@ -136,6 +136,7 @@ def test_an_exact_initial_state_has_no_error():
     assert initial.value == 1.0 and initial.std == 0.0 and initial.interval == (1.0, 1.0)
 
 
+@pytest.mark.slow
 def test_intervals_of_initial_states_hold_the_truth():
     """Truth: 1 in 300 drawn records of 41 readings with estimated noise; 95 % +- 3.8 % at three deviations."""
     held = 0

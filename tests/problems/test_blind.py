@@ -78,6 +78,7 @@ def same(one: Set, other: Set) -> bool:
     ) and (one.aircraft, one.answer) == (other.aircraft, other.answer)
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_set_again_and_another_seed_another() -> None:
     first = fly_set("do328", "actuator_lag", 7)
     assert same(first, fly_set("do328", "actuator_lag", 7))

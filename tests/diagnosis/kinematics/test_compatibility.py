@@ -181,6 +181,7 @@ def test_an_airspeed_that_is_hardly_read_is_one_line() -> None:
         cs.compatibility([rarely(record, -(-len(record) // 5))])
 
 
+@pytest.mark.slow
 def test_a_reconstruction_that_departs_states_nothing() -> None:
     """Attitudes of another flight: no error of an instrument explains them."""
     record, other = (cs.read_record(DEMO / f"m{i}.csv") for i in (1, 2))
