@@ -72,7 +72,8 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         )
     headers = headers_of(table)
     notes: list[str] = []
-    if not own and (logger := logger_of([header.name for header in headers])):
+    logger = None if own else logger_of([header.name for header in headers])
+    if logger is not None:
         notes.append(f"columns as {logger[0]} names them: {', '.join(logger[1].columns)}")
         column_map = logger[1].merged(column_map)
     channels, places, stated, how, used = _mapped(table, headers, column_map, checked=not own)
@@ -100,7 +101,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         elif not name:
             unread |= _nameless(table, index)
         elif (near := near_channel(headers[index].leaf, absent)) and (
-            not column_map.columns or _same_letters(name, near)
+            not column_map.columns or (logger is None and _same_letters(name, near))
         ):
             slips.setdefault(near, name)
         else:
