@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -197,7 +198,7 @@ def compare_diagnoses(first: str | Path, second: str | Path) -> Comparison:
     >>> import casid as cs
     >>> print(cs.compare_diagnoses("out/before", "out/after"))  # doctest: +SKIP
     """
-    files = [Path(one) / "diagnosis.json" if Path(one).is_dir() else Path(one) for one in (first, second)]
+    files = [Path(one) / "diagnosis.json" if os.path.isdir(one) else Path(one) for one in (first, second)]
     told = [read_json(file, _EXPECTED) for file in files]
     for file, one in zip(files, told, strict=True):
         if not str(one.get("schema", "")).startswith("casid.diagnosis/"):
