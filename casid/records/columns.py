@@ -51,8 +51,8 @@ FORMULA = "=+-@"  # begins what a spreadsheet evaluates: a name with it is writt
 
 def split_header(header: str) -> tuple[str, str]:
     """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike. A
-    number right behind the name, `xyz[1]`, is no unit."""
-    header = header.strip()
+    number right behind the name, `xyz[1]`, is no unit. What cannot be printed is left out."""
+    header = "".join(c if c.isprintable() else " " * c.isspace() for c in header).strip()
     header = header[1:] if header[:1] == "'" and header[1:2] in tuple(FORMULA) else header
     match = _HEADER.fullmatch(header)
     if not match or re.fullmatch(r".*\S[\[(]\d+[\])]", header):

@@ -101,7 +101,7 @@ class RawTable:
 
 
 def rows_of(table: RawTable, rows: np.ndarray) -> RawTable:
-    """The table with neighbouring rows alone."""
+    """The table with some rows alone, in their order."""
     lines = None if table.lines is None else table.lines[rows]
     return replace(table, values=table.values[rows], lines=lines, first=int(rows[0]))
 

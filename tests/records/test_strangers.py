@@ -454,6 +454,8 @@ def test_altus_metrum(tmp_path: Path) -> None:
     np.testing.assert_allclose(record["altitude"], 1330.0 + T)
     np.testing.assert_allclose(record["p"], np.radians(WAVE), atol=1e-7)
     assert set(record.contents.unread) == {"altitude#2", "call", "state_name"}
+    mute = text(tmp_path / "n.csv", head.replace(",call", ""), [row.replace("CALL,", "") for row in rows])
+    np.testing.assert_array_equal(cs.read_record(mute)["p"], record["p"])  # of an EasyMini, which has no radio
 
 
 def sheet(path: Path, *above: list[str], formula: str = "") -> Path:
@@ -474,6 +476,29 @@ def test_a_sheet_has_titles_and_a_row_of_units(tmp_path: Path) -> None:
 def test_a_formula_that_was_never_evaluated_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="row 10 .*'=B8' is not a number"):
         cs.read_record(sheet(tmp_path / "m.xlsx", ["t", "delta_e"], formula="=B8"))
+
+
+def test_rows_that_are_copies_are_left_out(tmp_path: Path) -> None:
+    """As telemetry repeats its last packet; a time that repeats with other numbers stays an error."""
+    path = text(tmp_path / "m.csv", "t;x;delta_e", [*ROWS[:9], ROWS[8], ROWS[8], *ROWS[9:]])
+    record = cs.read_record(path)
+    np.testing.assert_allclose(record.t, T)
+    assert any("2 rows are copies" in note for note in record.notes)
+    other = ROWS[8].rpartition(";")[0] + ";0.5"
+    with pytest.raises(InputError, match="row 10 .*time repeats"):
+        cs.read_record(text(tmp_path / "n.csv", "t;x;delta_e", [*ROWS[:9], other, *ROWS[9:]]))
+
+
+@pytest.mark.parametrize("unit", ["rad/s", "rad s-1", "rad s^-1", "rad·s^-1", "\u200b", ""])
+def test_units_as_others_write_them(tmp_path: Path, unit: str) -> None:
+    """OpenRocket writes a mark without width where there is no unit."""
+    record = cs.read_record(text(tmp_path / "m.csv", f"t;x;q ({unit})", ROWS))
+    np.testing.assert_allclose(record["q"], WAVE, atol=1e-6)
+
+
+def test_a_note_is_no_command_to_a_terminal(tmp_path: Path) -> None:
+    record = cs.read_record(text(tmp_path / "m.csv", "t;\x1b[31mx;delta_e", ROWS))
+    assert all(map(str.isprintable, (*record.channels, *record.notes)))
 
 
 @pytest.mark.parametrize("ending", [".rlog", ".xls", ".nc", ".any", ".tdms"])
