@@ -232,7 +232,7 @@ def checked_fields(
     if "t" not in channels:
         raise InputError(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit; rows at a "
-            "steady rate of 50 Hz are --map t=row*0.02"
+            f"steady rate of 50 Hz are --map t=row*0.02{'; ' * bool(columns.contents.note)}{columns.contents.note}"
         )
     t, counted = from_first(channels.pop("t"), "t" in columns.stated)
     if not own and "t" not in columns.stated and not counted:

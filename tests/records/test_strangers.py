@@ -300,6 +300,12 @@ def test_times_of_parquet_and_numpy_are_times(tmp_path: Path) -> None:
             np.testing.assert_allclose(cs.read_record(tmp_path / name).t, T, atol=1e-12)
 
 
+def test_a_file_without_a_time_says_what_is_not_read(tmp_path: Path) -> None:
+    np.savez(tmp_path / "m.npz", clock_text=np.array(["up"] * N), delta_e=WAVE)
+    with pytest.raises(InputError, match="no column 't'.*not read: 'clock_text' .text"):
+        cs.read_record(tmp_path / "m.npz")
+
+
 @pytest.mark.parametrize(
     ("name", "ticks"),
     [("time_us", 1e6), ("TimeUS", 1e6), ("time_boot_ms", 1e3), ("timestamp_ns", 1e9), ("Time_sec", 1.0)],
@@ -338,6 +344,28 @@ def test_signals_of_matlab_in_one_structure(tmp_path: Path) -> None:
     record = cs.read_record(tmp_path / "m.mat")
     np.testing.assert_allclose(record["delta_e"], np.radians(WAVE))
     assert record.contents.read["delta_e"].startswith("column 'flightdata.delta_e'; [deg], times 0.0174")
+
+
+def logged(t: np.ndarray, *signals: np.ndarray) -> dict[str, Any]:
+    """A log of Simulink in the format of structures with time."""
+    held = np.zeros((1, len(signals)), dtype=[("values", object), ("dimensions", object), ("label", object)])
+    for i, values in enumerate(signals):
+        held[0, i] = values, values.shape[1], ""
+    return {"time": t[:, np.newaxis], "signals": held}
+
+
+def test_structures_with_time_of_simulink(tmp_path: Path) -> None:
+    """Of two with times of their own one is asked for; of several signals each has its place."""
+    pair = np.stack([WAVE, 2.0 * WAVE], axis=1)
+    content = {"sensors": logged(T, pair, WAVE[:, np.newaxis]), "motors": logged(T[:70], pair[:70])}
+    scipy.io.savemat(tmp_path / "m.mat", content)
+    with pytest.raises(InputError, match="'sensors.time' .80 samples.*--map t=.*variable = \"GROUP\""):
+        cs.read_record(tmp_path / "m.mat")
+    names = {"t": "sensors.time", "q": "sensors.signals(1)[2]", "delta_e": "sensors.signals(2)"}
+    record = cs.read_record(tmp_path / "m.mat", names)
+    np.testing.assert_allclose(record.matrix(["q", "delta_e"]), np.stack([2.0 * WAVE, WAVE], axis=1))
+    (tmp_path / "map.toml").write_text('variable = "motors"\n[columns]\ndelta_e = "signals[1]"\n', encoding="utf-8")
+    np.testing.assert_allclose(cs.read_record(tmp_path / "m.mat", tmp_path / "map.toml")["delta_e"], WAVE[:70])
 
 
 @pytest.mark.parametrize("turned", [False, True])
