@@ -9,6 +9,11 @@ from difflib import get_close_matches
 _LONGEST = 2000  # characters of a message
 
 
+def printable(text: str) -> str:
+    """Return a text with what is no printable character, such as a command to a terminal, as Python writes it."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 class CasidError(Exception):
     """Base class of every error that casid raises on purpose; `str()` is one line of printable characters.
 
@@ -23,7 +28,7 @@ class CasidError(Exception):
     """
 
     def __str__(self) -> str:
-        message = "".join(c if c.isprintable() else repr(c)[1:-1] for c in super().__str__())
+        message = printable(super().__str__())
         return message if len(message) <= _LONGEST else f"{message[: _LONGEST // 2]} ... {message[-_LONGEST // 2 :]}"
 
 

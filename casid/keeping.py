@@ -7,6 +7,7 @@ may run code. What is to last, or to be read by others, is `Fit.to_dict`, `Diagn
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 import os
@@ -88,6 +89,7 @@ def save(result: Any, path: str | Path) -> None:
             f"{path}: this {kind} cannot be saved: {fault}; define such functions at the top of a module"
         ) from error
     head = {"schema": f"{_MAGIC}/{_FORMAT}", "kind": kind, "casid": sys.modules["casid"].__version__}
+    head["sha256"] = hashlib.sha256(body).hexdigest()
     with whole_file(target) as temporary:
         temporary.write_bytes(json.dumps(head).encode() + b"\n" + body)
 
@@ -135,6 +137,9 @@ def load(path: str | Path) -> Any:
         raise InputError(
             f"{path}: of {schema}, this casid reads {_MAGIC}/{_FORMAT}; read it with casid {said.get('casid')}"
         )
+    whole = hashlib.sha256(body).hexdigest()
+    if said.get("sha256", whole) != whole:  # of what is damaged, pickle may end this process
+        raise InputError(f"{path}: damaged: its content is not what was written; save the result again")
     try:
         return pickle.loads(body)
     except Exception as error:  # a damaged pickle raises nearly anything

@@ -232,8 +232,9 @@ def with_suffix(name: str) -> tuple[str, str]:
 
 
 def _unit_key(unit: str) -> str:
-    """A unit as the table has it, however it is written: `m/s^2`, `DEG`, `knots`; the text itself where it is none."""
+    """A unit as the table has it, also of `m/s^2`, `m s-2`, `DEG`, `knots`; the text itself where it is none."""
     key = unit.strip().replace("^", "").replace("**", "").replace("²", "2").replace("³", "3")
+    key = re.sub(r"[ ·]([a-z]+)-(?:1|(\d))", r"/\1\2", key)  # m s-1, as meteorologists write
     if key in _UNITS:
         return key
     lower = key.lower()

@@ -56,6 +56,7 @@ def test_what_cannot_be_kept_or_read_is_one_line(fit: cs.Fit, tmp_path: Path) ->
         (b"t,alpha\n0,1\n", "no result of casid"),
         (content.replace(b"result/", b"result/9", 1), "casid.result/9"),
         (content[: len(content) // 2], "damaged"),
+        (content[:-9] + bytes([content[-9] ^ 1]) + content[-8:], "damaged"),
     ):
         whole.write_bytes(change)
         with pytest.raises(cs.InputError, match=words):

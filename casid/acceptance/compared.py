@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,9 @@ from typing import Any
 from casid.errors import InputError
 from casid.keeping import plain
 from casid.model.numbers import digits, with_deviation
+from casid.records.limits import read_json, sound
 
+_EXPECTED = "the folder that casid diagnose --out wrote"
 _WORSE = 1.1  # times the error of the first: the second is worse, or the first
 _LISTED = 6  # names in a sentence
 _SIGMAS = 3.0  # standard deviations from which two values differ
@@ -196,32 +198,19 @@ def compare_diagnoses(first: str | Path, second: str | Path) -> Comparison:
     >>> import casid as cs
     >>> print(cs.compare_diagnoses("out/before", "out/after"))  # doctest: +SKIP
     """
-    files = [Path(one) / "diagnosis.json" if Path(one).is_dir() else Path(one) for one in (first, second)]
-    told = [_read(file) for file in files]
-    names = _names(files)
-    try:
-        return _compared(names, told[0], told[1])
-    except (KeyError, TypeError, ValueError, AttributeError) as fault:
-        raise InputError(
-            f"{files[0]}, {files[1]}: no whole diagnosis ({type(fault).__name__}: {fault}); run casid diagnose again"
-        ) from None
+    files = [Path(one) / "diagnosis.json" if os.path.isdir(one) else Path(one) for one in (first, second)]
+    told = [read_json(file, _EXPECTED) for file in files]
+    for file, one in zip(files, told, strict=True):
+        if not str(one.get("schema", "")).startswith("casid.diagnosis/"):
+            raise InputError(f"{file}: no diagnosis; expected {_EXPECTED}")
+    with sound(Path(f"{files[0]}, {files[1]}"), _EXPECTED):
+        return _compared(_names(files), told[0], told[1])
 
 
 def _names(files: list[Path]) -> tuple[str, str]:
     """Return short names of the two that differ."""
     first, second = (file.parent if file.name == "diagnosis.json" else file for file in files)
     return (first.name, second.name) if first.name != second.name else (str(first), str(second))
-
-
-def _read(file: Path) -> dict[str, Any]:
-    try:
-        told = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        said = getattr(error, "strerror", None) or error
-        raise InputError(f"{file}: {said}; expected the folder that casid diagnose --out wrote") from None
-    if not isinstance(told, dict) or not str(told.get("schema", "")).startswith("casid.diagnosis/"):
-        raise InputError(f"{file}: no diagnosis; expected the folder that casid diagnose --out wrote")
-    return told
 
 
 def _compared(names: tuple[str, str], first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison:

@@ -6,11 +6,13 @@ import csv
 import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from casid.arguments import a_path, given
-from casid.errors import InputError
+from casid.errors import InputError, check_known
 from casid.formats.sbml import SbmlModel, read_sbml
 from casid.records.limits import read_bytes, read_text_of
 
@@ -36,6 +38,8 @@ class Tables:
         if not isinstance(problems, list) or len(problems) != 1 or not isinstance(problems[0], dict):
             raise InputError(f"{file}: 'problems' is {given(problems):.80}; expected a list of one problem of PEtab 1")
         one = problems[0]
+        check_known("key", map(str, content), _KEYS, str(file))
+        check_known("key of a problem", map(str, one), _KEYS_OF_PROBLEM, str(file))
         models = _named(file, one, "sbml_files")
         if len(models) != 1:
             raise InputError(f"{file}: 'sbml_files' names {len(models)} files; expected one")
@@ -59,6 +63,15 @@ _COLUMNS = {
     "measurements": ("observableId", "simulationConditionId", "measurement", "time"),
     "parameters": ("parameterId", "nominalValue"),
 }
+
+
+_OPTIONAL = ("parameterName", "parameterScale", "lowerBound", "upperBound", "estimate", "objectivePriorType")
+_OPTIONAL += ("objectivePriorParameters", "initializationPriorType", "initializationPriorParameters", "observableName")
+_OPTIONAL += ("observableTransformation", "noiseDistribution", "preequilibrationConditionId", "observableParameters")
+_OPTIONAL += ("noiseParameters", "conditionName", "datasetId", "replicateId")
+_CLOSE = 0.8
+_KEYS = ("format_version", "parameter_file", "problems", "extensions")
+_KEYS_OF_PROBLEM = ("sbml_files", "condition_files", "observable_files", "measurement_files", "visualization_files")
 
 
 def _content(file: Path) -> dict[str, Any]:
@@ -96,11 +109,22 @@ def _named(file: Path, content: Mapping[str, Any], key: str) -> list[Path]:
 def _rows(path: Path, columns: Sequence[str]) -> list[Row]:
     """A table, of which some columns have to be there; a byte order mark is none of its text."""
     try:
-        reader = csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig"), newline=""), delimiter="\t")
-        names = [name for name in reader.fieldnames or () if name]
-        rows: list[Row] = [{k: (v or "").strip() for k, v in r.items() if k} for r in reader]
+        text = io.StringIO(read_bytes(path).decode("utf-8-sig"), newline="")
+        names, *cells = [*csv.reader(text, delimiter="\t")] or [[]]
     except (ValueError, csv.Error) as error:
         raise InputError(f"{path}: not a table of tab-separated text: {error}") from None
+    names = [name.strip() for name in names]
+    for number, row in enumerate(cells, 1):
+        if any(row) and ("".join(row[len(names) :]).strip() or not set(names[len(row) :]) <= set(_OPTIONAL)):
+            raise InputError(f"{path}: row {number} has {len(row)} cells; expected {len(names)}, one a column")
+    absent = {name.lower(): name for name in _OPTIONAL if name not in names}
+    for name in names:
+        if name and names.count(name) > 1:
+            raise InputError(f"{path}: column '{name}' stands twice; remove one")
+        slip = get_close_matches(name.lower(), absent, 1, _CLOSE) if name not in _OPTIONAL else ()
+        if slip:
+            raise InputError(f"{path}: column '{name}' is none of PEtab; did you mean '{absent[slip[0]]}'?")
+    rows: list[Row] = [dict(zip_longest(names, map(str.strip, row), fillvalue="")) for row in cells if any(row)]
     for name in columns:
         if name not in names:
             raise InputError(f"{path}: no column '{name}'; it has {', '.join(names) or 'nothing':.200}")

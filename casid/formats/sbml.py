@@ -104,13 +104,15 @@ def read_sbml(path: Path) -> SbmlModel:
 def _read(path: Path) -> SbmlModel:
     libsbml = library(str(path))
     document = libsbml.readSBMLFromFile(str(path))
-    for option in ("expandFunctionDefinitions", "promoteLocalParameters"):
-        properties = libsbml.ConversionProperties()
-        properties.addOption(option, True)
-        document.convert(properties)
-    if document.getNumErrors(libsbml.LIBSBML_SEV_ERROR) or document.getModel() is None:
-        fault = document.getErrorLog().getErrorWithSeverity(0, libsbml.LIBSBML_SEV_ERROR)
-        raise InputError(f"{path}: not a readable SBML file: {fault.getShortMessage() if fault else 'no model'}")
+    for option in ("", "expandFunctionDefinitions", "promoteLocalParameters"):
+        if option:  # a conversion forgets the errors of before
+            properties = libsbml.ConversionProperties()
+            properties.addOption(option, True)
+            document.convert(properties)
+        if document.getNumErrors(libsbml.LIBSBML_SEV_ERROR) or document.getModel() is None:
+            fault = document.getErrorLog().getErrorWithSeverity(0, libsbml.LIBSBML_SEV_ERROR)
+            said = f"line {fault.getLine()}: {fault.getShortMessage()}" if fault else "no model"
+            raise InputError(f"{path}: not a readable SBML file: {said}")
     model = document.getModel()
     where = str(path)
     _check_factors(model, path)

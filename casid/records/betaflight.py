@@ -29,6 +29,8 @@ def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:
     orangebox = library("orangebox", path, "betaflight")
 
     def load() -> dict[str, Any]:
+        if MAGIC not in path.read_bytes():  # which the parser looks for in every byte
+            raise ValueError(f"it has no line '{MAGIC.decode()}'")
         logging.getLogger("orangebox").setLevel(logging.CRITICAL)
         parser = orangebox.Parser.load(str(path))
         names = list(parser.field_names)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from casid.errors import InputError
+from casid.errors import InputError, printable
 from casid.records.clock import LONGEST_STEP, UNITS, from_first, on_one_clock
 from casid.records.column_map import ColumnMap
 from casid.records.columns import channels_of
@@ -232,11 +232,16 @@ def checked_fields(
     if "t" not in channels:
         raise InputError(
             f"{table.source}: no column 't', the time in s; name it so, or map it with --map t=COLUMN:unit; rows at a "
-            "steady rate of 50 Hz are --map t=row*0.02"
+            f"steady rate of 50 Hz are --map t=row*0.02{'; ' * bool(columns.contents.note)}{columns.contents.note}"
         )
     t, counted = from_first(channels.pop("t"), "t" in columns.stated)
     if not own and "t" not in columns.stated and not counted:
         _check_unit_of_time(t, columns.places["t"], table.source)
+    same = (table.values[1:] == table.values[:-1]) | (np.isnan(table.values[1:]) & np.isnan(table.values[:-1]))
+    copied = np.append(False, (np.diff(t) == 0.0) & same.all(axis=1))
+    if copied.any():
+        table, t, channels = _rows(table, t, channels, np.flatnonzero(~copied))
+        notes.append(f"{int(np.sum(copied))} rows are copies of the row before, and are left out")
     if between is not None:
         table, t, channels = _part(table, t, channels, between)
     channels, slower = on_one_clock(t, channels, INPUTS)
@@ -276,7 +281,7 @@ def checked_fields(
         "channels": channels,
         "hold": table.hold or "linear",
         "source": table.source,
-        "notes": tuple(notes),
+        "notes": tuple(map(printable, notes)),
         "empty": tuple(empty),
         "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
@@ -295,5 +300,10 @@ def _part(
         asked = f"from {begin:g} s on" if np.isinf(end) else f"before {end:g} s" if np.isinf(begin) else ""
         asked = asked or f"from {begin:g} to {end:g} s"
         raise InputError(f"{table.source}: no row {asked}; the file has {span}")
-    kept = rows_of(table, rows)
-    return kept, t[rows], {name: values[rows] for name, values in channels.items()}
+    return _rows(table, t, channels, rows)
+
+
+def _rows(
+    table: RawTable, t: np.ndarray, channels: Mapping[str, np.ndarray], rows: np.ndarray
+) -> tuple[RawTable, np.ndarray, dict[str, np.ndarray]]:
+    return rows_of(table, rows), t[rows], {name: values[rows] for name, values in channels.items()}

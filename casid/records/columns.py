@@ -51,8 +51,8 @@ FORMULA = "=+-@"  # begins what a spreadsheet evaluates: a name with it is writt
 
 def split_header(header: str) -> tuple[str, str]:
     """Name and unit of a column header, "" when there is none: `alpha [deg]`, `alpha (deg)` and `alpha_deg` alike. A
-    number right behind the name, `xyz[1]`, is no unit."""
-    header = header.strip()
+    number right behind the name, `xyz[1]`, is no unit. What cannot be printed is left out."""
+    header = "".join(c if c.isprintable() else " " * c.isspace() for c in header).strip()
     header = header[1:] if header[:1] == "'" and header[1:2] in tuple(FORMULA) else header
     match = _HEADER.fullmatch(header)
     if not match or re.fullmatch(r".*\S[\[(]\d+[\])]", header):
@@ -72,7 +72,8 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         )
     headers = headers_of(table)
     notes: list[str] = []
-    if not own and (logger := logger_of([header.name for header in headers])):
+    logger = None if own else logger_of([header.name for header in headers])
+    if logger is not None:
         notes.append(f"columns as {logger[0]} names them: {', '.join(logger[1].columns)}")
         column_map = logger[1].merged(column_map)
     channels, places, stated, how, used = _mapped(table, headers, column_map, checked=not own)
@@ -100,7 +101,7 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
         elif not name:
             unread |= _nameless(table, index)
         elif (near := near_channel(headers[index].leaf, absent)) and (
-            not column_map.columns or _same_letters(name, near)
+            not column_map.columns or (logger is None and _same_letters(name, near))
         ):
             slips.setdefault(near, name)
         else:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from casid.errors import InputError, check_known
-from casid.records.clock import seconds_of
 from casid.records.columns import numbered
 from casid.records.items import Item, fields_of, item_of, table_of
 from casid.records.limits import MOST_CELLS
 from casid.records.log import of_log
-from casid.records.table import RawTable
+from casid.records.table import RawTable, table_of_lines
 
 
 def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
@@ -39,49 +39,59 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     openpyxl = library("openpyxl", path, "excel")
 
     def load() -> dict[str, Any]:
-        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-        try:
-            sheets = {sheet.title: sheet for sheet in book.worksheets}
-            name = variable if variable is not None else next(iter(sheets), "")
-            rows = _rows(sheets[name]) if name in sheets else []
-            return {"names": list(sheets), "name": name, "rows": rows}
-        finally:
-            book.close()
+        names, name, rows = _sheet(openpyxl, path, variable, data_only=True)
+        if any(None in row for row in rows):  # a formula that no program has evaluated has no value
+            _, _, formulas = _sheet(openpyxl, path, variable, data_only=False)
+            pairs = zip(rows, formulas, strict=True)
+            rows = [[b if a is None else a for a, b in zip(*pair, strict=True)] for pair in pairs]
+        return {"names": names, "name": name, "lines": _lines(rows)}
 
     book = loaded(path, load)
     name = book["name"]
-    rows = book["rows"]
     sheets = book["names"]
     check_known("sheet", (name,), sheets, str(path))
-    if len(rows) < 2:
+    lines = book["lines"]
+    if sum(map(bool, lines)) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
-    head, *body = rows
-    head = (*head, *(None,) * (max(map(len, body)) - len(head)))
-    values = np.full((len(body), len(head)), np.nan)
-    text: dict[int, tuple[int, str]] = {}
-    for i, row in enumerate(body):
-        for j, cell in enumerate(row):
-            number = _number(cell)
-            if number is None:
-                text.setdefault(j, (i, str(cell)))
-            else:
-                values[i, j] = number
-    names = tuple("" if cell is None else str(cell).strip() for cell in head)
     unread = {f"sheet '{one}'": "another sheet; a map takes it by variable" for one in sheets if one != name}
-    return RawTable(source=str(path), names=names, values=values, text=text, unread=unread)
+    return replace(table_of_lines(path, lines, delimiters="\t"), unread=unread)
 
 
-def _rows(sheet: Any) -> list[tuple[Any, ...]]:
-    """Rows of a sheet that are not empty. Raises ValueError where one lies so far off that it has too many cells."""
-    found = []
-    cells = 0
-    for row in sheet.iter_rows(values_only=True):
-        cells += len(row)
-        if cells > MOST_CELLS:
-            raise ValueError(f"its sheet has more than {MOST_CELLS / 1e6:.0f} million cells; delete what lies far off")
-        if any(cell is not None for cell in row):
-            found.append(row)
-    return found
+def _sheet(
+    openpyxl: Any, path: Path, variable: str | None, *, data_only: bool
+) -> tuple[list[str], str, list[Sequence[Any]]]:
+    """Names of the sheets, the name of one, and its rows. Raises ValueError where a row lies so far off that the sheet
+    has too many cells."""
+    book = openpyxl.load_workbook(path, read_only=True, data_only=data_only)
+    try:
+        sheets = {sheet.title: sheet for sheet in book.worksheets}
+        name = variable if variable is not None else next(iter(sheets), "")
+        rows = list[Sequence[Any]]()
+        cells = 0
+        for row in sheets[name].iter_rows(values_only=True) if name in sheets else ():
+            cells += len(row)
+            if cells > MOST_CELLS:
+                most = f"{MOST_CELLS / 1e6:.0f} million cells"
+                raise ValueError(f"its sheet has more than {most}; delete what lies far off")
+            rows.append(row)
+        return list(sheets), name, rows
+    finally:
+        book.close()
+
+
+def _lines(rows: Sequence[Sequence[Any]]) -> list[str]:
+    """Rows of a sheet as lines of text of one width, an empty row as ""."""
+    texts = [[_text(cell) for cell in row] for row in rows]
+    width = max((i for row in texts for i, cell in enumerate(row, 1) if cell), default=0)
+    padded = [[*row[:width], *[""] * (width - len(row))] for row in texts]
+    return ["\t".join(row) if any(row) else "" for row in padded]
+
+
+def _text(cell: Any) -> str:
+    """Return what a cell of a sheet holds as text, by which its number is the same again."""
+    if cell is None:
+        return ""
+    return cell.isoformat() if hasattr(cell, "isoformat") else " ".join(str(cell).replace('"', "'").split())
 
 
 def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
@@ -102,18 +112,6 @@ def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
 
     read = loaded(path, load)
     return of_log(path, read["signals"], unread=read["unread"])
-
-
-def _number(cell: Any) -> float | None:
-    """The number of a cell of a sheet; NaN where it is empty, None where it is text."""
-    if cell is None:
-        return np.nan
-    if hasattr(cell, "timestamp"):
-        return seconds_of(cell.isoformat())
-    if isinstance(cell, (int, float)) and not isinstance(cell, bool):
-        return float(cell)
-    stripped = str(cell).strip()
-    return np.nan if not stripped else seconds_of(stripped)
 
 
 def library(module: str, path: Path, extra: str) -> Any:

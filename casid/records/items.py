@@ -19,6 +19,7 @@ from casid.errors import InputError, unknown
 from casid.records.table import RawTable
 from casid.records.time_names import time_column
 
+_ASKED = 4  # places that a question names
 _WIDEST = 16  # columns of a matrix beside a time, such as positions, attitudes, quaternions
 # attributes by which files say what their numbers mean (conventions of CF, NetCDF and HDF5 in practice)
 _UNITS = ("units", "unit", "Units", "Unit")
@@ -153,7 +154,7 @@ def table_of(path: Path, items: Sequence[Item], variable: str | None, time: str)
             f"{path}: expected one matrix, or one vector per channel with '{time}' among them; matrices in the file: "
             f"{held}; name one as 'variable' in a column map{said}"
         )
-    length = _length(vectors, time)
+    length = _length(path, vectors, time)
     columns = list[Item]()
     for one in there:
         columns += _columns(one, length)
@@ -195,12 +196,23 @@ def _of_matrix(path: Path, one: Item, unread: Mapping[str, str]) -> RawTable:
     return RawTable(source=str(path), names=None, values=matrix, unread=dict(unread))
 
 
-def _length(vectors: Sequence[Item], time: str) -> int:
-    """Samples of the time, or of most vectors where no time is known."""
+def _length(path: Path, vectors: Sequence[Item], time: str) -> int:
+    """Samples of the time, or of most vectors where no time is known. Raises InputError where there are several times,
+    of other lengths."""
     names = [one.name for one in vectors]
-    at = names.index(time) if time in names else time_column(names, range(len(names)))
-    lengths = Counter(len(one.values) for one in vectors)
-    return max(lengths, key=lambda n: (lengths[n], n)) if at is None else len(vectors[at].values)
+    at = time_column(names, range(len(names)))
+    asked = time if time in names or at is None else names[at]
+    lengths = {one.path: len(one.values) for one in vectors if time in (one.path, one.path.strip("/"))}
+    lengths = lengths or {one.path: len(one.values) for one in vectors if one.name == asked}
+    unlike = {length: where for where, length in reversed(lengths.items())}
+    if len(unlike) > 1:
+        said = " and ".join(f"'{where}' ({length} samples)" for length, where in list(unlike.items())[:_ASKED])
+        raise InputError(
+            f"{path}: '{asked}' stands as {said}; say which is meant: --map t={next(iter(unlike.values()))}, or "
+            'variable = "GROUP" in a column map'
+        )
+    counted = Counter(lengths.values() or [len(one.values) for one in vectors])
+    return max(counted, key=lambda n: (counted[n], n))
 
 
 def _columns(one: Item, length: int) -> list[Item]:

@@ -27,7 +27,7 @@ _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(\.\d{3})+(,\d+)?", re.ASCII)  # where decimals have a comma
 _SEPARATOR = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 _HOLD = re.compile(r"[#%]\s*hold\s*:\s*(\w+|[^=]+=.*)\s*")
-_DELIMITERS = ",;\t| "  # a blank: any blanks
+DELIMITERS = ",;\t| "  # a blank: any blanks
 _HEAD = 500  # lines: the longest preamble that is looked at
 _NAMING = 3  # lines above the numbers that may name columns, units and more
 _MOSTLY = 0.5
@@ -56,11 +56,11 @@ def number_of(cell: str) -> float | None:
     return float(f"{whole.replace('.', '')}{point}{part.replace('d', 'e')}")
 
 
-def layout_of(lines: Sequence[str]) -> Layout | None:
+def layout_of(lines: Sequence[str], delimiters: str = DELIMITERS) -> Layout | None:
     """The layout of a text; None where it has no row of numbers."""
     head = list(islice(lines, _HEAD))
     told = _SEPARATOR.fullmatch(head[0]) if head else None
-    found = [_rows_by(head, one) for one in (told[1] if told else _DELIMITERS)]
+    found = [_rows_by(head, one) for one in (told[1] if told else delimiters)]
     found = [one for one in found if one is not None]
     if not found:
         return None
@@ -123,7 +123,7 @@ def _rows_by(lines: Sequence[str], delimiter: str) -> tuple[float, int, int, str
             if min(shares) <= _MOSTLY or (named and i == 0) or (strict and not (data[0][0] and data[1][0] and one[0])):
                 continue
             if any(NUMBER.fullmatch(of_commas(cell) if comma else cell) for cell in one):
-                return sum(shares) / 2.0, len(one), -_DELIMITERS.find(delimiter), delimiter, i, comma
+                return sum(shares) / 2.0, len(one), -DELIMITERS.find(delimiter), delimiter, i, comma
     return None
 
 

@@ -195,7 +195,7 @@ LOGGERS = (
     ),
     Logger(
         name="Altus Metrum",
-        signs=("serial", "flight", "call", "time", "state_name"),
+        signs=("serial", "flight", "time", "state", "state_name"),
         columns={
             "t": "time:s",
             "altitude": "altitude:m",

@@ -23,7 +23,9 @@ from casid.records.table import RawTable
 _DATA = ("data", "values", "value", "signal")
 _UNIT = ("unit", "units")
 _RATE = ("rate", "samplerate", "fs", "sample_rate")
+_MOST = 50  # structures in an array of them
 _DEEPEST = 20  # structures within structures
+_OPAQUE = ("s0", "s1", "s2", "arr")  # fields by which scipy describes an object
 _MATLAB_TEXT = b"char"
 
 
@@ -52,7 +54,11 @@ def _items(value: Any, path: str, name: str, rates: dict[str, float]) -> list[It
     fields = _fields(value)
     if fields is None or path.count(".") > _DEEPEST:
         many = getattr(getattr(value, "dtype", None), "names", None)
-        return [Item(path=path, name=name, why="an array of structures") if many else item_of(path, name, value)]
+        if many and 1 < value.size <= _MOST and path.count(".") <= _DEEPEST:
+            # such as the signals of a Simulink structure with time
+            each = [(f"({i + 1})", value.reshape(-1)[i : i + 1]) for i in range(value.size)]
+            return [one for i, part in each for one in _items(part, f"{path}{i}", f"{name}{i}", rates)]
+        return [Item(path=path, name=name, why="structures or objects") if many else item_of(path, name, value)]
     lower = {key.lower(): one for key, one in fields.items()}
     data = next((key for key in _DATA if key in lower and _is_series(lower[key])), None)
     others = [one for key, one in lower.items() if key != data]
@@ -72,7 +78,7 @@ def _fields(value: Any) -> Mapping[str, Any] | None:
     """Fields of one structure; None of anything else."""
     if isinstance(value, Mapping):
         return value
-    if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+    if isinstance(value, np.ndarray) and value.dtype.names not in (None, _OPAQUE) and value.size == 1:
         one = value.reshape(-1)[0]
         return {field: one[field] for field in value.dtype.names}
     return None
@@ -128,6 +134,8 @@ def _of_version_7_3(path: Path) -> dict[str, Any]:
             return {} if depth > _DEEPEST else {name: taken(item[name], depth + 1) for name in item}
         if "MATLAB_empty" in item.attrs or item.shape is None:
             return np.empty(0)
+        if "MATLAB_object_decode" in item.attrs:  # numbers that say where the object is, such as a timeseries
+            return np.empty(2, dtype=object)
         if item.external or item.is_virtual:
             raise ValueError(f"'{item.name}' is in another file; copy it into this one")
         values = np.asarray(item).T

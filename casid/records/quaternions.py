@@ -15,7 +15,7 @@ import numpy as np
 _LETTERED = re.compile(r"(?P<base>.*?)[_.\[(]?(?P<part>[wxyz])[\])]?", re.IGNORECASE)
 _NUMBERED = re.compile(r"(?P<base>.*?)[_.\[(]?(?P<part>[0-4])[\])]?")
 _CALLED = re.compile(
-    r"(.*[^a-z])?(q|quat|quaternion|orientation|att|attitude|rot|rotation|att_?q)[_.\[]?", re.IGNORECASE
+    r"(.*[^a-z])?(q|quat|quaternion|orientation|att|attitude|rot|rotation|att_?q)([_.\[].*)?", re.IGNORECASE
 )
 _NORM = 0.01  # by which the length of a unit quaternion may differ from 1
 _MOST = 0.9  # of the samples that must be unit quaternions

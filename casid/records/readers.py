@@ -268,7 +268,7 @@ def write_record(record: Record, path: str | Path) -> None:
             "give them with dataclasses.replace(record, events=...) when it is read"
         )
     for name in record.channels:
-        if name in ("", "t") or split_header(name) != (name, "") or not name.isprintable():
+        if name in ("", "t") or split_header(name) != (name, ""):
             raise InputError(f"record '{record.name}': channel '{name}' cannot stand in a header; rename it")
         if not isinstance(record.hold, str) and name in record.hold and set("=,") & set(name):
             raise InputError(

@@ -31,7 +31,10 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
                         continue
                     try:
                         message = reader.deserialize(raw, connection.msgtype)
-                    except Exception as error:  # of the library, for a type that it does not know
+                    except KeyError:
+                        unread[connection.topic] = f"a message of {connection.msgtype}, which the bag does not define"
+                        continue
+                    except Exception as error:  # of the library
                         unread[connection.topic] = f"a message of {connection.msgtype}: {type(error).__name__}"
                         continue
                     rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]

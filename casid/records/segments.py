@@ -108,7 +108,8 @@ def segments(record: Record | str | Path) -> tuple[Segment, ...]:
     >>> parts = [record.between(one.start, one.stop) for one in casid.segments(record)]  # doctest: +SKIP
     """
     record = given_record(record, "segments")
-    movers = next((found for some in _MOVERS if (found := [name for name in some if name in record])), [])
+    read = [name for name, values in record.channels.items() if np.isfinite(values).any()]
+    movers = next((found for some in _MOVERS if (found := [name for name in some if name in read])), [])
     moving = {name: _moves(record, name) for name in movers}
     spans = _joined(record, np.logical_or.reduce(list(moving.values()))) if moving else []
     found = [_segment(record, moving, start, stop) for start, stop in spans]

@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.clock import clock_of
-from casid.records.layout import NUMBER, Layout, is_comment, layout_of, number_of, of_commas
+from casid.records.layout import DELIMITERS, NUMBER, Layout, is_comment, layout_of, number_of, of_commas
 from casid.records.limits import read_bytes
 
 _MARKS = {"utf-8": b"\xef\xbb\xbf", "utf-32": b"\xff\xfe\0\0", "utf-16-le": b"\xff\xfe", "utf-16-be": b"\xfe\xff"}
@@ -101,7 +101,7 @@ class RawTable:
 
 
 def rows_of(table: RawTable, rows: np.ndarray) -> RawTable:
-    """The table with neighbouring rows alone."""
+    """The table with some rows alone, in their order."""
     lines = None if table.lines is None else table.lines[rows]
     return replace(table, values=table.values[rows], lines=lines, first=int(rows[0]))
 
@@ -120,9 +120,12 @@ def read_text(path: Path) -> RawTable:
     if quick is not None:
         return replace(quick, notes=cut)
     content, notes = _decoded(path, raw)
-    notes += cut
-    lines = content.split("\n")
-    layout = layout_of(lines)
+    return table_of_lines(path, content.split("\n"), notes + cut)
+
+
+def table_of_lines(path: Path, lines: list[str], notes: tuple[str, ...] = (), delimiters: str = DELIMITERS) -> RawTable:
+    """Table of the lines of a text or of a sheet."""
+    layout = layout_of(lines, delimiters)
     if layout is None:
         raise InputError(f"{path}: {_without_rows(lines)}")
     if layout.above:
@@ -130,16 +133,15 @@ def read_text(path: Path) -> RawTable:
     return _numbers(path, lines, layout, notes)
 
 
-_CUT_EXPONENT = re.compile(rb"\d[eEdD][+-]?\d?")
-_SHORT_EXPONENT = re.compile(rb"\d[eEdD][+-]?\d(?=[,;\t |\r\n])")
+_CUT = re.compile(rb".*\d(\.|[eEdD][+-]?\d?)")
+_SHORT = re.compile(rb"\d(\.|[eEdD][+-]?\d)(?=[,;\t |\r\n])")  # as whole numbers of some programs end
 
 
 def _whole(raw: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """The bytes without a last row that ends within an exponent, and what is said of it."""
+    """The bytes without a last row that ends behind a point or within an exponent, and what is said of it."""
     at = raw.rfind(b"\n") + 1
     cell = re.split(rb"[,;\t |]", raw[at:])[-1]
-    end = _CUT_EXPONENT.search(cell)
-    if end is None or end.end() != len(cell) or _SHORT_EXPONENT.search(raw):
+    if not _CUT.fullmatch(cell) or _SHORT.search(raw):
         return raw, ()
     return raw[:at], (f"the last row is cut off within its last number, {cell.decode('ascii', 'replace')}; left out",)
 

@@ -28,8 +28,12 @@ from casid.records.column_map import ColumnMap
 
 READERS: dict[str, Callable[[Path], object]] = {
     "aircraft": cs.Aircraft.read,
+    "compare": lambda path: cs.compare_diagnoses(path, path),
     "criteria": Criteria.read,
+    "daveml": lambda path: cs.Aircraft.from_daveml(path, path),
     "envelope": cs.MismatchEnvelope.read,
+    "fmu": cs.fmu_model,
+    "jsbsim": cs.Aircraft.from_jsbsim,
     "load": cs.load,
     "map": ColumnMap.read,
     "petab": cs.read_petab,

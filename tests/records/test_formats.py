@@ -255,10 +255,14 @@ def test_matlab_73(tmp_path):
         for name, values in {"t": T, "V": V, "delta_e": DELTA_E}.items():
             file[name] = values[None, :]
             file[name].attrs["MATLAB_class"] = np.bytes_("double")
+        file["logs"] = np.arange(len(T), dtype="u4")[None, :]  # where a timeseries is
+        file["logs"].attrs["MATLAB_object_decode"] = np.int32(3)
     raw = bytearray((tmp_path / "m.mat").read_bytes())
     raw[:128] = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
     (tmp_path / "m.mat").write_bytes(raw)
-    check(read_record(tmp_path / "m.mat"))
+    record = read_record(tmp_path / "m.mat")
+    check(record)
+    assert set(record.contents.unread) == {"logs"}
 
 
 def test_a_struct_of_matlab(tmp_path):

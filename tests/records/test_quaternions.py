@@ -71,7 +71,13 @@ def test_the_rates_tell_order_and_direction(
 
 @pytest.mark.parametrize("with_rates", [True, False])
 @pytest.mark.parametrize(
-    "names", [["qw", "qx", "qy", "qz"], ["orientation." + c for c in "wxyz"], ["att_q_" + c for c in "WXYZ"]]
+    "names",
+    [
+        ["qw", "qx", "qy", "qz"],
+        ["orientation." + c for c in "wxyz"],
+        ["att_q_" + c for c in "WXYZ"],
+        [f"q_RS_{c}" for c in "wxyz"],
+    ],
 )
 def test_letters_state_the_order(tmp_path: Path, names: list[str], with_rates: bool) -> None:
     angles, rates, turn = motion(1)

@@ -54,6 +54,11 @@ def test_nothing_is_found_where_nothing_stands_out() -> None:
     assert [cs.segments(one) for one in (noise, busy, still)] == [(), (), ()]
 
 
+def test_a_surface_without_samples_has_no_manoeuvre() -> None:
+    t = np.arange(0.0, 60.0, 0.05)
+    assert cs.segments(cs.Record(name="m", t=t, channels={"delta_e": np.full(len(t), np.nan)})) == ()
+
+
 def test_a_pause_in_the_time_parts_manoeuvres() -> None:
     log = long_log()
     t = np.where(log.t > 64.0, log.t + 100.0, log.t)

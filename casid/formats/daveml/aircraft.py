@@ -219,10 +219,11 @@ def _reference(own: DaveAerodynamics, name: str) -> float:
 
 
 def _read(path: str | Path) -> DaveFile:
+    text = read_text_of(Path(path))
     try:
-        return dave_file(read_text_of(Path(path)))
+        return dave_file(text)
     except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+        raise InputError(f"{path}: {error}") from None
 
 
 def _varid(file: DaveFile, name: str) -> str:

@@ -15,7 +15,7 @@ import casadi as ca
 
 from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
-from casid.formats.jsbsim.source import number_in, number_of
+from casid.formats.jsbsim.source import bare, check_words, number_in, number_of
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
 
@@ -60,30 +60,54 @@ _MANY: dict[str, Callable[[Sequence[Any]], Any]] = {
 }
 
 
-def bare(node: ET.Element) -> str:
-    """The tag without its namespace."""
-    return node.tag.rsplit("}", 1)[-1]
+_VARIABLE = ("name", "varID", "units", "axisSystem", "sign", "alias", "symbol", "initialValue", "minValue", "maxValue")
+_KINDS = ("isInput", "isControl", "isDisturbance", "isState", "isStateDeriv", "isOutput", "isStdAIAA")
+_FUNCTION = ("independentVarPts", "dependentVarPts", "independentVarRef", "dependentVarRef", "functionDefn")
+_TABLES = ("griddedTableRef", "griddedTableDef", "griddedTable")
+_TABLES += ("ungriddedTableRef", "ungriddedTableDef", "ungriddedTable")
+# element -> elements in it, and its attributes
+_WORDS: Mapping[str, tuple[tuple[str, ...] | None, tuple[str, ...]]] = {
+    **dict.fromkeys(_KINDS, ((), ())),
+    "": (None, ()),
+    "DAVEfunc": (("variableDef", "breakpointDef", "griddedTableDef", "ungriddedTableDef", "function"), ()),
+    "variableDef": (("calculation", *_KINDS), _VARIABLE),
+    "calculation": (("math",), ()),
+    "breakpointDef": (("bpVals",), ("name", "bpID", "units")),
+    "griddedTableDef": (("breakpointRefs", "dataTable"), ("name", "gtID", "units")),
+    "breakpointRefs": (("bpRef",), ()),
+    "bpRef": ((), ("bpID",)),
+    "function": (_FUNCTION, ("name",)),
+    "independentVarRef": ((), ("varID", "min", "max", "extrapolate", "interpolate")),
+    "dependentVarRef": ((), ("varID",)),
+    "functionDefn": (_TABLES, ("name",)),
+    "griddedTableRef": ((), ("gtID",)),
+    "piecewise": (("piece", "otherwise"), ()),
+    "cn": (("sep",), ("type", "base")),
+    "csymbol": ((), ("definitionURL", "encoding")),
+}
+_IGNORED = ("fileHeader", "checkData", "description", "provenance", "provenanceRef", "uncertainty", "confidenceBound")
+_IGNORED += ("ungriddedTableDef", "ungriddedTable", "griddedTable", "independentVarPts", "dependentVarPts")
 
 
 def expression(node: ET.Element, look: Look) -> Any:
     """The value of a node, variables by `look`. Raises InputError for an operator that is not known."""
-    tag = bare(node)
+    tag = bare(node.tag)
     children = list(node)
     if tag == "cn":
         return ca.SX(_constant(node))
     if tag == "ci":
         if len(node):
-            raise InputError(f"<ci> must be the name of a variable alone; it has <{bare(node[0])}> in it")
+            raise InputError(f"<ci> must be the name of a variable alone; it has <{bare(node[0].tag)}> in it")
         return look((node.text or "").strip())
     if tag == "pi":
         return ca.SX(math.pi)
     if tag == "piecewise":
-        return _piecewise(children, look)
+        return _piecewise(node, look)
     if tag == "math" or (tag == "apply" and len(children) == 1):
-        return expression(children[0], look)
+        return expression(_parts(node, 1)[0], look)
     if tag != "apply" or not children:
         raise InputError(f"<{tag}> is no MathML that casid reads")
-    operator = bare(children[0])
+    operator = bare(children[0].tag)
     if operator == "csymbol":
         operator = (children[0].text or "").strip()
     given = [expression(child, look) for child in children[1:]]
@@ -108,7 +132,7 @@ def _constant(node: ET.Element) -> float:
         return number_in(node)
     if kind not in ("e-notation", "rational"):
         raise InputError(f"<cn> of type '{kind:.20}' is not read; expected real, integer, e-notation or rational")
-    if [bare(child) for child in node] != ["sep"]:
+    if [bare(child.tag) for child in node] != ["sep"]:
         raise InputError(f"<cn> of type '{kind}' must have two numbers with one <sep/> between them")
     if kind == "e-notation":
         return number_of(f"{(node.text or '').strip()}e{(node[0].tail or '').strip()}", "cn")
@@ -119,17 +143,22 @@ def _constant(node: ET.Element) -> float:
     return first / second
 
 
-def _piecewise(children: Sequence[ET.Element], look: Look) -> Any:
-    value: Any = None
-    for child in children:
-        if bare(child) == "otherwise":
-            value = expression(child[0], look)
-    for child in reversed([c for c in children if bare(c) == "piece"]):
-        then, condition = (expression(part, look) for part in child)
+def _piecewise(node: ET.Element, look: Look) -> Any:
+    otherwise = _find(node, "otherwise")
+    value = None if otherwise is None else expression(_parts(otherwise, 1)[0], look)
+    for child in reversed([c for c in node if bare(c.tag) == "piece"]):
+        then, condition = (expression(part, look) for part in _parts(child, 2))
         value = then if value is None else ca.if_else(condition, then, value)
     if value is None:
         raise InputError("<piecewise> has no piece")
     return value
+
+
+def _parts(node: ET.Element, count: int) -> list[ET.Element]:
+    """Elements in one that has `count` of them. Raises InputError."""
+    if len(node) != count:
+        raise InputError(f"<{bare(node.tag)}> has {len(node)} elements; expected {count}")
+    return list(node)
 
 
 _SEPARATORS = re.compile(r"[\s,]+")
@@ -144,12 +173,13 @@ class DaveFile:
 
     def __init__(self, text: str) -> None:
         self._root = xml_root(text)
-        if bare(self._root) != "DAVEfunc":
-            raise InputError(f"the root is <{bare(self._root)}>; a DAVE-ML file begins with <DAVEfunc>")
+        if bare(self._root.tag) != "DAVEfunc":
+            raise InputError(f"the root is <{bare(self._root.tag)}>; a DAVE-ML file begins with <DAVEfunc>")
+        check_words(self._root, _WORDS, _IGNORED)
         variables = self._all("variableDef")
         self._variables = _by("varID", variables)
         self.named = {varid: node.get("name", "") for varid, node in self._variables.items()}
-        self.units = {name: node.get("units", "nd") for name, node in self._variables.items()}
+        self.units = {name: node.get("units", "") for name, node in self._variables.items()}
         breakpoints = _by("bpID", self._all("breakpointDef"))
         self._breakpoints = {name: _numbers(node, "bpVals") for name, node in breakpoints.items()}
         self._tables = _by("gtID", self._all("griddedTableDef"))
@@ -170,7 +200,7 @@ class DaveFile:
         return found[0]
 
     def _all(self, tag: str) -> list[ET.Element]:
-        return [node for node in self._root.iter() if bare(node) == tag]
+        return [node for node in self._root.iter() if bare(node.tag) == tag]
 
     def _functions_of(self) -> list[ET.Element]:
         return [node for node in self._all("function") if _find(node, "dependentVarRef") is not None]
@@ -191,6 +221,13 @@ class DaveFile:
                 entry = None
             found[varid] = entry if shared[id(self._table(node))] == 1 else None
         return found
+
+    def within(self, varid: str, value: Any) -> Any:
+        """Limit the value of a variable to what its definition allows. Raises InputError."""
+        for key, limit in (("minValue", ca.fmax), ("maxValue", ca.fmin)):
+            said = self._variables[varid].get(key) if varid in self._variables else None
+            value = value if said is None else limit(value, number_of(said, key))
+        return value
 
     def found(self, varid: str, look: Values) -> Any:
         """Evaluate a variable: an input's initial value, a calculation, a function. Raises InputError."""
@@ -215,7 +252,7 @@ class DaveFile:
         return table
 
     def _entry(self, node: ET.Element) -> Entry:
-        references = [child for child in node if bare(child) == "independentVarRef"]
+        references = [child for child in node if bare(child.tag) == "independentVarRef"]
         table = self._table(node)
         if table is None:
             raise InputError(f"function '{node.get('name')}' has no gridded table; others are not read")
@@ -224,6 +261,14 @@ class DaveFile:
         if len(references) != len(axes) or not beyond <= {"neither", "both"} or len(beyond) > 1:
             raise InputError(f"function '{node.get('name')}': one way beyond its table, 'neither' or 'both', is read")
         outside = "hold" if beyond == {"neither"} else "linear"
+        for reference, axis in zip(references, axes, strict=True):
+            low, high = (
+                number_of(reference.get(key, str(end)), key) for key, end in (("min", axis[0]), ("max", axis[-1]))
+            )
+            if low > axis[0] or high < axis[-1] or reference.get("interpolate", "linear") != "linear":
+                raise InputError(
+                    f"function '{node.get('name')}': only a table that is linear between all of its breakpoints is read"
+                )
         grid = Grid(breakpoints=tuple(map(tuple, axes)), values=tuple(_numbers(table, "dataTable")), outside=outside)
         over = tuple(reference.get("varID", "") for reference in references)
         return Entry(name=node.get("name", ""), over=over, grid=grid)
@@ -237,7 +282,8 @@ class Values:
     """varID -> expression, each made once."""
 
     def __init__(self, file: DaveFile, given: Mapping[str, Any], added: Mapping[str, Any]) -> None:
-        self._file, self._known, self._open = file, dict(given), set[str]()
+        self._file, self._open = file, set[str]()
+        self._known = {varid: file.within(varid, value) for varid, value in given.items()}
         self.added = added
 
     def __call__(self, varid: str) -> Any:
@@ -245,7 +291,7 @@ class Values:
             if varid in self._open:
                 raise InputError(f"variable '{varid}' depends on itself")
             self._open.add(varid)
-            self._known[varid] = self._file.found(varid, self)
+            self._known[varid] = self._file.within(varid, self._file.found(varid, self))
         return self._known[varid]
 
 
@@ -259,26 +305,30 @@ def _by(key: str, nodes: Sequence[ET.Element]) -> dict[str, ET.Element]:
     """Nodes by an identifier. Raises InputError where two have the same; what has none has a name of its own."""
     found: dict[str, ET.Element] = {}
     for index, node in enumerate(nodes):
-        name = node.get(key) or f"{bare(node)} {index + 1} without {key}"
+        name = node.get(key) or f"{bare(node.tag)} {index + 1} without {key}"
         if name in found:
-            raise InputError(f"two of <{bare(node)}> have {key} '{name}'; give one another, and say which is meant")
+            raise InputError(f"two of <{bare(node.tag)}> have {key} '{name}'; give one another, and say which is meant")
         found[name] = node
     return found
 
 
 def _find(node: ET.Element, tag: str) -> ET.Element | None:
-    return next((child for child in node if bare(child) == tag), None)
+    """The child of a name, or None. Raises InputError where there are several."""
+    found = [child for child in node if bare(child.tag) == tag]
+    if len(found) > 1:
+        raise InputError(f"<{bare(node.tag)}> has {len(found)} of <{tag}>; keep the one that is meant")
+    return found[0] if found else None
 
 
 def _child(node: ET.Element, tag: str) -> ET.Element:
     child = _find(node, tag)
     if child is None:
-        raise InputError(f"<{bare(node)}> has no <{tag}>")
+        raise InputError(f"<{bare(node.tag)}> has no <{tag}>")
     return child
 
 
 def _numbers(node: ET.Element, tag: str) -> list[float]:
     held = _child(node, tag)
     if len(held):
-        raise InputError(f"<{tag}> must have numbers alone; it has <{bare(held[0])}> in it: take that out")
+        raise InputError(f"<{tag}> must have numbers alone; it has <{bare(held[0].tag)}> in it: take that out")
     return [number_of(x, tag) for x in _SEPARATORS.split((held.text or "").strip()) if x]

@@ -17,7 +17,7 @@ import numpy as np
 from casid.arguments import number
 from casid.errors import InputError, check_known
 from casid.formats.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
-from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, load, optional, part, place
+from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, check_words, load, optional, part, place
 from casid.model.airframe import Inertia
 from casid.signals import FOOT, SLUG
 
@@ -34,11 +34,9 @@ class MassProperties:
 def mass_properties(root: ET.Element) -> MassProperties:
     """Add up the mass properties as JSBSim does at the start of a flight. Raises InputError."""
     balance = part(root, "mass_balance")
-    centres = [node for node in balance.findall("location") if node.get("name") in ("CG", None)]
-    if len(centres) > 1:
-        raise InputError(f"<mass_balance> has {len(centres)} locations of the centre of gravity; keep the one meant")
-    empty = centres[0] if centres else None
-    parts = [(amount(part(balance, "emptywt"), "LBS"), np.zeros(3) if empty is None else place(empty), _own(balance))]
+    empty = part(balance, "location")
+    check_known("location", (empty.get("name", "CG"),), ("CG",), "<mass_balance>")
+    parts = [(amount(part(balance, "emptywt"), "LBS"), place(empty), _own(balance))]
     for point in balance.findall("pointmass"):
         weight = amount(part(point, "weight"), "LBS")
         form = optional(point, "form")
@@ -131,9 +129,43 @@ def _inertia(J: np.ndarray) -> Inertia:
     return Inertia(Ixx=J[0, 0], Iyy=J[1, 1], Izz=J[2, 2], Ixz=-J[0, 2], Ixy=xy, Iyz=yz)
 
 
+_AXES = ("x", "y", "z")
+_PLACE = {"location": (_AXES, ("name", "unit")), **dict.fromkeys(_AXES, ((), ()))}
+_METRICS = ("wingarea", "wingspan", "chord", "wing_incidence", "htailarea", "htailarm", "vtailarea", "vtailarm")
+_INERTIAS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_WORDS: Mapping[str, Mapping[str, tuple[tuple[str, ...] | None, tuple[str, ...]]]] = {
+    "metrics": {"": ((), ("unit",)), "metrics": ((*_METRICS, "location"), ()), **_PLACE},
+    "mass_balance": {
+        "": ((), ("unit",)),
+        "mass_balance": ((*_INERTIAS, "emptywt", "location", "pointmass"), ("negated_crossproduct_inertia",)),
+        "pointmass": (
+            (*_INERTIAS, "weight", "location", "form"),
+            ("name", "negated_crossproduct_inertia"),
+        ),
+        "form": (("radius", "length"), ("shape",)),
+        **_PLACE,
+    },
+    "aerodynamics": {
+        "": (None, ("name", "type", "unit")),
+        "aerodynamics": (
+            ("axis", "function", "property", "limitation", "alphalimits", "hysteresis_limits", "aero_ref_pt_shift_x"),
+            (),
+        ),
+        "axis": (("function",), ("name", "unit", "frame")),
+        "function": (None, ("name", "type", "apply_at_cg")),
+        "property": ((), ("value",)),
+        "table": (("independentVar", "tableData"), ("name", "type")),
+        "independentVar": ((), ("lookup",)),
+        "tableData": (None, ("breakPoint",)),
+    },
+}
+
+
 def aerodynamics_of(path: str | Path, held: Mapping[str, float], axes: str = "wind") -> JsbsimAerodynamics:
     """The aerodynamics of a file in force `axes`; gear that cannot be retracted is down. Raises InputError."""
     root = load(path)
+    for section, known in _WORDS.items():
+        check_words(part(root, section), known, ("description", "documentation"))
     gear = {"gear/gear-pos-norm": 0.0 if _retracts(root) else 1.0}
     cg = mass_properties(root).cg
     made = JsbsimAerodynamics(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 
-from casid.errors import InputError
+from casid.errors import InputError, check_known
 from casid.records.limits import MOST_BYTES_OF_A_MODEL, beside, read_bytes, xml_root
 from casid.signals import DEGREE, FOOT
 
@@ -59,6 +59,29 @@ def _parsed(file: Path) -> ET.Element:
         raise InputError(f"{file}: {error}") from None
 
 
+def bare(name: str) -> str:
+    """Return the name of an element or attribute without its namespace."""
+    return name.rsplit("}", 1)[-1]
+
+
+def check_words(
+    node: ET.Element, known: Mapping[str, tuple[Collection[str] | None, Collection[str]]], ignored: Collection[str]
+) -> None:
+    """Raise InputError for what a format does not have: elements and attributes, `known` by the element in which they
+    stand (under "" by all others; None are any elements), and text beside elements. Nothing in `ignored` is read."""
+    tag = bare(node.tag)
+    elements, attributes = known.get(tag, known[""])
+    check_known(f"attribute of <{tag}>", map(bare, node.attrib), attributes)
+    inner = [child for child in node if bare(child.tag) not in ignored]
+    if elements is not None:
+        check_known(f"element of <{tag}>", [bare(child.tag) for child in inner], elements)
+    beside = "".join((node.text or "", *(child.tail or "" for child in node))).strip()
+    if beside and (len(node) or elements) and tag != "cn":
+        raise InputError(f"<{tag}> has '{beside[:40]}' beside its elements: take that out")
+    for child in inner:
+        check_words(child, known, ignored)
+
+
 def part(node: ET.Element, tag: str) -> ET.Element:
     """Return the child `tag`. Raises InputError when there is none, or more than one."""
     child = optional(node, tag)
@@ -78,7 +101,7 @@ def optional(node: ET.Element, tag: str) -> ET.Element | None:
 def number_of(text: str | None, where: str) -> float:
     """Return a number of the file, written in digits of ASCII with a decimal point. Raises InputError."""
     text = (text or "").strip()
-    if not _NUMBER.fullmatch(text):
+    if not _NUMBER.fullmatch(text) or not np.isfinite(float(text)):
         raise InputError(f"<{where}> must be a number, got '{text[:40]}'")
     return float(text)
 

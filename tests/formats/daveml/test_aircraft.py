@@ -253,6 +253,15 @@ def test_operators(tmp_path: Path, math: str, expected: float) -> None:
     assert float(ca.evalf(ca.SX(look("cm")))) == pytest.approx(expected)
 
 
+@pytest.mark.parametrize(("al", "expected"), [(-5.0, 0.5), (1.0, 1.0), (5.0, 2.0)])
+def test_a_variable_stays_within_its_limits(tmp_path: Path, al: float, expected: float) -> None:
+    """The standard: the final value of the variable is limited, of an input and of a calculation."""
+    aero, _ = written(tmp_path, "<ci>al</ci>")
+    text = aero.read_text().replace('varID="cm"', 'varID="cm" minValue="0.5"')
+    look = dave_file(text.replace('varID="al"', 'varID="al" maxValue="2"', 1)).values({"al": ca.SX(al)})
+    assert float(ca.evalf(ca.SX(look("cm")))) == expected
+
+
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
@@ -271,6 +280,15 @@ def test_operators(tmp_path: Path, math: str, expected: float) -> None:
         ({"more": '<variableDef name="aeroBodyForceCoefficient_Z" varID="z" initialValue="0"/>'}, "both called"),
         ({"more": '<breakpointDef bpID="A"><bpVals>0, 1</bpVals></breakpointDef>'}, "<breakpointDef> have bpID 'A'"),
         ({"beyond": "min"}, "one way beyond its table"),
+        ({"beyond": 'neither" interpolate="cubicSpline'}, "linear between all of its breakpoints"),
+        ({"beyond": 'neither" min="0.1'}, "linear between all of its breakpoints"),
+        ({"beyond": 'neither" scale="2'}, "unknown attribute of <independentVarRef> 'scale'"),
+        ({"math": "<cn>1</cn><cn>2</cn>"}, "<math> has 2 elements"),
+        ({"math": "<piecewise><piece><cn>1</cn></piece></piecewise>"}, "<piece> has 1 elements"),
+        ({"math": "<apply><plus/>2<cn>1</cn></apply>"}, "<apply> has '2' beside its elements"),
+        ({"more": '<breakpointDef bpID="B"><bpVals>0</bpVals><bpVals>1</bpVals></breakpointDef>'}, "2 of <bpVals>"),
+        ({"more": '<variableDef name="flap" varID="df" unit="deg"/>'}, "unknown attribute of <variableDef> 'unit'"),
+        ({"more": '<variableDef name="flap" varID="df" units="nd"><input/></variableDef>'}, "element of <variableDef>"),
         ({"more": '<variableDef name="flap" varID="df" units="deg"><isInput/></variableDef>'}, "input 'flap' is in no"),
     ],
 )
