@@ -16,6 +16,7 @@ import numpy as np
 
 from casid.arguments import require
 from casid.data_check import words
+from casid.data_check.continuity import discontinuities
 from casid.data_check.criteria import DataCriteria
 from casid.data_check.faults import Weighed, Weighing, described, with_readings
 from casid.data_check.file_meaning import SI_OF, FileMeaning
@@ -183,7 +184,7 @@ def check(
     weighed = [replace(one, log_odds=min(one.log_odds, most)) for one in weighing.found()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
-    missing = [*_pauses(given), *_without_samples(given), *_no_input(given)]
+    missing = [*_pauses(given), *discontinuities(given), *_without_samples(given), *_no_input(given)]
     corrected = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     if plane is not None:
         missing += rotor_faults(corrected, plane)

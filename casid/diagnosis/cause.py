@@ -102,15 +102,15 @@ class Decision:
 class Trace:
     """The decisions of a diagnosis, by cause and round, in the order in which they were made.
 
-        Examples
-        --------
-        >>> from casid.diagnosis.cause import Decision, Trace
+    Examples
+    --------
+    >>> from casid.diagnosis.cause import Decision, Trace
     >>> from casid.diagnosis.comparisons import GAIN
-        >>> gate = GAIN.of(12.0, 40.0, "naming.gain")
-        >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
-        >>> print(trace.of("mass"))
-        mass: refused, round 1
-          FAILED  gain: 12 >= 40 [naming.gain]
+    >>> gate = GAIN.of(12.0, 40.0, "naming.gain")
+    >>> trace = Trace(decisions=(Decision(cause="mass", round=1, outcome="refused", gates=(gate,)),))
+    >>> print(trace.of("mass"))
+    mass: refused, round 1
+      FAILED  gain: 12 >= 40 [naming.gain]
     """
 
     decisions: tuple[Decision, ...] = field(default=())
