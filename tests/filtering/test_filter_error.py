@@ -277,6 +277,23 @@ def test_the_gradient_is_the_difference_quotient_of_the_likelihood():
         assert linear.gradient[i] * std[i] == pytest.approx((sides[0] - sides[1]) / 0.04, rel=1e-2, abs=1e-2)
 
 
+def test_the_motion_that_follows_a_step_is_the_most_likely_one_there():
+    """Truth: the smoothed motion at the parameters after the step. Both are the same for a system that is linear in
+    states and parameters together, as a lag with a known time constant is in its gain."""
+    model, record = lagging()
+    cost = FilterError(process_noise={"w_x": 0.0})
+    objective = OwnObjective(Problem(model, [record], free=["gain"], fixed={"T": 0.4}, cost=cost))
+    point = objective.start()
+    value = objective.value(point)
+    still = objective.step(point, value, objective.linearise(point, value), 0.0)
+    for change in (0.0, 0.3):
+        step = objective.with_motion(value, replace(still, theta=np.array([change])))
+        there = replace(point, theta=point.theta + step.theta)
+        smoothed = objective.told(objective.value(there)).states["m1"].trajectory
+        assert point.nodes + step.nodes == pytest.approx(smoothed, abs=1e-9), change
+    assert np.ptp(smoothed - point.nodes) > 0.01
+
+
 def test_per_record_parameters_have_their_own_value():
     """A bias of 0.05 rad/s in one record and none in the other."""
     model = define_model(
