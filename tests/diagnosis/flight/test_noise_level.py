@@ -19,7 +19,7 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare, with_noise_above
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import in_colour, unread, with_noise_level
+from casid.diagnosis.flight.noise import in_colour, level_of, unread, with_noise_level
 from casid.diagnosis.flight.subject import Subject
 from casid.model.causes.controls import actuator_lag
 from casid.records.noise import mean_over, quiet_windows
@@ -98,6 +98,14 @@ def test_a_noise_that_the_file_states_leaves_that_of_the_others_to_the_fit() -> 
     assert flight.noise_by_fit and "alpha" not in flight.doubted
     found = in_colour(fit(flight, [], flight.noise(), extent="first")).noise
     assert found.measurement["alpha"] == NOISE["alpha"] and set(found.colour) == set(flight.outputs) - {"alpha"}
+
+
+def test_the_level_that_a_true_model_leaves_is_the_noise_that_was_added() -> None:
+    """Surfaces are recorded without noise; the r.m.s. of 500 readings has a 1-sigma of 3 %."""
+    flight = prepare(do328(), flights(seed=1, count=1, surface_noise=0.0))
+    flight = replace(flight, doubted=flight.outputs)
+    found = level_of(fit(flight, [], flight.noise(), extent="first"))
+    assert found == pytest.approx({name: NOISE[name] for name in flight.outputs}, rel=0.15)
 
 
 @pytest.mark.parametrize("filtered", [True, False])

@@ -19,7 +19,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.kinematics import kinematics
-from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check
+from casid.diagnosis.kinematics.check import KinematicCheck, kinematic_check, worth_fitting
 from casid.model.causes import (
     accelerometer_position,
     aero_term,
@@ -74,6 +74,20 @@ def test_a_long_delay_is_what_kinematics_fit_and_not_what_its_tangent_says() -> 
         assert (check.judges, check.confirmed) == (True, confirmed)
     calm = weigh(kinematics.reconstruct(prepare(do328(), flights([], seed=1))), discrepancy=False)
     assert kinematic_check(calm, late).refuted
+
+
+@pytest.mark.parametrize(("over", "worth"), [(1.0, True), (2.0, True), (2.9, True), (3.3, False), (-1.0, False)])
+def test_a_cause_is_worth_fitting_if_the_kinematics_find_enough_of_half_its_size(over: float, worth: bool) -> None:
+    """Truth: a parabola. The deviance of a size x is lowest at the size s that the kinematics find, so that x gains
+    2s / x - 1 of what it predicts: half of `over` times s gains 4 / over - 1, of which three tenths are enough."""
+    scale = Attached(effect=sensor_scale("V"), values={"value": 0.1})
+    flight = prepare(do328(), flights([scale], seed=1, count=1))
+    evidence = weigh(kinematics.reconstruct(flight), discrepancy=False)
+    check = kinematic_check(evidence, scale)
+    found = 0.1 * (1.0 + check.achieved / check.predicted) / 2.0
+    gate = worth_fitting(evidence, scale.with_values({"value": over * found}))
+    assert gate is not None and gate.passed is worth
+    assert gate.value == pytest.approx(4.0 / over - 1.0)
 
 
 def test_what_kinematics_find_is_tried_whatever_ranks_before_it() -> None:
