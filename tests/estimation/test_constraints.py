@@ -338,6 +338,12 @@ def test_constraints_are_checked_when_they_are_made():
         limit_trajectory("alpha", upper=0.0, price=-1.0)
 
 
+@pytest.mark.parametrize("wrong", [None, 3.0, "Mq < 0", {"Mq": (-9.0, 0.0)}])
+def test_what_is_no_list_of_constraints_is_refused(wrong):
+    with pytest.raises(InputError, match="constraints"):
+        Problem(short_period(), RECORD, free=["*"], constraints=wrong)
+
+
 def test_a_bound_on_a_per_record_parameter_holds_in_every_record():
     rng = np.random.default_rng(2)
     records = [flight(n, noise=NOISE, rng=rng, values=TRUTH | {"Mde": v}) for n, v in (("m1", -6.0), ("m2", -7.0))]
