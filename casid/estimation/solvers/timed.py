@@ -48,10 +48,11 @@ class Clock:
 
 @dataclass(frozen=True, eq=False)
 class Timed:
-    """A solver that all its runs together give no more than its `seconds`, counted from a beginning, and no more
+    """A solver that all its runs together give no more than so many `seconds`, which end at a deadline, and no more
     evaluations than an `effort` allows."""
 
     solver: Solver
+    seconds: float
     deadline: float
     effort: Effort = field(default_factory=Effort)
 
@@ -76,12 +77,16 @@ class Timed:
         return replace(limited, seconds=left) if left < _SAME * seconds else limited
 
     def minimise(self, objective: AnyObjective) -> Outcome:
-        """Minimise as the solver does, within the time that is left."""
-        found = self.limited().minimise(objective)
+        """Minimise as the solver does, within the time that is left; an end by time states the whole of it."""
+        limited: Any = self.limited()
+        found = limited.minimise(objective)
         name = f"{type(self.solver).__name__}.minimise"
-        return require(found, Outcome, f"solve: what {name} returned", "a casid.estimation.solvers.solver.Outcome")
+        found = require(found, Outcome, f"solve: what {name} returned", "a casid.estimation.solvers.solver.Outcome")
+        by_time = found.status == out_of_time(getattr(limited, "seconds", math.inf))
+        return replace(found, status=out_of_time(self.seconds)) if by_time else found
 
 
 def timed(solver: Solver, begin: float) -> Timed:
     """Limit a solver from `begin` of `time.perf_counter` on; a solver of one's own without `seconds` has no limit."""
-    return Timed(solver, begin + float(getattr(solver, "seconds", math.inf)))
+    seconds = float(getattr(solver, "seconds", math.inf))
+    return Timed(solver, seconds, begin + seconds)
