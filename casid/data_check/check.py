@@ -184,7 +184,8 @@ def check(
     weighed = [replace(one, log_odds=min(one.log_odds, most)) for one in weighing.found()]
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
-    missing = [*_pauses(given), *discontinuities(given), *_without_samples(given), *_no_input(given)]
+    in_time = [] if "t" in believed_as_read else [*_pauses(given), *discontinuities(given)]
+    missing = [*in_time, *_without_samples(given), *_no_input(given)]
     corrected = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     if plane is not None:
         missing += rotor_faults(corrected, plane)

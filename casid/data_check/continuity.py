@@ -6,15 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
+from scipy.special import ndtri
 
 from casid.data_check.reading import Finding
+from casid.records.channel_faults import runs
 from casid.records.record import Record
 
 # attitude, which cannot jump, and channels of other instruments; what is over ground a filter corrects at once
 _ATTITUDE = ("phi", "theta", "psi")
 _OTHERS = ("V", "alpha", "beta", "p", "q", "r")
 _CHANNELS = 3  # that jump at once, attitude and others among them: one may be corrected in steps
-_SIGMAS = 8.0  # of the changes around: a surface that steps bends several rates at once
+# of the changes around, where a surface that steps bends several rates at once; no sample of 519 clean records has it
+_SIGMAS = 8.0
 _AROUND = 25  # changes on either side
 _REPEATED = 8  # samples of all channels that are equal to those of another time: noise is never
 
@@ -79,11 +82,12 @@ def _unlike_around(values: np.ndarray) -> np.ndarray:
     change = np.diff(turned)
     beside = np.convolve(change, [0.5, 0.0, 0.5], mode="same")
     unlike = np.abs(change - beside)
+    # one sigma by half of the changes around, and by nine tenths of them, which a manoeuvre makes larger
     around = 2 * _AROUND + 1
-    usual = 1.4826 * ndimage.median_filter(unlike, around, mode="reflect")
-    largest = ndimage.percentile_filter(unlike, 90.0, around, mode="reflect")
-    scale = np.maximum(np.maximum(usual, 0.6 * largest), 1e-12 * max(float(np.abs(turned).max()), 1.0))
-    return unlike / scale
+    half, most = (ndimage.percentile_filter(unlike, share, around, mode="reflect") for share in (50.0, 90.0))
+    sigma = np.maximum(half / ndtri(0.75), most / ndtri(0.95))
+    rounding = 1e-12 * max(float(np.abs(turned).max()), 1.0)
+    return unlike / np.maximum(sigma, rounding)
 
 
 def _repeated(record: Record) -> list[tuple[int, int]]:
@@ -93,11 +97,8 @@ def _repeated(record: Record) -> list[tuple[int, int]]:
     if len(varying) < _CHANNELS or len(record) < 4 * _REPEATED:
         return []
     rows = np.ascontiguousarray(np.stack(varying, axis=1))
-    seen: dict[bytes, int] = {}
-    for k in range(len(rows) - _REPEATED + 1):
-        block = rows[k : k + _REPEATED]
-        key = block.tobytes()
-        first = seen.setdefault(key, k)
-        if k - first >= _REPEATED and not (block == block[0]).all():
-            return [(first, k)]
-    return []
+    _, first, same = np.unique(rows.view(f"V{rows.strides[0]}")[:, 0], return_index=True, return_inverse=True)
+    earlier = np.arange(len(rows)) - first[same.ravel()]  # samples since the same row; it grows while all channels hold
+    begins, lengths = runs(earlier)
+    twice = begins[(lengths >= _REPEATED) & (earlier[begins] >= _REPEATED)]
+    return [(int(at - earlier[at]), int(at)) for at in twice]

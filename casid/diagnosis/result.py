@@ -216,7 +216,7 @@ class Diagnosis:
         return self.trace.against(cause)
 
     @property
-    def is_of_a_file(self) -> bool:
+    def is_aircraft(self) -> bool:
         """Return True if an aircraft was diagnosed, and not another system."""
         return isinstance(self.diagnosed, DiagnosedAircraft)
 
@@ -305,7 +305,7 @@ class Diagnosis:
         """
         failed = list[str]()
         most = self.criteria.numerics.naming.listed
-        aircraft = self.aircraft if self.is_of_a_file else None
+        aircraft = self.aircraft if self.is_aircraft else None
         known = {one.name: one for one in self.bare.flight.effects}
         before = {one.station: one for one in self.missing_before}
         views = (self.as_given, self.extended)
@@ -384,7 +384,7 @@ class Diagnosis:
         return Unexplained(
             station=missing.station,
             called=missing.called,
-            port=place.name if place.kind == "coefficient" or not self.is_of_a_file else place.key,
+            port=place.name if place.kind == "coefficient" or not self.is_aircraft else place.key,
             kind=place.kind,
             fitted=fitted,
             probability=self.entered.get(missing.station),
@@ -466,7 +466,7 @@ class Diagnosis:
         InputError
             For a system other than an aircraft: its causes are functions, which a file cannot hold.
         """
-        if not self.is_of_a_file:
+        if not self.is_aircraft:
             raise InputError(
                 f"diagnosis.save: '{self.diagnosed.name}' is no aircraft, and its causes are functions that a file "
                 "cannot hold; write(path) keeps the document"

@@ -34,12 +34,12 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
                     except KeyError:
                         unread[connection.topic] = f"a message of {connection.msgtype}, which the bag does not define"
                         continue
-                    except Exception as error:  # of the library
+                    except Exception as error:  # of the library, whatever the damage makes of it
                         unread[connection.topic] = f"a message of {connection.msgtype}: {type(error).__name__}"
                         continue
                     rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]
                     rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})
-            except Exception:  # of the library, whatever the damage makes of it
+            except Exception:  # the same, where it looks for the next message
                 if not topics:
                     raise
                 notes = (*notes, "the bag is damaged: what comes after that is left out")

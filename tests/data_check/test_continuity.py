@@ -53,3 +53,8 @@ def test_a_position_that_a_filter_corrects_is_no_time_that_is_missing(record: cs
     step = np.where(np.arange(len(record)) < quick_at(record), 0.0, 3.0)
     moved = record.with_channels(**{name: step + 0.0 * record.t for name in ("north", "east", "altitude")})
     assert not discontinuities([moved])
+
+
+def test_time_that_is_trusted_as_recorded_is_not_judged(record: cs.Record):
+    cut = of_samples(record, np.r_[0 : quick_at(record), quick_at(record) + round(1.0 / record.dt) : len(record)])
+    assert not [one for one in cs.check([cut], undo=["t"]).findings if one.target == "t"]

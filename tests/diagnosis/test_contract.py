@@ -14,7 +14,8 @@ from problems.random_systems.contract import broken, diagnosed, general, refuses
 from problems.random_systems.world import HELD_OUT, KINDS, TRUTHS, draw
 
 _PER_TEST = 10
-_QUICK, _CAMPAIGN = 100, 3000
+_QUICK = 100
+_CAMPAIGN = 3000
 
 
 @pytest.mark.parametrize("first", range(0, _QUICK, _PER_TEST))

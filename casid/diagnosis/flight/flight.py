@@ -250,7 +250,7 @@ def with_inputs_held(flight: Subject, share: float) -> Subject:
     return replace(flight, held=share, records=tuple(replace(r, notes=(*notes, note)) for r, notes in noted))
 
 
-def _moved_to(flight: Subject, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
+def _elsewhere(flight: Subject, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
     """Other records with the noise of this flight, and its aircraft with other values of its derivatives.
 
     Raises InputError if a record lacks inputs of the model or contains fewer than two of the outputs.
@@ -333,7 +333,7 @@ def prepare(
         terms_of=_regressors,
         catalogue=_effects,
         prior_of=derivative_std,
-        moved_to=_moved_to,
+        elsewhere_of=_elsewhere,
     )
 
 

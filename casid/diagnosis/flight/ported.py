@@ -72,7 +72,6 @@ def with_ports_of(subject: Subject, effects: Sequence[Effect], of: Ported) -> Mo
 def terms_of(subject: Subject, model: Model, of: Ported) -> Terms:
     """The terms of the library, with the inputs as they act, beside states, inputs and readings as measured."""
     base = of.base
-    acting = [ca.SX(0)] * len(model.inputs)
     moved = dict(zip(model.disturbances, ca.vertsplit(model.w), strict=True))
     acting = [u + moved.get(control(n), 0) for n, u in zip(model.inputs, ca.vertsplit(model.u), strict=True)]
     made = ca.Function("terms", [base.x, base.u], [ca.densify(ca.vertcat(*of.terms.values()))]) if of.terms else None
@@ -112,7 +111,7 @@ def stated_std(subject: Subject, model: Model, name: str) -> float:
     return model.prior_std.get(name, np.inf)
 
 
-def _moved_to(subject: Subject, values: Mapping[str, float], records: Sequence[Record], of: Ported) -> Subject:
+def _elsewhere(subject: Subject, values: Mapping[str, float], records: Sequence[Record], of: Ported) -> Subject:
     """The model with values of its parameters, along other records under the same noise."""
     base = replace(of.base, nominal={**of.base.nominal, **values})
     found = motions(base, records, subject.sigma, subject.criteria.numerics.fit.repeats)
@@ -120,7 +119,7 @@ def _moved_to(subject: Subject, values: Mapping[str, float], records: Sequence[R
 
 
 def _of_model(of: Ported) -> dict[str, Any]:
-    return {**of.fields(), "build": partial(with_ports_of, of=of), "moved_to": partial(_moved_to, of=of)}
+    return {**of.fields(), "build": partial(with_ports_of, of=of), "elsewhere_of": partial(_elsewhere, of=of)}
 
 
 def motions(model: Model, records: Sequence[Record], noise: Mapping[str, float], times: int) -> dict[str, np.ndarray]:

@@ -171,12 +171,12 @@ def _of_model(of: Ported, build: Build) -> dict[str, Any]:
         own = {"nominal": {**model.nominal, **base.nominal}, "prior_std": base.prior_std}
         return replace(model, state_scale=base.state_scale, **own)
 
-    def moved_to(flight: Subject, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
+    def elsewhere(flight: Subject, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
         base = replace(of.base, nominal={**of.base.nominal, **values})
         ready = prepared(flight.aircraft, records, flight.outputs, flight.criteria.rotors.rate)
         return flight.changed(**_of_model(replace(of, base=base), build), records=ready)
 
-    return {**of.fields(), "build": built, "moved_to": moved_to}
+    return {**of.fields(), "build": built, "elsewhere_of": elsewhere}
 
 
 def _terms_of_wing(aircraft: Aircraft, base: Model, effects: Iterable[Effect]) -> dict[str, ca.SX]:

@@ -62,7 +62,7 @@ class Subject:
     catalogue: Callable[[Subject], list[Effect]]  # the causes that these records can show
     prior_of: Callable[[Subject, Model, str], float]  # 1-sigma of a parameter before the records
     # the simulation with other values of its parameters, along other records under the same noise
-    moved_to: Callable[[Subject, Mapping[str, float], Sequence[Record]], Subject]
+    elsewhere_of: Callable[[Subject, Mapping[str, float], Sequence[Record]], Subject]
     offsets: Sequence[Effect] = ()  # offsets of instruments, which are never named
     # of an aircraft: its file, the scope of the model, and the sign of the air's rotation due to the gradient of its
     # velocity, by axis (`aircraft_model`)
@@ -196,7 +196,7 @@ class Subject:
 
     def elsewhere(self, values: Mapping[str, float], records: Sequence[Record]) -> Subject:
         """Other records with the noise of these, and the simulation with other values of its parameters."""
-        return self.moved_to(self, values, records)
+        return self.elsewhere_of(self, values, records)
 
     def changed(self, **fields: Any) -> Subject:
         """A copy with other fields, on which its models depend."""

@@ -282,7 +282,8 @@ class Values:
     """varID -> expression, each made once."""
 
     def __init__(self, file: DaveFile, given: Mapping[str, Any], added: Mapping[str, Any]) -> None:
-        self._file, self._open = file, set[str]()
+        self._file = file
+        self._open = set[str]()
         self._known = {varid: file.within(varid, value) for varid, value in given.items()}
         self.added = added
 
