@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from casid.diagnosis.comparisons import Gate, clause
+from casid.diagnosis.comparisons import FINAL, Gate, clause
 from casid.errors import InputError, nearest, unknown
 from casid.keeping import by_fields
 from casid.model.effect import Effect
@@ -184,7 +184,7 @@ class Trace:
         first = next((one for one in self.decisions if one.cause in decision.against), None)
         same = [one for one in self.decisions if first and one.cause == first.cause and one.round == decision.round]
         behind = same[0].statistic - decision.statistic if same else math.nan
-        of = {gate.gate: gate for gate in decision.failed[:1] or decision.gates}
+        of = {gate.gate.removesuffix(FINAL): gate for gate in decision.failed[:1] or decision.gates}
         told = sorted(of.values(), key=lambda gate: not gate.gate.startswith("gain"))
         title = first.title if first else ""
         said = [clause(gate, title, behind) for gate in told]

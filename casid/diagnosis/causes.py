@@ -11,7 +11,7 @@ from scipy import special
 from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace, merged
-from casid.diagnosis.comparisons import Gate, all_passed
+from casid.diagnosis.comparisons import FINAL, Gate, all_passed
 from casid.diagnosis.engine.acceptance import sine
 from casid.diagnosis.engine.baseline import is_induced_drag, is_usual
 from casid.diagnosis.engine.held_out import Kept
@@ -92,7 +92,7 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
         asked = (*asked, ask.STILL_NEEDED.failed())
         return noted(cause_of(leader, state, (), held, asked), NOT_NEEDED), False
     final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
-    asked = (*asked, *final)
+    asked = (*asked, *(replace(gate, gate=gate.gate + FINAL) for gate in final))
     present = _as_in(evidence, leader)
     if not all_passed(final):
         refused = cause_of(present, state, (), held, asked)

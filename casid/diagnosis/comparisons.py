@@ -226,6 +226,7 @@ INPUT_GAIN = Comparison(
 LEFT = Comparison("left beside causes, slow noise and turbulence", "named causes, slow noise and turbulence explain it")
 RECORDED = Comparison("never recorded, and so not judged", "it was never recorded, and is not judged", least=False)
 
+FINAL = ", beside all causes"  # what a gate that is asked again in the final model adds to its name
 _BY_NAME = {one.name: one for one in tuple(globals().values()) if isinstance(one, Comparison)}
 _LONGEST_FIRST = sorted(_BY_NAME, key=len, reverse=True)
 
@@ -250,7 +251,7 @@ def clause(gate: Gate, first: str, behind: float) -> str:
         "v": digits(gate.value, 3) if math.isfinite(gate.value) else "any number",
         "t": digits(gate.threshold, 3),
         "p": f"{100.0 * gate.value:.0f} %",
-        "rest": gate.gate.removeprefix(begin).lstrip(",:").strip(),
+        "rest": gate.gate.removeprefix(begin).removesuffix(FINAL).lstrip(",:").strip(),
         "first": first or "the first",
         "behind": by,
     }
