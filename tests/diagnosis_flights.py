@@ -144,7 +144,7 @@ def trial_of(
     candidate = Candidate(attached=one, statistic=gain, net=gain, value=value, std=1.0, surviving=1.0)
     return Trial(
         candidate=candidate,
-        std=1.0,
+        std=abs(value) / max(gain, 1.0) ** 0.5,
         fingerprint=np.array(fingerprint),
         gain=Gain(raw=gain, price=0.0, spared=spared, exact=gain + spared if exact is None else exact),
         share=share,

@@ -165,19 +165,22 @@ def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInpu
 
 
 def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
-    """Trials of the round that named nothing, with a sufficient statistic and a size that does not matter.
+    """Trials of the round that named nothing beside all causes, with enough statistic and a size that is sure and does
+    not matter.
 
     The strongest come first. Of several that act at one place with similar fingerprints, only the first is returned.
     """
     known = {c.key for c in seen}
     found = []
-    for round_ in [r for r in state.rounds if not r.named][:1]:
+    last = max((at for at, one in enumerate(state.rounds, 1) if one.named), default=0)
+    for round_ in state.rounds[last:][:1]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
                 trial.gain.net > gates.required_gain(effect, state.criteria)
                 and not trial.refuted
                 and not trial.meaningful
+                and abs(trial.candidate.attached.values["value"]) > state.criteria.significance.sigmas * trial.std
                 and gates.is_possible(trial.candidate.attached)
                 and effect.key not in known
                 and not any(

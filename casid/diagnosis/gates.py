@@ -68,6 +68,18 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
     return ask.GAIN.of(decisive, prices[highest], highest)
 
 
+def probable(effect: Effect, decisive: float, inflation: float, criteria: Criteria) -> Gate:
+    """Ask the likelihood-ratio statistic of a named cause with correlated residuals counted, as its probability does.
+
+    At the statistic that a name takes, the odds are those at which a wrong name costs as much as a missed one. A cause
+    with less is not probable enough for a name.
+    """
+    name = "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
+    return ask.GAIN.of(
+        decisive / inflation, required_gain(effect, criteria), name, where=", correlated residuals counted"
+    )
+
+
 def possible(one: Attached, part: float = 1.0) -> tuple[Gate, ...]:
     """Ask that the values of an effect are physically possible.
 

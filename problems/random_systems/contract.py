@@ -118,13 +118,19 @@ def _shares(found: Diagnosis) -> Iterator[str]:
 
 
 def _probabilities(found: Diagnosis) -> Iterator[str]:
-    """With more than twice the error of the right model left, or an input unexplained, none is above 0.9."""
+    """With more than twice the error of the right model left, or an input unexplained, none is above 0.9. A cause with
+    its set is as probable as a name must be; the alternatives that are left out of the set have one in twenty."""
     steps = found.budget.together
     much = bool(found.unexplained) or steps.structure > 2.0 * max(steps.noise, steps.expected)
     stated = [p for one in found.causes for p in (one.probability, one.alone) if p is not None]
     stated += [p for _, p in found.explanations] + list(found.believed.values())
     if much and any(p > 0.9 + _ROUNDING for p in stated):
         yield f"a probability of {max(stated):.3g} beside {steps.structure:.3g} times the noise"
+    by = found.criteria
+    least = by.priors.tempered(by.priors.named) * (by.given.doubtful if much else 1.0)
+    for one in found.causes:
+        if one.probability is not None and one.probability < by.priors.holds * least:
+            yield f"{one.name} is named with a probability of {one.probability:.3g}"
     if much and found.nothing is not None:
         yield "a probability that nothing is wrong beside a large error"
 

@@ -8,12 +8,32 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
 from casid.records.record import Record
-from problems.systems import dc_motor, lotka_volterra, pendulum_on_cart, quadruple_tank, two_compartments
+from problems.systems import (
+    battery_cell,
+    car,
+    dc_motor,
+    lotka_volterra,
+    pendulum_on_cart,
+    quadruple_tank,
+    robot_joint,
+    ship,
+    two_compartments,
+)
 from problems.systems.system import Fault, System
 
 SYSTEMS: dict[str, System] = {
     module.SYSTEM.name: module.SYSTEM
-    for module in (quadruple_tank, dc_motor, pendulum_on_cart, two_compartments, lotka_volterra)
+    for module in (
+        quadruple_tank,
+        dc_motor,
+        pendulum_on_cart,
+        two_compartments,
+        lotka_volterra,
+        robot_joint,
+        ship,
+        car,
+        battery_cell,
+    )
 }
 _ATTEMPTS = 20
 _SIZED = 0.1  # of the true size, or three deviations

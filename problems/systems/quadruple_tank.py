@@ -51,7 +51,7 @@ SYSTEM = System(
     name="quadruple tank",
     model=model,
     rates=_rates,
-    reads=lambda x, p: x,
+    reads=lambda x, u, p: x,
     inputs=lambda rng, t: {name: levels(rng, t, 1.5, 5.0, 60.0) for name in ("v1", "v2")},
     start=lambda rng: dict(zip(("h1", "h2", "h3", "h4"), rng.uniform([10, 10, 2, 2], [14, 14, 4, 4]), strict=True)),
     sigma=dict.fromkeys(("h1", "h2", "h3", "h4"), 0.05),

@@ -53,7 +53,7 @@ class System:
     name: str
     model: Callable[[], Model]
     rates: Callable[[Mapping[str, Any], Mapping[str, Any], Mapping[str, float]], Mapping[str, Any]]
-    reads: Callable[[Mapping[str, Any], Mapping[str, float]], Mapping[str, Any]]
+    reads: Callable[[Mapping[str, Any], Mapping[str, Any], Mapping[str, float]], Mapping[str, Any]]
     inputs: Callable[[np.random.Generator, np.ndarray], Mapping[str, np.ndarray]]
     start: Callable[[np.random.Generator], Mapping[str, float]]
     sigma: Mapping[str, float]
@@ -96,7 +96,12 @@ class System:
         there = fault is not None and (not fault.records or name in fault.records)
         one = fault if there else None
         p = _shifted(p, one)
-        acts = {n: _operated(one, n, fine, np.interp(fine, t, u)) for n, u in commanded.items()}
+        acts = {n: np.interp(fine, t, u) for n, u in commanded.items()}
+        recorded = acts
+        if one is not None and one.kind.startswith("sensor_"):
+            recorded = {n: _operated(one, n, fine, u) for n, u in acts.items()}
+        else:
+            acts = {n: _operated(one, n, fine, u) for n, u in acts.items()}
 
         def rates(now: float, state: np.ndarray) -> list[float]:
             u = {n: np.interp(now, fine, series) for n, series in acts.items()}
@@ -118,8 +123,8 @@ class System:
         )
         if not solved.success or not np.isfinite(solved.y).all():
             raise InputError(f"{self.name}: the system runs off with {fault.name if fault else 'nothing'}")
-        readings = self.reads(dict(zip(x0, solved.y, strict=True)), p)
-        channels = dict(commanded)
+        readings = self.reads(dict(zip(x0, solved.y, strict=True)), acts, p)
+        channels = {n: u[before * _FINER :: _FINER] for n, u in recorded.items()}
         for n, values in readings.items():
             seen = _operated(one, n, fine, values)[before * _FINER :: _FINER]
             channels[n] = seen + self.sigma[n] * rng.standard_normal(len(t))

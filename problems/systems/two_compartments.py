@@ -14,7 +14,7 @@ def _rates(x, u, p):
     return {"A1": u["infusion"] - p["k10"] * x["A1"] - exchange, "A2": exchange}
 
 
-def _reads(x, p):
+def _reads(x, u, p):
     return {"c1": x["A1"] / p["V1"], "c2": x["A2"] / p["V2"]}
 
 
@@ -28,7 +28,7 @@ def model() -> Model:
         prior_std={"V1": 1.0, "V2": 1.25},
         outputs=("c1", "c2"),
         dynamics=lambda s: _rates(vars(s), vars(s), vars(s)),
-        output=lambda s: _reads(vars(s), vars(s)),
+        output=lambda s: _reads(vars(s), vars(s), vars(s)),
         state_scale={"A1": 100.0, "A2": 100.0},
     )
 

@@ -22,6 +22,7 @@ from types import MappingProxyType
 import numpy as np
 
 from casid.diagnosis import comparisons as ask
+from casid.diagnosis import gates
 from casid.diagnosis.comparisons import Gate, all_passed
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.acceptance import (
@@ -33,6 +34,7 @@ from casid.diagnosis.engine.acceptance import (
     ranked,
     ranked_behind,
     sine,
+    tempered,
 )
 from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
 from casid.diagnosis.engine.candidates import (
@@ -149,16 +151,44 @@ def _grown(state: State, say: Say) -> State:
     missing = state.criteria.verdict.missing
     usual, further = ([e for e in effects if e.traits.last_resort is last] for last in (False, True))
     accepted, refused = _with_accepted(state, usual, say)
+    accepted = _without_improbable(accepted)
     before = None
     for catalogue in (further, effects) if further else ():
         if accepted is before or accepted.missing[0].gain < missing or limit.leaves_out(_FURTHER):
             break
         before = accepted
         accepted, more = _with_accepted(before, catalogue, say)
-        refused = (*refused, *more)
+        if accepted is before:
+            refused = (*refused, *more)
+        else:  # rounds stand in the order in which they were made
+            new = accepted.rounds[len(before.rounds) :]
+            accepted = _without_improbable(replace(accepted, rounds=(*before.rounds, *refused, *new)))
+            refused = more
     if len(accepted.rounds) < 2 or not limit.leaves_out("alternatives of causes beside those named later"):
-        accepted = swapped(accepted)
+        accepted = _without_improbable(swapped(accepted))
     return replace(accepted, rounds=(*accepted.rounds, *refused))
+
+
+def _without_improbable(state: State) -> State:
+    """The state without the causes that are not probable enough for a name, beside all others or as they were named.
+
+    The statistic of a cause beside all others is what the fit without it loses, all else estimated again. The weakest
+    is left out first, and the others are judged anew.
+    """
+    weighed = tempered(state.rounds, state.evidence)
+    standing = [at for at, one in enumerate(state.rounds) if one in state.standing and one.leader.meaningful]
+    for at in sorted(standing, key=lambda at: weighed[at].leader.gain.total):
+        last = weighed[at].leader
+        evidence = state.evidence
+        others = weigh(without(evidence.fit, {last.candidate.name}))
+        beside = last.decisive_gain - last.gain.raw + others.deviance - evidence.deviance
+        least = min(beside, last.decisive_gain)
+        gate = gates.probable(last.effect, least, last.inflation, state.criteria)
+        if not gate.passed:
+            refused = replace(state.rounds[at], named=False, refused_by=(gate,))
+            changed = replace(state, rounds=_replaced(state.rounds, at, refused))
+            return _without_improbable(_settled_in(changed, others.fit, last.effect))
+    return state
 
 
 def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple[State, tuple[Round, ...]]:
@@ -169,7 +199,7 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
     accepted = state
     numerics = state.criteria.numerics.naming
     limit = state.fit.flight.limit
-    for _ in range(len(state.rounds), numerics.rounds):
+    for _ in range(len(state.named), numerics.rounds):
         if state.rounds and limit.leaves_out(_FURTHER):
             break
         say(f"naming, round {len(state.rounds) + 1}")
@@ -477,11 +507,13 @@ def swapped(state: State) -> State:
     """
     for at in range(len(state.rounds) - 1):
         round_ = state.rounds[at]
+        if not round_.named:
+            continue
         taken = {one.effect.key for one in state.fit.attached}
         best = round_.leader
         same = round_.equivalents
         rivals = [t for t in near_rivals(round_, state.criteria) if t.effect.key not in taken]
-        there = round_.named and best.effect.key in taken and best.meaningful
+        there = best.effect.key in taken and best.meaningful
         if there and any(t in same or may_come_near(state.evidence, best, t) for t in rivals):
             state = _with_best_of(state, at, (best, *rivals))
     return state
