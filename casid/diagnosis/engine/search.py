@@ -125,7 +125,7 @@ def search(baseline: Baseline, say: Say) -> State:
             other = None
         limit.leaves_out(name)
         if other is not None:
-            state = _grown(dropped(carried(other, state)), say)
+            state = _grown(without_improbable(carried(other, state)), say)
     return state
 
 
@@ -151,7 +151,7 @@ def _grown(state: State, say: Say) -> State:
     missing = state.criteria.verdict.missing
     usual, further = ([e for e in effects if e.traits.last_resort is last] for last in (False, True))
     accepted, refused = _with_accepted(state, usual, say)
-    accepted = _without_improbable(accepted)
+    accepted = without_improbable(accepted)
     before = None
     for catalogue in (further, effects) if further else ():
         if accepted is before or accepted.missing[0].gain < missing or limit.leaves_out(_FURTHER):
@@ -162,14 +162,14 @@ def _grown(state: State, say: Say) -> State:
             refused = (*refused, *more)
         else:  # rounds stand in the order in which they were made
             new = accepted.rounds[len(before.rounds) :]
-            accepted = _without_improbable(replace(accepted, rounds=(*before.rounds, *refused, *new)))
+            accepted = without_improbable(replace(accepted, rounds=(*before.rounds, *refused, *new)))
             refused = more
     if len(accepted.rounds) < 2 or not limit.leaves_out("alternatives of causes beside those named later"):
-        accepted = _without_improbable(swapped(accepted))
+        accepted = without_improbable(swapped(accepted))
     return replace(accepted, rounds=(*accepted.rounds, *refused))
 
 
-def _without_improbable(state: State) -> State:
+def without_improbable(state: State) -> State:
     """The state without the causes that are not probable enough for a name, beside all others or as they were named.
 
     The statistic of a cause beside all others is what the fit without it loses, all else estimated again. The weakest
@@ -187,7 +187,7 @@ def _without_improbable(state: State) -> State:
         if not gate.passed:
             refused = replace(state.rounds[at], named=False, refused_by=(gate,))
             changed = replace(state, rounds=_replaced(state.rounds, at, refused))
-            return _without_improbable(_settled_in(changed, others.fit, last.effect))
+            return without_improbable(_settled_in(changed, others.fit, last.effect))
     return state
 
 
@@ -457,17 +457,13 @@ def _left_behind(state: State) -> list[Candidate]:
     ][:1]
 
 
-def _without_needless(fitted: FlightFit, state: State, last: Trial | None = None) -> FlightFit:
+def _without_needless(fitted: FlightFit, state: State, last: Trial) -> FlightFit:
     """The fit without the causes whose likelihood-ratio statistic beside the others is too small for a name.
 
-    If `last` is given, only the causes that had it as an alternative when they were named are examined: what was
-    missing at that time may have led to the wrong choice.
+    Those are examined that had the `last` cause as an alternative when they were named: what was missing at that time
+    may have led to the wrong choice.
     """
-    doubted = [
-        one.leader
-        for one in state.standing
-        if last is None or last.effect.key in {trial.effect.key for trial in one.trials}
-    ]
+    doubted = [one.leader for one in state.standing if last.effect.key in {trial.effect.key for trial in one.trials}]
     if not doubted:
         return fitted
     evidence = weigh(fitted)
@@ -488,16 +484,6 @@ def _is_needed(evidence: Evidence, name: str) -> bool:
     index = [slot.name for slot in evidence.fit.slots].index(name)
     clear = evidence.criteria.size.clear
     return evidence.fit[name] ** 2 > clear * evidence.covariance[index, index]
-
-
-def dropped(state: State) -> State:
-    """The state without the causes that are not needed beside the others."""
-    fitted = _without_needless(state.fit, state)
-    if fitted is state.fit:
-        return state
-    there = {one.name for one in fitted.attached}
-    gone = [one.leader.effect for one in state.standing if one.leader.candidate.name not in there]
-    return _settled_in(state, fitted, next((e for e in gone if e.kinematic), gone[0]))
 
 
 def swapped(state: State) -> State:

@@ -15,7 +15,7 @@ from casid.diagnosis.diagnose import diagnose
 from casid.diagnosis.engine.acceptance import may_come_near
 from casid.diagnosis.engine.baseline import baseline_from
 from casid.diagnosis.engine.candidates import checked, try_cause
-from casid.diagnosis.engine.search import State, added, dropped, swapped, with_gates_of_set
+from casid.diagnosis.engine.search import State, added, swapped, with_gates_of_set, without_improbable
 from casid.diagnosis.engine.trial import Round
 from casid.diagnosis.evidence.evidence import weigh
 from casid.diagnosis.evidence.screening import equivalence
@@ -67,8 +67,8 @@ def test_a_cause_is_dropped_that_another_explains_and_stays_when_both_are_there(
     ]
     flight = prepare(do328(), flights(both if lag else both[1:], seed=3, count=3))
     guessed = [one.with_values({"value": 0.1}) for one in both]
-    rounds = tuple(Round(candidates=(), trials=(trial_of(one),), equivalents=(), named=True) for one in guessed)
-    kept = dropped(state_of(flight, guessed, rounds)).fit.attached
+    rounds = tuple(Round(candidates=(), trials=(trial_of(one, 1e4),), equivalents=(), named=True) for one in guessed)
+    kept = without_improbable(state_of(flight, guessed, rounds)).fit.attached
     assert [one.effect.kind for one in kept] == (["actuator_lag"] if lag else []) + ["input_delay"]
 
 
