@@ -73,6 +73,10 @@ class Squares:
             XX=self.XX + other.XX,
         )
 
+    def off(self, values: np.ndarray) -> float:
+        """Sum of squares that given values of the derivatives leave."""
+        return float(self.yy - 2.0 * values @ self.Xy + values @ self.XX @ values)
+
     @property
     def left(self) -> float:
         """Variance that free derivatives leave."""
@@ -110,7 +114,7 @@ def log_evidence(squares: Squares, row: Row, noise: float, criteria: DataCriteri
     each = np.tile(spread, (len(may) + 1, 1))
     each[np.arange(len(may)), may] = criteria.outlying * row.sized[may]
     weights = np.append(np.full(len(may), criteria.outlier / max(len(may), 1)), 1.0 - criteria.outlier)
-    off = squares.yy - 2.0 * prior @ squares.Xy + prior @ squares.XX @ prior
+    off = squares.off(prior)
     b = each * (squares.Xy - squares.XX @ prior) / noise**2
     inverse = np.linalg.inv(np.eye(len(prior)) + each[:, :, None] * squares.XX * each[:, None, :] / noise**2)
     shift = np.einsum("kij,kj->ki", inverse, b)

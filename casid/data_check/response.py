@@ -227,7 +227,8 @@ class Response:
     def gains(self, records: Sequence[Read], able: Sequence[Alternative]) -> list[tuple[Alternative, list[float]]]:
         """Log likelihood ratio in every record of the alternatives for surfaces, beside those of the file's signs.
         Records share the derivatives: an alternative, also an error of sign in the file, is judged in the set of
-        records that gains most."""
+        records that gains most. It gains nothing where the file as it stands is then farther from the record: in
+        turbulence a pilot's answers are coherent with the air, and derivatives far from the file explain either."""
         there = {n for c in records for n in (*_MOTION, *SURFACES) if c.has(n)}
         plain = [self._parts(record, Reading(), there) for record in records]
         noise = self._noise(plain)
@@ -240,7 +241,9 @@ class Response:
             for j in range(len(records)):
                 one = [*plain[:j], other[j], *plain[j + 1 :]]
                 floor = {c: min(floor[c], sigma) for c, sigma in self._noise(one).items()}
-            found.append((alternative, self._in_records(plain, other, floor)))
+            gained = self._in_records(plain, other, floor)
+            nearer = [self._off(o, floor) <= self._off(p, floor) for o, p in zip(other, plain, strict=True)]
+            found.append((alternative, [g if n else min(g, 0.0) for g, n in zip(gained, nearer, strict=True)]))
         return [*found, *self._file_signs(plain, noise)]
 
     def of_forces(self, readings: Sequence[Sequence[Read]], exchanged: bool = False) -> list[float]:
@@ -429,6 +432,7 @@ class Response:
                 if term in SURFACES:
                     flipped = replace(row, prior=np.where(np.arange(len(row.prior)) == i, -row.prior, row.prior))
                     gain = log_evidence(squares, flipped, sigma, self._criteria) - base
+                    gain = gain if squares.off(flipped.about) <= squares.off(row.about) else min(gain, 0.0)
                     alternative = Alternative(kind="file_sign", target=name, reading=Reading())
                     found.append((alternative, [gain / len(plain)] * len(plain)))
         return found
@@ -457,6 +461,10 @@ class Response:
         known = {c for one in parts for c in one}
         sums = {c: together(parts, c) for c in known}
         return {c: float(np.sqrt(max(s.left, self._criteria.least**2 * s.yy / s.samples))) for c, s in sums.items()}
+
+    def _off(self, parts: Parts, noise: Mapping[str, float]) -> float:
+        """Sum of squares that the values of the file leave of a record, in units of the noise."""
+        return sum(s.off(self._rows[c].about) / noise[c] ** 2 for c, s in parts.items() if c in noise)
 
     def _evidence(self, parts: Sequence[Parts], noise: Mapping[str, float], minor: float = 0.0) -> float:
         return sum(
