@@ -444,7 +444,9 @@ def tempered(rounds: Sequence[Round], evidence: Evidence) -> tuple[Round, ...]:
 
 
 def _tempered(round_: Round, left: Remainder, criteria: Criteria) -> Round:
-    best = replace(round_.leader, inflation=left.inflation(_response(round_.leader)))
+    leader = round_.leader
+    # against a stated uncertainty the statistic is that of the value itself, and no noise enters
+    best = leader if leader.effect.size.stated else replace(leader, inflation=left.inflation(_response(leader)))
     rivals = [replace(one, inflation=left.inflation(_difference(round_.leader, one))) for one in round_.rivals]
     earlier = {one.effect.key for one in round_.equivalents}
     found = equivalents_of(best, [best, *rivals], criteria)
