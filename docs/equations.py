@@ -47,6 +47,19 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"$\tau$ is the term: a monomial or one of your own.",
     ),
     "parameter_change": (r"p = p_0 + v", r"$p_0$ is the value in the other records."),
+    "damping": (r"\dot x = f - v\,x", r"$x$ is the state that is its target."),
+    "cross_damping": (r"\dot x = f - v\,y", r"$y$ is the state that is its term."),
+    "dry_friction": (
+        r"\dot x = f - \bigl(v + s\,e^{-(x/b)^2}\bigr) \tanh(x/a)",
+        r"$a$ is the parameter `creep`; $s$ is `at_rest` and $b$ `falls_over`, with $s = 0$ where they are not given.",
+    ),
+    "relaxation": (r"\dot x = f + v\,(l - x)", r"$l$ is the parameter `level`."),
+    "inertia_scale": (r"\dot x = \frac{f}{1 + v}", r"$f$ is the whole equation of the state."),
+    "parameter_split": (
+        r"\dot x = f(p + v)",
+        r"$x$ is the state that is its term; everywhere else the parameter is $p$.",
+    ),
+    "common_factor": (r"p_i = (1 + v)\,p_{i,0}", r"$p_i$ are the parameters that its target joins."),
     "sensor_stuck": (
         r"z(t) = y(t) + v\,[t \ge t_0]\,\bigl(\bar z - y(t)\bigr)",
         r"$\bar z$ is the mean reading from the onset $t_0$ on.",

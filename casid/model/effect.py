@@ -51,8 +51,12 @@ class Equations(Readable, Protocol):
         """Add an expression to the equation of a state."""
         ...
 
-    def shifts(self, parameter: str, by: Any) -> None:
-        """Let a parameter differ from its value by an expression."""
+    def shifts(self, parameter: str, by: Any, equation: str = "") -> None:
+        """Let a parameter differ from its value by an expression, in the `equation` of a state or in all."""
+        ...
+
+    def scales(self, name: str, by: Any) -> None:
+        """Multiply the equation of a state, or a parameter."""
         ...
 
     def term(self, name: str) -> Any:
@@ -128,8 +132,9 @@ class Traits:
     # kinds, targets and terms of effects as which it shows in all records, because free derivatives take up the rest or
     # nearly all of it is the same; one at its own target has the other sign
     shows_as: tuple[tuple[str, str, str | None], ...] = ()
-    # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
-    equal: Callable[[Airframe], tuple[Effect, float]] | None = None
+    # aircraft, None of another system -> the effect that is equal to it by algebra, and the value of that for one of
+    # this
+    equal: Callable[[Any], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
     # contrary to the symmetry of an aircraft: accepted only when nothing is missing anywhere beside it

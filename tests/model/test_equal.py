@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from diagnosis_flights import flights
 
+import casid as cs
 from casid.model.causes import KINDS
 from casid.model.dynamics import aircraft_model
 from casid.model.effect import Effect
@@ -36,3 +37,27 @@ def test_equal_causes_move_the_aircraft_alike(effect: Effect) -> None:
 
 def test_the_thrust_line_and_its_asymmetry_have_an_equal() -> None:
     assert {one.name for one in PAIRS} == {"thrust_line", "thrust_asymmetry"}
+
+
+def test_a_missing_term_in_its_own_state_is_damping() -> None:
+    """Of any model. Truth: the rate with each of them."""
+    model = cs.define_model(
+        "lag",
+        states=["x"],
+        inputs=["u"],
+        parameters={"a": 1.0},
+        outputs=["x"],
+        dynamics=lambda s: {"x": s.u - s.a * s.x**3},
+        output=lambda s: {"x": s.x},
+    )
+    term = KINDS["missing_term"].make("x", "x")
+    assert term.traits.equal is not None and KINDS["missing_term"].make("x", "u").traits.equal is None
+    other, factor = term.traits.equal(None)
+    entries = [
+        cs.EffectValue(kind="missing_term", target="x", term="x", value=0.3),
+        cs.EffectValue(kind=other.kind, target=other.target, value=factor * 0.3),
+    ]
+    record = cs.Record(name="m1", t=0.1 * np.arange(50), channels={"u": np.sin(np.arange(50.0))})
+    one, same = (cs.simulate(model.with_effects([entry]), record, [1.0]).output("x") for entry in entries)
+    np.testing.assert_allclose(one, same, rtol=1e-12)
+    assert np.abs(one - cs.simulate(model, record, [1.0]).output("x")).max() > 0.1

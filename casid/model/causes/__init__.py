@@ -17,7 +17,17 @@ from casid.model.causes.controls import (
     second_order_actuator,
     stuck,
 )
-from casid.model.causes.equations import missing_term, parameter_change
+from casid.model.causes.equations import (
+    common_factor,
+    cross_damping,
+    damping,
+    dry_friction,
+    inertia_scale,
+    missing_term,
+    parameter_change,
+    parameter_split,
+    relaxation,
+)
 from casid.model.causes.instruments import (
     SENSOR_GROUPS,
     accelerometer_position,
