@@ -296,7 +296,7 @@ def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, obje
     """The entry of the effect that is equal to a cause by algebra; empty without one."""
     if one.effect.traits.equal is None or one.records:
         return []
-    other, factor = one.effect.traits.equal(fit.flight.file)
+    other, factor = one.effect.traits.equal(fit.flight.aircraft)
     return [_entry(other, factor * one.values["value"], gain)]
 
 

@@ -132,9 +132,8 @@ class Traits:
     # kinds, targets and terms of effects as which it shows in all records, because free derivatives take up the rest or
     # nearly all of it is the same; one at its own target has the other sign
     shows_as: tuple[tuple[str, str, str | None], ...] = ()
-    # aircraft, None of another system -> the effect that is equal to it by algebra, and the value of that for one of
-    # this
-    equal: Callable[[Any], tuple[Effect, float]] | None = None
+    # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
+    equal: Callable[[Airframe], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
     # contrary to the symmetry of an aircraft: accepted only when nothing is missing anywhere beside it
@@ -322,7 +321,9 @@ class Kind:
         return target.split("+") if self.joined else [target]
 
     def unit_for(self, target: str | None, term: str | None = None) -> str:
-        """SI unit of the value at a valid target and term."""
+        """SI unit of the value at a valid target and term; "" of a channel that casid does not know."""
+        if "{channel}" in self.unit and not unit_of(target or ""):
+            return ""
         per = parse_term(term).unit if term and not self.terms and self.place == "aircraft" else ""
         if self.unit == "{channel}*{term}":
             return _product(unit_of(target or ""), per)

@@ -28,6 +28,8 @@ from casid.model.causes import (
     input_limit,
     missing_term,
     parameter_change,
+    rate_limit,
+    second_order_actuator,
     sensor_bias,
     sensor_delay,
     sensor_lag,
@@ -56,7 +58,7 @@ class SystemCriteria:
     wholly: float = number(
         0.5, "part of the motion of a reading within which one that is stuck has lost all of it", "derived: half"
     )
-    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range")
+    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range or rate")
 
 
 KINDS_OF_SYSTEMS = tuple(kind.kind for kind in KINDS.values() if kind.of_systems)
@@ -205,6 +207,9 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
     if not high > low:
         return
     steps = _doubling(records)
+    fastest = max(np.max(np.abs(np.diff(record[name]) / np.diff(record.t))) for record in records)
+    per_second = f"{port.unit}/s" if port.unit else ""
+    swings = second_order_actuator(name)
     cuts = [share * (high - low) for share in criteria.cuts]
     through_zero = cuts if low <= 0.0 <= high else []
     rows: list[tuple[Effect, list[dict[str, float]], str]] = [
@@ -214,6 +219,8 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
         (input_limit(name, "below"), [{"value": float(low + cut)} for cut in cuts], port.unit),
         (dead_zone(name), [{"value": cut, "about": 0.0} for cut in through_zero], port.unit),
         (backlash(name), [{"value": 0.5 * cut, "rest": 0.0} for cut in cuts], port.unit),
+        (rate_limit(name), [{"value": share * fastest} for share in criteria.cuts], per_second),
+        (swings, [{"value": step, **swings.further.defaults} for step in steps], "s"),
     ]
     variation = _variation(series)
     for effect, sizes, unit in rows:

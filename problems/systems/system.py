@@ -150,6 +150,10 @@ def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> n
         return _followed(y, lambda at, u: at + (u - at) * (1.0 - np.exp(-(t[1] - t[0]) / size)))
     if fault.kind == "backlash":
         return _followed(y, lambda at, u: min(max(at, u - size), u + size))
+    if fault.kind == "rate_limit":
+        return _followed(y, lambda at, u: at + min(max(u - at, -size * (t[1] - t[0])), size * (t[1] - t[0])))
+    if fault.kind == "second_order_actuator":
+        return _swung(t, y, size)
     simple: dict[str, Callable[[], np.ndarray]] = {
         "input_limit": lambda: np.minimum(y, size) if fault.term == "above" else np.maximum(y, size),
         "dead_zone": lambda: np.sign(y) * np.maximum(np.abs(y) - size, 0.0),
@@ -164,6 +168,15 @@ def _followed(y: np.ndarray, follow: Callable[[float, float], float]) -> np.ndar
     out = y.copy()
     for k in range(1, len(y)):
         out[k] = follow(out[k - 1], y[k])
+    return out
+
+
+def _swung(t: np.ndarray, y: np.ndarray, radian: float, damping: float = 0.5) -> np.ndarray:
+    """A series as an oscillator follows it: the integral of its two states, Euler's steps with the new speed."""
+    out, speed, dt = y.copy(), 0.0, t[1] - t[0]
+    for k in range(1, len(y)):
+        speed += dt * ((y[k] - out[k - 1]) / radian**2 - 2.0 * damping * speed / radian)
+        out[k] = out[k - 1] + dt * speed
     return out
 
 

@@ -27,8 +27,7 @@ def missing_term(state: str, term: str) -> Effect:
     def change(model: Equations, values: Symbols) -> None:
         model.adds(state, values["value"] * model.term(term))
 
-    traits = Traits(equal=(lambda _: (damping(state), -1.0)) if term == state else None)
-    return Effect(target=state, term=term, regressor=term, enters=station.equation(state), traits=traits, change=change)
+    return Effect(target=state, term=term, regressor=term, enters=station.equation(state), change=change)
 
 
 def _of_a_state(state: str, change: Callable[[Equations, Symbols], None], **more: Any) -> Effect:
