@@ -443,15 +443,18 @@ class Draft:
 
 
 def monomial(model: Model, name: str) -> ca.SX:
-    """Expression of a monomial in states and inputs, `u*x^2`, "1" for the constant. Raises InputError for a name that
-    the model does not have."""
+    """Expression of a monomial in states and inputs, and their sizes, `u*x^2`, `x*|x|`, "1" for the constant. Raises
+    InputError for a name that the model does not have."""
     symbols = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
     found = ca.SX(1.0)
     for factor in name.split("*") if name != "1" else ():
         variable, _, power = factor.strip().partition("^")
+        kinked = variable.startswith("|") and variable.endswith("|")
+        variable = variable.strip("|") if kinked else variable
         if variable not in symbols:
             raise unknown("state or input", variable, tuple(symbols), f"model '{model.name}': term '{name}'")
-        found = found * symbols[variable] ** (int(power) if power else 1)
+        one = ca.fabs(symbols[variable]) if kinked else symbols[variable]
+        found = found * one ** (int(power) if power else 1)
     return found
 
 

@@ -18,6 +18,7 @@ from casid.records.record import Record
 
 _FINER = 20  # points per sample along which operators are followed
 _BEFORE = 0.05  # of a record, that runs before it
+_CREEP = 0.02  # speed about which dry friction reverses
 _SCATTER = 0.03  # of true parameters about the nominal ones, 1-sigma
 
 
@@ -104,6 +105,8 @@ class System:
             found = dict(self.rates(x, u, p))
             if one is not None and one.kind == "missing_term":
                 found[one.target] += one.size * self._term(one.term, {**x, **u})
+            if one is not None and one.kind == "dry_friction":
+                found[one.target] -= one.size * np.tanh(x[one.target] / _CREEP)
             return [found[n] for n in x0]
 
         solved = solve_ivp(

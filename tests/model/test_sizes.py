@@ -180,6 +180,7 @@ PORTS = [
     (value("sensor_delay", "u", 0.08), 0.02),
     pytest.param(value("sensor_lag", "v", 0.2), 0.05, marks=pytest.mark.slow),
     (value("missing_term", "v", -0.8, term="x^3"), 0.0),
+    pytest.param(value("missing_term", "v", -0.5, term="v*|v|"), 0.0, marks=pytest.mark.slow),
     (value("parameter_change", "c", 0.3, records=("m2",)), 0.0),
     (value("dry_friction", "v", 0.3, parameters={"creep": 0.05}), 0.0),
     pytest.param(value("damping", "v", 0.5), 0.0, marks=pytest.mark.slow),
@@ -215,6 +216,7 @@ def test_a_size_is_found_at_a_port_of_any_model(hidden: cs.EffectValue, start: f
 
 STRIBECK = {"creep": 0.2, "at_rest": 0.4, "falls_over": 0.6}
 FORCES = [  # acceleration at x, v, u with k, c and the sizes
+    (value("missing_term", "v", 0.3, term="u*|v|"), lambda x, v, u, k, c, d: by_file(x, v, u, k, c) + d * u * abs(v)),
     (value("damping", "v", 0.3), lambda x, v, u, k, c, d: u - k * x - (c + d) * v),
     (value("cross_damping", "v", 0.3, term="x"), lambda x, v, u, k, c, d: u - (k + d) * x - c * v),
     (

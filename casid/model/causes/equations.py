@@ -80,6 +80,7 @@ def sticking(state: str) -> Effect:
 @cause(
     "dry_friction",
     place="equation",
+    of_systems=True,
     candidates=never_sought,
     variants={"at_rest": sticking},
     unit="",

@@ -17,6 +17,7 @@ HIDDEN = [
     ("DC motor", Fault(kind="dead_zone", target="V", size=1.0)),
     ("DC motor", Fault(kind="rate_limit", target="V", size=25.0)),
     ("DC motor", Fault(kind="second_order_actuator", target="V", size=0.06)),
+    ("pendulum on a cart", Fault(kind="dry_friction", target="v", size=0.4)),
     ("two compartments", Fault(kind="parameter_change", target="k10", size=0.08, records=("m2",))),
     ("Lotka-Volterra", Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06)),
 ]
