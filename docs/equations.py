@@ -142,6 +142,20 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"(T_\mathrm{file} + v)\,\dot u = u_\mathrm{rec} - u",
         r"$T_\mathrm{file}$ is the time constant of the file, $u$ the input that acts.",
     ),
+    "rotor_rise_fall": (
+        r"T_\mathrm{file}\,\dot u = u_\mathrm{rec} - u\ (u_\mathrm{rec} > u),\quad (T_\mathrm{file} + v)\,\dot u = "
+        r"u_\mathrm{rec} - u\ (u_\mathrm{rec} \le u)",
+        r"$T_\mathrm{file}$ is the time constant of the file, $u$ the input that acts.",
+    ),
+    "rotor_limit": (r"T_i = \min(T_{i,\mathrm{file}},\, v)", r"$T_i$ is its thrust at rest."),
+    "rotor_tilt": (
+        r"\mathbf n_i = R(v)\,\mathbf n_{i,\mathrm{file}}",
+        r"$R$ turns the axis $\mathbf n_i$ of its thrust about the body axis that is its term.",
+    ),
+    "missing_derivative": (
+        r"C = C_\mathrm{file} + v\,\chi",
+        r"$\chi$ is the variable of the derivative, as for `aero_term`, which it equals.",
+    ),
     "rotor_delay": (r"u(t) = u_\mathrm{rec}(t - \tau_\mathrm{file} - v)", r"$\tau_\mathrm{file}$ is that of the file."),
     "rotor_position": (r"\mathbf r_i = \mathbf r_{i,\mathrm{file}} + v\,\mathbf e", r"$\mathbf e$ is the body axis."),
     "rotor_swap": (r"u_i = u_{i,\mathrm{rec}} + v\,(u_{j,\mathrm{rec}} - u_{i,\mathrm{rec}})", "And the same for $j$."),

@@ -324,6 +324,8 @@ class Kind:
         """SI unit of the value at a valid target and term; "" of a channel that casid does not know."""
         if "{channel}" in self.unit and not unit_of(target or ""):
             return ""
+        if "{term}" in self.unit and not self.needs_term:
+            term = (target or "").partition("_")[2]  # of a derivative
         per = parse_term(term).unit if term and not self.terms and self.place == "aircraft" else ""
         if self.unit == "{channel}*{term}":
             return _product(unit_of(target or ""), per)

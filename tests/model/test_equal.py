@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as ca
 import numpy as np
 import pytest
@@ -58,3 +60,21 @@ def test_a_missing_term_in_its_own_state_is_damping() -> None:
     one, same = (cs.simulate(model.with_effects([entry]), record, [1.0]).output("x") for entry in entries)
     np.testing.assert_allclose(one, same, rtol=1e-12)
     assert np.abs(one - cs.simulate(model, record, [1.0]).output("x")).max() > 0.1
+
+
+def test_a_missing_derivative_is_that_of_the_file() -> None:
+    """Truth: the derivative of the state by a file that has it."""
+    aircraft, record = do328(), flights(seed=1, count=1)[0]
+    known = {name: value for name, value in aircraft.derivatives.items() if name != "Cm_alpha"}
+    entry = cs.EffectValue(kind="missing_derivative", target="Cm_alpha", value=aircraft.derivatives["Cm_alpha"])
+    lacking = replace(aircraft, derivatives=known)
+
+    def rates(plane: cs.Aircraft) -> np.ndarray:
+        model = aircraft_model(plane)
+        f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])
+        u = [record[name][100] for name in model.inputs]
+        return f(model.guess(record)[100], u, model.nominal_vector(), np.zeros(len(model.disturbances))).full()
+
+    assert entry.unit == "1/rad"
+    np.testing.assert_allclose(rates(lacking.with_effects([entry])), rates(aircraft), rtol=1e-12)
+    assert np.abs(rates(lacking) - rates(aircraft)).max() > 1e-3

@@ -70,6 +70,10 @@ PUBLIC = {
     "inertia_scale",
     "parameter_split",
     "common_factor",
+    "missing_derivative",
+    "rotor_rise_fall",
+    "rotor_limit",
+    "rotor_tilt",
 }
 OF_ANY_MODEL = {kind for kind, entry in KINDS.items() if entry.place in ("equation", "value")}
 
