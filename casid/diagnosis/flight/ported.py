@@ -379,14 +379,15 @@ def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> floa
     linearised, from the same initial state."""
     linear = fit.linear
     at = fit.model.disturbances.index(port.station)
-    change = _simulated(linear, at, history)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a motion that the linearisation lets grow
+        change = _simulated(linear, at, history)
     variation = np.array(
         [
             max(float(np.std(linear.output[..., i][fit.batch.live])), fit.noise.measurement[name])
             for i, name in enumerate(fit.model.outputs)
         ]
     )
-    with np.errstate(over="ignore"):  # of a motion that the linearisation lets grow
+    with np.errstate(over="ignore"):
         return float(np.max(np.sqrt(np.mean(change[fit.batch.live] ** 2, axis=0)) / variation))
 
 
