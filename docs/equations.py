@@ -47,6 +47,19 @@ EQUATIONS: dict[str, tuple[str, str]] = {
         r"$\tau$ is the term: a monomial or one of your own.",
     ),
     "parameter_change": (r"p = p_0 + v", r"$p_0$ is the value in the other records."),
+    "damping": (r"\dot x = f - v\,x", r"$x$ is the state that is its target."),
+    "cross_damping": (r"\dot x = f - v\,y", r"$y$ is the state that is its term."),
+    "dry_friction": (
+        r"\dot x = f - \bigl(v + s\,e^{-(x/b)^2}\bigr) \tanh(x/a)",
+        r"$a$ is the parameter `creep`; $s$ is `at_rest` and $b$ `falls_over`, with $s = 0$ where they are not given.",
+    ),
+    "relaxation": (r"\dot x = f + v\,(l - x)", r"$l$ is the parameter `level`."),
+    "inertia_scale": (r"\dot x = \frac{f}{1 + v}", r"$f$ is the whole equation of the state."),
+    "parameter_split": (
+        r"\dot x = f(p + v)",
+        r"$x$ is the state that is its term; everywhere else the parameter is $p$.",
+    ),
+    "common_factor": (r"p_i = (1 + v)\,p_{i,0}", r"$p_i$ are the parameters that its target joins."),
     "sensor_stuck": (
         r"z(t) = y(t) + v\,[t \ge t_0]\,\bigl(\bar z - y(t)\bigr)",
         r"$\bar z$ is the mean reading from the onset $t_0$ on.",
@@ -128,6 +141,20 @@ EQUATIONS: dict[str, tuple[str, str]] = {
     "rotor_lag": (
         r"(T_\mathrm{file} + v)\,\dot u = u_\mathrm{rec} - u",
         r"$T_\mathrm{file}$ is the time constant of the file, $u$ the input that acts.",
+    ),
+    "rotor_rise_fall": (
+        r"T_\mathrm{file}\,\dot u = u_\mathrm{rec} - u\ (u_\mathrm{rec} > u),\quad (T_\mathrm{file} + v)\,\dot u = "
+        r"u_\mathrm{rec} - u\ (u_\mathrm{rec} \le u)",
+        r"$T_\mathrm{file}$ is the time constant of the file, $u$ the input that acts.",
+    ),
+    "rotor_limit": (r"T_i = \min(T_{i,\mathrm{file}},\, v)", r"$T_i$ is its thrust at rest."),
+    "rotor_tilt": (
+        r"\mathbf n_i = R(v)\,\mathbf n_{i,\mathrm{file}}",
+        r"$R$ turns the axis $\mathbf n_i$ of its thrust about the body axis that is its term.",
+    ),
+    "missing_derivative": (
+        r"C = C_\mathrm{file} + v\,\chi",
+        r"$\chi$ is the variable of the derivative, as for `aero_term`, which it equals.",
     ),
     "rotor_delay": (r"u(t) = u_\mathrm{rec}(t - \tau_\mathrm{file} - v)", r"$\tau_\mathrm{file}$ is that of the file."),
     "rotor_position": (r"\mathbf r_i = \mathbf r_{i,\mathrm{file}} + v\,\mathbf e", r"$\mathbf e$ is the body axis."),

@@ -51,8 +51,12 @@ class Equations(Readable, Protocol):
         """Add an expression to the equation of a state."""
         ...
 
-    def shifts(self, parameter: str, by: Any) -> None:
-        """Let a parameter differ from its value by an expression."""
+    def shifts(self, parameter: str, by: Any, equation: str = "") -> None:
+        """Let a parameter differ from its value by an expression, in the `equation` of a state or in all."""
+        ...
+
+    def scales(self, name: str, by: Any) -> None:
+        """Multiply the equation of a state, or a parameter."""
         ...
 
     def term(self, name: str) -> Any:
@@ -317,7 +321,11 @@ class Kind:
         return target.split("+") if self.joined else [target]
 
     def unit_for(self, target: str | None, term: str | None = None) -> str:
-        """SI unit of the value at a valid target and term."""
+        """SI unit of the value at a valid target and term; "" of a channel that casid does not know."""
+        if "{channel}" in self.unit and not unit_of(target or ""):
+            return ""
+        if "{term}" in self.unit and not self.needs_term:
+            term = (target or "").partition("_")[2]  # of a derivative
         per = parse_term(term).unit if term and not self.terms and self.place == "aircraft" else ""
         if self.unit == "{channel}*{term}":
             return _product(unit_of(target or ""), per)

@@ -1,8 +1,8 @@
 """The causes that a model of any system may have: every kind of the vocabulary at every port where it makes sense.
 
 Inputs: what stands between a command and what acts, and the instrument that recorded it. Readings: their instruments.
-Parameters that differ in some records. Terms that an equation lacks: monomials of states and inputs, and terms of the
-user.
+Parameters that differ in some records. Terms that an equation lacks: monomials of states and inputs, terms with a kink
+at zero, and terms of the user. Dry friction of a state that changes its sign.
 """
 
 from __future__ import annotations
@@ -24,10 +24,13 @@ from casid.model.causes import (
     actuator_lag,
     backlash,
     dead_zone,
+    dry_friction,
     input_delay,
     input_limit,
     missing_term,
     parameter_change,
+    rate_limit,
+    second_order_actuator,
     sensor_bias,
     sensor_delay,
     sensor_lag,
@@ -56,7 +59,7 @@ class SystemCriteria:
     wholly: float = number(
         0.5, "part of the motion of a reading within which one that is stuck has lost all of it", "derived: half"
     )
-    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range")
+    cuts: tuple[float, ...] = number((0.03, 0.06, 0.12, 0.25, 0.5), "sizes of what cuts an input, of its range or rate")
 
 
 KINDS_OF_SYSTEMS = tuple(kind.kind for kind in KINDS.values() if kind.of_systems)
@@ -77,7 +80,8 @@ class Library:
         Names of kinds of causes; default all.
     degree
         Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried. Where an
-        equation is still unexplained, monomials in one or two variables of one degree more are tried.
+        equation is still unexplained, monomials in one or two variables of one degree more are tried, and |x| and
+        x*|x| of each variable.
     regressors
         Name -> further term that an equation may lack: a function of a namespace of the model's states and inputs
         that returns a CasADi expression.
@@ -118,11 +122,13 @@ class Library:
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
     def further_terms(self, model: Model) -> dict[str, ca.SX]:
-        """Monomials of one degree more in one or two variables, by name."""
+        """Monomials of one degree more in one or two variables, and sizes of variables, by name: what has a kink."""
         symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
         names = (*model.states, *model.inputs)
         found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
-        return {name: term for name, term in found.items() if name.count("*") <= 1}
+        kinked = [{f"|{n}|": ca.fabs(x), f"{n}*|{n}|": x * ca.fabs(x)} for n, x in zip(names, symbols, strict=True)]
+        bent = {name: term for one in kinked[: self.degree and len(names)] for name, term in one.items()}
+        return {name: term for name, term in found.items() if name.count("*") <= 1} | bent
 
 
 def _monomials(names: Sequence[str], symbols: Sequence[ca.SX], degree: int) -> dict[str, ca.SX]:
@@ -137,12 +143,37 @@ def _monomials(names: Sequence[str], symbols: Sequence[ca.SX], degree: int) -> d
     return found
 
 
+@dataclass(frozen=True, kw_only=True)
+class Friction:
+    """Dry friction that the equation of a state may lack."""
+
+    name: str  # of its term
+    term: ca.SX
+    creep: float  # speed about which it reverses
+
+
+def frictions_of(model: Model, paths: Mapping[str, np.ndarray], criteria: SystemCriteria) -> dict[str, Friction]:
+    """State -> dry friction, of those that change their sign along motions, record -> (N, states).
+
+    It reverses over what the state changes in half a sample, in which no motion shows more, and steps of integration
+    are stable with friction that is no larger than what moves the state.
+    """
+    found = {}
+    for i, state in enumerate(model.states if paths else ()):
+        creep = 0.5 * float(np.sqrt(np.mean(np.concatenate([np.diff(X[:, i]) for X in paths.values()]) ** 2)))
+        if creep > 0.0 and np.std(np.tanh(np.concatenate([X[:, i] for X in paths.values()]) / creep)) > criteria.seen:
+            term = -ca.tanh(model.x[i] / creep)
+            found[state] = Friction(name=f"friction of {state}", term=term, creep=creep)
+    return found
+
+
 def effects_of(
     library: Library,
     model: Model,
     ports: Sequence[Port],
     records: Sequence[Record],
     free: Sequence[str],
+    frictions: Mapping[str, Friction],
     criteria: SystemCriteria,
 ) -> list[Effect]:
     """List all causes of a library for this model: at its ports, and for its `free` parameters."""
@@ -158,6 +189,7 @@ def effects_of(
         else:
             terms = [name for name in every if (port.name, name) not in scaled]
             found += [_term(port, name, name in last) for name in terms]
+            found += [_friction(port, frictions[port.name])] if port.name in frictions else []
     if len(records) > 1:
         found += [_with_unit(parameter_change(name), model.units.get(name, "")) for name in free]
     return [effect for effect in found if effect.kind in library.kinds]
@@ -205,6 +237,9 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
     if not high > low:
         return
     steps = _doubling(records)
+    fastest = max(np.max(np.abs(np.diff(record[name]) / np.diff(record.t))) for record in records)
+    per_second = f"{port.unit}/s" if port.unit else ""
+    swings = second_order_actuator(name)
     cuts = [share * (high - low) for share in criteria.cuts]
     through_zero = cuts if low <= 0.0 <= high else []
     rows: list[tuple[Effect, list[dict[str, float]], str]] = [
@@ -214,6 +249,8 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
         (input_limit(name, "below"), [{"value": float(low + cut)} for cut in cuts], port.unit),
         (dead_zone(name), [{"value": cut, "about": 0.0} for cut in through_zero], port.unit),
         (backlash(name), [{"value": 0.5 * cut, "rest": 0.0} for cut in cuts], port.unit),
+        (rate_limit(name), [{"value": share * fastest} for share in criteria.cuts], per_second),
+        (swings, [{"value": step, **swings.further.defaults} for step in steps], "s"),
     ]
     variation = _variation(series)
     for effect, sizes, unit in rows:
@@ -260,6 +297,11 @@ def _term(port: Port, name: str, last: bool) -> Effect:
     """A term that an equation lacks; one of a higher degree comes last."""
     effect = _with_unit(missing_term(port.name, name), "")
     return replace(effect, traits=replace(effect.traits, last_resort=last), enters=port.station)
+
+
+def _friction(port: Port, friction: Friction) -> Effect:
+    effect = _tried(dry_friction(port.name), port, ({"creep": friction.creep},), port.unit)
+    return replace(effect, regressor=friction.name)
 
 
 def _is_seen(changes: Sequence[np.ndarray], variation: float, criteria: SystemCriteria) -> bool:

@@ -96,6 +96,18 @@ def lag(t: np.ndarray, y: np.ndarray, time_constant: Size) -> np.ndarray:
     return out
 
 
+def uneven_lag(t: np.ndarray, y: np.ndarray, rise: Size, fall: Size) -> np.ndarray:
+    """First-order lag with one time constant while it rises and another while it falls, each exact for an input that is
+    linear between samples. It begins in steady state."""
+    dt = np.diff(t)
+    up, down = (np.transpose(_lag_coefficients(dt, magnitude(T) + 1e-9)).tolist() for T in (rise, fall))
+    out = [y[0] + 0.0 * rise * fall]
+    for k, after in enumerate(y[1:].tolist()):
+        a, b0, b1 = (up if after > np.real(out[k]) else down)[k]
+        out.append(a * out[k] + b0 * y[k] + b1 * after)
+    return np.array(out)
+
+
 def lag_transfer(s: np.ndarray, time_constant: float) -> np.ndarray:
     """Transfer function of `lag`."""
     return 1.0 / (1.0 + abs(time_constant) * s)

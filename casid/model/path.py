@@ -70,6 +70,7 @@ class RotorSignal:
     thrust: Any
     torque: Any
     position: list[Any]
+    axis: list[Any]
 
 
 @dataclass
@@ -140,6 +141,7 @@ def rotor_station(path: SignalPath) -> None:
             thrust=path.parameter[effectiveness(one.name)] * one.static_thrust(u),
             torque=one.spin * one.torque,
             position=list(one.position),
+            axis=list(one.axis),
         )
     path.drag = {axis: path.parameter.get(f"drag_{axis}", 0.0) for axis in "xyz"}
     path.inflow = path.parameter.get("inflow", 0.0)
@@ -166,7 +168,7 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
         relative = path.inputs[rotors.voltage.channel] / rotors.voltage.reference
         pressure = ca.exp(path.voltage_exponent * ca.log(relative))
     for name, one in path.rotor.items():
-        axis = one.rotor.axis
+        axis = one.axis
         thrust = one.thrust * pressure
         arm = [at - centre for at, centre in zip(one.position, path.cg, strict=True)]
         hub = [v + w for v, w in zip(velocity, _cross(rates, arm), strict=True)]

@@ -387,9 +387,24 @@ class Draft:
         """Add an expression to the equation of a state."""
         self.f[self.model.states.index(state)] += expression
 
-    def shifts(self, parameter: str, by: Any) -> None:
-        """Let a parameter differ from its value by an expression."""
-        self.p[self.model.parameters.index(parameter)] += by
+    def shifts(self, parameter: str, by: Any, equation: str = "") -> None:
+        """Let a parameter differ from its value by an expression, in the `equation` of a state or in all.
+
+        Raises InputError for a state that the model does not have."""
+        i = self.model.parameters.index(parameter)
+        if not equation:
+            self.p[i] += by
+            return
+        check_known("state", (equation,), self.model.states, f"model '{self.model.name}': {parameter} in an equation")
+        row = self.model.states.index(equation)
+        self.f[row] = ca.substitute(self.f[row], self.model.p[i], self.model.p[i] + by)
+
+    def scales(self, name: str, by: Any) -> None:
+        """Multiply the equation of a state, or a parameter."""
+        if name in self.model.states:
+            self.f[self.model.states.index(name)] *= by
+        else:
+            self.p[self.model.parameters.index(name)] *= by
 
     def reads(self, channel: str, read: Callable[[Any], Any], true: Callable[[Any], Any]) -> None:
         """Let an instrument `read` something else than what is; of an input, what acts is what is `true` of its
@@ -428,15 +443,18 @@ class Draft:
 
 
 def monomial(model: Model, name: str) -> ca.SX:
-    """Expression of a monomial in states and inputs, `u*x^2`, "1" for the constant. Raises InputError for a name that
-    the model does not have."""
+    """Expression of a monomial in states and inputs, and their sizes, `u*x^2`, `x*|x|`, "1" for the constant. Raises
+    InputError for a name that the model does not have."""
     symbols = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
     found = ca.SX(1.0)
     for factor in name.split("*") if name != "1" else ():
         variable, _, power = factor.strip().partition("^")
+        kinked = variable.startswith("|") and variable.endswith("|")
+        variable = variable.strip("|") if kinked else variable
         if variable not in symbols:
             raise unknown("state or input", variable, tuple(symbols), f"model '{model.name}': term '{name}'")
-        found = found * symbols[variable] ** (int(power) if power else 1)
+        one = ca.fabs(symbols[variable]) if kinked else symbols[variable]
+        found = found * one ** (int(power) if power else 1)
     return found
 
 
@@ -453,7 +471,7 @@ def effect_at(model: Model, value: EffectValue) -> Effect:
     if place not in _PLACES:
         raise InputError(f"{where} is of the equations of an aircraft; expected a model of cs.aircraft_model(...)")
     valid = (*model.outputs, *model.inputs) if place == "reading" else getattr(model, _PLACES[place])
-    check_known(_WHAT[place], (effect.target,), valid, where)
+    check_known(_WHAT[place], KINDS[value.kind].parts(effect.target), valid, where)
     if place == "reading" and effect.target not in model.outputs:
         return of_input(effect)
     return effect

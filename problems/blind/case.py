@@ -35,7 +35,9 @@ NOT_DRAWN = ("sensor_misalignment", "position_error", "clock_drift", "thrust_sca
 NOT_DRAWN += ("wing_bending", "slow_change", "feedback", "stuck", "moment_reference")
 # what a diagnosis of an aircraft does not look for by itself
 STATED = ("second_order_actuator", "input_limit", "input_offset", "input_scale", "sample_hold", "sensor_stuck")
-OF_EQUATIONS = ("missing_term", "parameter_change")
+STATED += ("missing_derivative", "rotor_rise_fall", "rotor_limit", "rotor_tilt")
+OF_EQUATIONS = ("missing_term", "damping", "cross_damping", "dry_friction", "relaxation", "inertia_scale")
+OF_EQUATIONS += ("parameter_change", "parameter_split", "common_factor")
 ROTORS = ("rotor_effectiveness", "rotor_torque", "rotor_lag", "rotor_delay", "rotor_position", "rotor_swap")
 ROTORS += ("thrust_curve", "rotor_inflow", "added_mass", "mass_change", "body_drag", "battery_sag")
 NOT_DRAWN += (*ROTORS, *STATED, *OF_EQUATIONS, "flapping", "translational_lift", "quadratic_drag", "product_of_inertia")

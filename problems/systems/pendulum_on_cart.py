@@ -50,10 +50,14 @@ SYSTEM = System(
     faults=(
         ("missing_term", "w", "w", -0.3, -0.1),  # friction of the hinge
         ("missing_term", "v", "x", -1.5, -0.5),  # a spring to the wall
+        ("dry_friction", "v", "", 0.2, 0.5),  # of the rails
+        ("dry_friction", "w", "", 0.2, 0.5),
         ("dead_zone", "F", "", 0.3, 0.8),
         ("input_limit", "F", "above", 1.5, 2.5),
         ("input_delay", "F", "", 0.03, 0.1),
         ("actuator_lag", "F", "", 0.04, 0.12),
+        ("rate_limit", "F", "", 5.0, 12.0),
+        ("second_order_actuator", "F", "", 0.05, 0.12),
         ("sensor_bias", "phi", "", 0.1, 0.25),
         ("sensor_delay", "phi", "", 0.03, 0.08),
         ("sensor_lag", "x", "", 0.04, 0.1),

@@ -70,6 +70,7 @@ SYSTEM = System(
         ("actuator_lag", "v1", "", 10.0, 30.0),
         ("input_delay", "v2", "", 8.0, 20.0),
         ("input_limit", "v1", "above", 3.2, 4.0),
+        ("rate_limit", "v2", "", 0.02, 0.06),
         ("sensor_bias", "h2", "", 1.0, 2.0),
         ("sensor_lag", "h1", "", 15.0, 40.0),
         ("sensor_delay", "h3", "", 10.0, 25.0),

@@ -18,6 +18,7 @@ from casid.records.record import Record
 
 _FINER = 20  # points per sample along which operators are followed
 _BEFORE = 0.05  # of a record, that runs before it
+_CREEP = 0.02  # speed about which dry friction reverses
 _SCATTER = 0.03  # of true parameters about the nominal ones, 1-sigma
 
 
@@ -109,6 +110,8 @@ class System:
             found = dict(self.rates(x, u, p))
             if one is not None and one.kind == "missing_term":
                 found[one.target] += one.size * self._term(one.term, {**x, **u})
+            if one is not None and one.kind == "dry_friction":
+                found[one.target] -= one.size * np.tanh(x[one.target] / _CREEP)
             return [found[n] for n in x0]
 
         solved = solve_ivp(
@@ -155,6 +158,10 @@ def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> n
         return _followed(y, lambda at, u: at + (u - at) * (1.0 - np.exp(-(t[1] - t[0]) / size)))
     if fault.kind == "backlash":
         return _followed(y, lambda at, u: min(max(at, u - size), u + size))
+    if fault.kind == "rate_limit":
+        return _followed(y, lambda at, u: at + min(max(u - at, -size * (t[1] - t[0])), size * (t[1] - t[0])))
+    if fault.kind == "second_order_actuator":
+        return _swung(t, y, size)
     simple: dict[str, Callable[[], np.ndarray]] = {
         "input_limit": lambda: np.minimum(y, size) if fault.term == "above" else np.maximum(y, size),
         "dead_zone": lambda: np.sign(y) * np.maximum(np.abs(y) - size, 0.0),
@@ -169,6 +176,15 @@ def _followed(y: np.ndarray, follow: Callable[[float, float], float]) -> np.ndar
     out = y.copy()
     for k in range(1, len(y)):
         out[k] = follow(out[k - 1], y[k])
+    return out
+
+
+def _swung(t: np.ndarray, y: np.ndarray, radian: float, damping: float = 0.5) -> np.ndarray:
+    """A series as an oscillator follows it: the integral of its two states, Euler's steps with the new speed."""
+    out, speed, dt = y.copy(), 0.0, t[1] - t[0]
+    for k in range(1, len(y)):
+        speed += dt * ((y[k] - out[k - 1]) / radian**2 - 2.0 * damping * speed / radian)
+        out[k] = out[k - 1] + dt * speed
     return out
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import casid as cs
 from casid.errors import InputError
+from casid.model import operators
 from casid.model.causes import (
     added_mass,
     body_drag,
@@ -20,8 +21,10 @@ from casid.model.causes import (
     rotor_effectiveness,
     rotor_inflow,
     rotor_lag,
+    rotor_limit,
     rotor_position,
     rotor_swap,
+    rotor_tilt,
     rotor_torque,
 )
 from casid.model.rotors import acting_inputs
@@ -167,6 +170,10 @@ def test_an_overweight_has_no_trim():
         (rotor_effectiveness("rotors"), 0.1, {n: {"thrust": (0.0, 0.0, 1.1 * COEFFICIENT)} for n in WHERE}),
         (rotor_torque("m2"), -2.0, {"m2": {"torque": -TORQUE}}),
         (rotor_position("m1", "x"), 0.03, {"m1": {"position": (ARM + 0.03, ARM, -0.01)}}),
+        (rotor_tilt("m1", "x"), 0.2, {"m1": {"axis": (0.0, np.sin(0.2), -np.cos(0.2))}}),
+        (rotor_tilt("m2", "y"), 0.2, {"m2": {"axis": (-np.sin(0.2), 0.0, -np.cos(0.2))}}),
+        (rotor_limit("m4"), 1.5, {"m4": {"thrust": (0.0, 0.0, 1.5 / 900.0**2)}}),
+        (rotor_limit("m4"), 9.0, {}),
     ],
 )
 def test_a_cause_is_the_file_with_another_number(effect, value, same):
@@ -229,6 +236,55 @@ def test_battery_voltage_scales_all_thrust():
     at = [float(h(np.zeros(8), np.r_[SPEEDS, U], model.nominal_vector(), calm)) for U in (12.0, 9.0)]
     assert at[1] / at[0] == pytest.approx(0.75**1.5, rel=1e-12)
     assert model.inputs[-1] == "battery"
+
+
+def test_a_rotor_that_rises_unlike_it_falls_follows_a_step_up_and_down():
+    """Truth: the exponentials of both time constants. The slopes: differences."""
+    t = np.arange(0.0, 2.0, 0.001)
+    step = np.where((t >= 0.1) & (t < 1.0), 1.0, 0.0)
+
+    def found(sizes):
+        return {"u": operators.uneven_lag(t, step, sizes["rise"], sizes["fall"])}
+
+    sizes = {"rise": 0.05, "fall": 0.2}
+    series, slopes = operators.with_slopes(found, sizes)
+    up, down = (t > 0.1) & (t < 0.99), t > 1.01
+    np.testing.assert_allclose(series["u"][up], 1.0 - np.exp(-(t[up] - 0.0995) / 0.05), atol=1e-3)
+    np.testing.assert_allclose(series["u"][down], np.exp(-(t[down] - 0.9995) / 0.2), atol=1e-3)
+    for name in sizes:
+        more, less = (found({**sizes, name: sizes[name] + h})["u"] for h in (1e-6, -1e-6))
+        np.testing.assert_allclose(slopes[name]["u"], (more - less) / 2e-6, atol=1e-4)
+    np.testing.assert_allclose(operators.uneven_lag(t, step, 0.05, 0.05), operators.lag(t, step, 0.05), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "term", "value", "start"),
+    [
+        ("rotor_tilt", "m1", "x", 0.1, 0.0),
+        ("rotor_limit", "m1", None, 1.6, 2.4),
+        ("rotor_rise_fall", "rotors", None, 0.1, 0.01),
+    ],
+)
+def test_the_size_of_a_cause_of_a_rotor_is_found(kind, target, term, value, start):
+    """In a short flight whose inputs move by themselves, with noise; the start is many deviations away."""
+    slow = replace(QUAD, rotors=replace(ROTORS, each=[replace(one, lag=0.03) for one in ROTORS.each]))
+    t = np.arange(0.0, 1.0, 0.005)
+    moves = {n: 840.0 + 80.0 * np.sign(np.sin(9.0 * t + i)) for i, n in enumerate(WHERE)}
+    given = cs.Record(name="m1", t=t, channels=moves)
+
+    def model(size):
+        entry = cs.EffectValue(kind=kind, target=target, term=term, value=size)
+        return cs.aircraft_model(slow.with_effects([entry]), outputs=["p", "q", "r", "az"])
+
+    truth = model(value)
+    flight = cs.simulate(truth, given, np.zeros(len(truth.states))).as_record()
+    rng = np.random.default_rng(1)
+    noise = {"p": 0.005, "q": 0.005, "r": 0.005, "az": 0.05}
+    read = flight.with_channels(**{n: flight[n] + s * rng.standard_normal(len(t)) for n, s in noise.items()})
+    free = [n for n in model(start).parameters if n.startswith(kind)]
+    fit = cs.solve(cs.Problem(model(start), [read], free=free, noise=noise))
+    assert abs(fit.parameters[free[0]].value - value) < 4.0 * fit.parameters[free[0]].std
+    assert abs(start - value) > 10.0 * fit.parameters[free[0]].std
 
 
 def test_lag_and_delay_act_once_however_often_a_record_is_made_ready():

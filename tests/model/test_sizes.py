@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import casadi as ca
 import numpy as np
 import pytest
 
@@ -166,6 +167,10 @@ PORTS = [
     (value("actuator_lag", "u", 0.3), 0.1),
     pytest.param(value("input_delay", "u", 0.15), 0.04, marks=pytest.mark.slow),
     (value("dead_zone", "u", 0.2, parameters={"about": 0.0}), 0.05),
+    (value("second_order_actuator", "u", 0.2, parameters={"damping": 0.5}), 0.06),
+    (value("rate_limit", "u", 2.0), 6.0),
+    pytest.param(value("backlash", "u", 0.2, parameters={"rest": 0.0}), 0.05, marks=pytest.mark.slow),
+    pytest.param(value("input_scale", "u", 0.2), 0.0, marks=pytest.mark.slow),
     pytest.param(value("input_offset", "u", 0.3), 0.0, marks=pytest.mark.slow),
     pytest.param(value("input_limit", "u", 0.7, term="above"), 1.1, marks=pytest.mark.slow),
     (value("sensor_bias", "x", 0.1), 0.0),
@@ -175,7 +180,15 @@ PORTS = [
     (value("sensor_delay", "u", 0.08), 0.02),
     pytest.param(value("sensor_lag", "v", 0.2), 0.05, marks=pytest.mark.slow),
     (value("missing_term", "v", -0.8, term="x^3"), 0.0),
+    pytest.param(value("missing_term", "v", -0.5, term="v*|v|"), 0.0, marks=pytest.mark.slow),
     (value("parameter_change", "c", 0.3, records=("m2",)), 0.0),
+    (value("dry_friction", "v", 0.3, parameters={"creep": 0.05}), 0.0),
+    pytest.param(value("damping", "v", 0.5), 0.0, marks=pytest.mark.slow),
+    pytest.param(value("cross_damping", "v", 1.0, term="x"), 0.0, marks=pytest.mark.slow),
+    pytest.param(value("relaxation", "v", 0.5, parameters={"level": 0.3}), 0.0, marks=pytest.mark.slow),
+    (value("inertia_scale", "v", 0.5), 0.0),
+    pytest.param(value("parameter_split", "c", 0.4, term="v"), 0.0, marks=pytest.mark.slow),
+    (value("common_factor", "k+c", 0.5), 0.0),
 ]
 
 
@@ -189,14 +202,68 @@ def test_a_size_is_found_at_a_port_of_any_model(hidden: cs.EffectValue, start: f
         read = cs.simulate(truth, pushed(name), begin, substeps=4).as_record()
         records.append(read.with_channels(**{o: read[o] + 0.01 * rng.standard_normal(len(T)) for o in ("x", "v")}))
     model = second_order().with_effects([replace(hidden, value=start)])
-    (name,) = set(model.parameters) - {"k", "c", *(p for p in model.parameters if ").about" in p)}
-    fit = cs.solve(cs.Problem(model, records, free=[name, "k"], noise={"x": 0.01, "v": 0.01}))
+    name = effect_of(hidden).name
+    beside = "c" if hidden.kind == "cross_damping" else "k"  # which is that of x itself
+    fit = cs.solve(cs.Problem(model, records, free=[name, beside], noise={"x": 0.01, "v": 0.01}))
     assert fit.converged, fit.status
     found = fit.parameters[name]
-    assert abs(found.value - hidden.value) < 4.0 * found.std
+    told = effect_of(hidden).in_words({"value": found.value})["value"]
+    assert abs(told - hidden.value) < 4.0 * found.std
     assert abs(start - hidden.value) > 5.0 * found.std
     written = cs.simulate(truth, pushed("m1"), np.zeros(len(truth.states))).outputs
     assert written.shape == (len(T), 2)
+
+
+STRIBECK = {"creep": 0.2, "at_rest": 0.4, "falls_over": 0.6}
+FORCES = [  # acceleration at x, v, u with k, c and the sizes
+    (value("missing_term", "v", 0.3, term="u*|v|"), lambda x, v, u, k, c, d: by_file(x, v, u, k, c) + d * u * abs(v)),
+    (value("damping", "v", 0.3), lambda x, v, u, k, c, d: u - k * x - (c + d) * v),
+    (value("cross_damping", "v", 0.3, term="x"), lambda x, v, u, k, c, d: u - (k + d) * x - c * v),
+    (
+        value("relaxation", "v", 0.3, parameters={"level": 2.0}),
+        lambda x, v, u, k, c, d, to: by_file(x, v, u, k, c) + d * (to - v),
+    ),
+    (value("inertia_scale", "v", 0.3), lambda x, v, u, k, c, d: by_file(x, v, u, k, c) / (1.0 + d)),
+    (value("parameter_split", "c", 0.3, term="v"), lambda x, v, u, k, c, d: by_file(x, v, u, k, c + d)),
+    (value("parameter_split", "c", 0.3, term="x"), lambda x, v, u, k, c, d: by_file(x, v, u, k, c + 0.0 * d)),
+    (value("common_factor", "k+c", 0.3), lambda x, v, u, k, c, d: by_file(x, v, u, k * (1.0 + d), c * (1.0 + d))),
+    (
+        value("dry_friction", "v", 0.3, parameters={"creep": 0.2}),
+        lambda x, v, u, k, c, d, creep: by_file(x, v, u, k, c) - d * np.tanh(v / creep),
+    ),
+    (
+        value("dry_friction", "v", 0.3, parameters=STRIBECK),
+        lambda x, v, u, k, c, d, creep, more, over: (
+            by_file(x, v, u, k, c) - (d + more * np.exp(-((v / over) ** 2))) * np.tanh(v / creep)
+        ),
+    ),
+]
+
+
+def by_file(x: Any, v: Any, u: Any, k: Any, c: Any) -> Any:
+    return u - k * x - c * v
+
+
+@pytest.mark.parametrize(("stated", "force"), FORCES, ids=lambda one: getattr(one, "kind", ""))
+def test_an_equation_has_its_effect_and_the_derivatives_by_all_sizes(stated: cs.EffectValue, force: Any) -> None:
+    """Truth: the acceleration by its formula, and complex steps along that."""
+    model = second_order().with_effects([stated])
+    rate = ca.Function("rate", [model.x, model.u, model.p], [model.f[1], ca.jacobian(model.f[1], model.p)])
+    p = model.nominal_vector()
+    for x, v, u in np.random.default_rng(5).normal(size=(20, 3)):
+        found, slopes = rate([x, v], [u], p)
+        steps = [np.imag(force(x, v, u, *(p + 1e-20j * row))) / 1e-20 for row in np.eye(len(p))]
+        assert float(found) == pytest.approx(force(x, v, u, *p), rel=1e-12, abs=1e-12)
+        np.testing.assert_allclose(slopes.full().ravel(), steps, rtol=1e-9, atol=1e-12)
+
+
+def test_an_equation_without_the_state_or_the_size_of_an_effect_is_said() -> None:
+    with pytest.raises(InputError, match="unknown state 'w'.*: v, x"):
+        second_order().with_effects([value("parameter_split", "c", 0.1, term="w")])
+    with pytest.raises(InputError, match="unknown parameter 'q'"):
+        second_order().with_effects([value("common_factor", "k+q", 0.1)])
+    with pytest.raises(InputError, match="'creep' is missing"):
+        second_order().with_effects([value("dry_friction", "v", 0.1)])
 
 
 @pytest.mark.parametrize("kind", ["sensor_bias", "sensor_scale", "sensor_delay", "sensor_lag"])

@@ -36,7 +36,7 @@ from casid.filtering.kalman import kalman_filter, residual_column
 from casid.model.causes.instruments import level
 from casid.model.effect import Effect
 from casid.model.in_force import InForce
-from casid.model.library import Library, as_term, effects_of
+from casid.model.library import Library, as_term, effects_of, frictions_of
 from casid.model.port import ModelPort as Port
 from casid.model.port import ports_of, with_ports
 from casid.model.station import Station, as_read, control, stuck
@@ -53,7 +53,8 @@ def with_ports_of(subject: Subject, effects: Sequence[Effect], of: Ported) -> Mo
     symbols = {effect.name: ca.SX.sym("value") for effect in effects}
     for effect in effects:
         assert effect.change is not None
-        effect.change(draft, {"value": symbols[effect.name]})
+        sizes = effect.further.grid[0] if effect.further.grid else {}
+        effect.change(draft, {**sizes, "value": symbols[effect.name]})
     made = draft.made([InForce(effect=effect, name=effect.name) for effect in effects], symbols)
     h = ca.SX(made.h)
     read = [port.name for port in of.ports if port.kind == "output"]
@@ -167,15 +168,18 @@ def ported(
         state_scale={name: seen[name] or scale for name, scale in model.state_scale.items()},
     )
     sigma = noise_of(base, records, criteria.noise)
-    of = Ported(base=base, ports=tuple(ports), terms=library.terms(base) | library.further_terms(base))
-    effects = effects_of(library, base, ports, records, free, criteria.systems)
+    paths = motions(base, records, sigma, criteria.numerics.fit.repeats)
+    frictions = frictions_of(base, paths, criteria.systems)
+    terms = library.terms(base) | library.further_terms(base) | {one.name: one.term for one in frictions.values()}
+    of = Ported(base=base, ports=tuple(ports), terms=terms)
+    effects = effects_of(library, base, ports, records, free, frictions, criteria.systems)
     return Subject(
         **_of_model(of),
         freed=free,
         records=tuple(records),
         sigma=sigma,
         criteria=for_systems(criteria, float(np.median([record.duration for record in records]))),
-        paths=motions(base, records, sigma, criteria.numerics.fit.repeats),
+        paths=paths,
         catalogue=lambda _: effects,
         sizes=PortSizes(ports={port.station: port for port in of.ports}),
     ), of
@@ -375,14 +379,15 @@ def _change_of_readings(fit: FlightFit, port: Port, history: np.ndarray) -> floa
     linearised, from the same initial state."""
     linear = fit.linear
     at = fit.model.disturbances.index(port.station)
-    change = _simulated(linear, at, history)
+    with np.errstate(over="ignore", invalid="ignore"):  # of a motion that the linearisation lets grow
+        change = _simulated(linear, at, history)
     variation = np.array(
         [
             max(float(np.std(linear.output[..., i][fit.batch.live])), fit.noise.measurement[name])
             for i, name in enumerate(fit.model.outputs)
         ]
     )
-    with np.errstate(over="ignore"):  # of a motion that the linearisation lets grow
+    with np.errstate(over="ignore"):
         return float(np.max(np.sqrt(np.mean(change[fit.batch.live] ** 2, axis=0)) / variation))
 
 

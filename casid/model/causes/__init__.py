@@ -1,6 +1,6 @@
 """The causes: every way in which reality may differ from the aircraft file, each defined once, by where it enters."""
 
-from casid.model.causes.aerodynamics import aero_term, configuration_change, unsteady_aero
+from casid.model.causes.aerodynamics import aero_term, configuration_change, missing_derivative, unsteady_aero
 from casid.model.causes.air import gust, turbulence, wind_shear
 from casid.model.causes.controls import (
     actuator_lag,
@@ -17,7 +17,17 @@ from casid.model.causes.controls import (
     second_order_actuator,
     stuck,
 )
-from casid.model.causes.equations import missing_term, parameter_change
+from casid.model.causes.equations import (
+    common_factor,
+    cross_damping,
+    damping,
+    dry_friction,
+    inertia_scale,
+    missing_term,
+    parameter_change,
+    parameter_split,
+    relaxation,
+)
 from casid.model.causes.instruments import (
     SENSOR_GROUPS,
     accelerometer_position,
@@ -41,8 +51,11 @@ from casid.model.causes.rotors import (
     rotor_effectiveness,
     rotor_inflow,
     rotor_lag,
+    rotor_limit,
     rotor_position,
+    rotor_rise_fall,
     rotor_swap,
+    rotor_tilt,
     rotor_torque,
     thrust_curve,
 )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import combinations_with_replacement
 
 import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
+from casid.model.causes.controls import never_sought
 from casid.model.effect import Effect, Event, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
-from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, parse_term
+from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, derivative_name, derivative_term, parse_term
 from casid.signals import SURFACES
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
@@ -77,6 +79,21 @@ def aero_term(coefficient: str, term: str) -> Effect:
             improbable=_across_symmetry(coefficient, term), expected=term in _IN_THE_SLIPSTREAM.get(coefficient, ())
         ),
     )
+
+
+@cause(
+    "missing_derivative",
+    targets=(derivative_name(c, parse_term(v)) for c in COEFFICIENTS for v in _VARIABLES),
+    candidates=never_sought,
+    unit="{term}",
+    quantity="the derivative that the file does not have",
+    title="{target}: not in the file",
+    sentence="The file does not have the derivative {target}, which is {size}.",
+)
+def missing_derivative(name: str) -> Effect:
+    coefficient, term = derivative_term(name)
+    linear = aero_term(coefficient, term.name)
+    return replace(linear, target=name, term=None, regressor=None, traits=Traits(equal=lambda _: (linear, 1.0)))
 
 
 def _missing_rates(aircraft: Airframe) -> Iterable[Effect]:

@@ -95,8 +95,9 @@ def input_delay(surface: str) -> Effect:
 @cause(
     "rate_limit",
     place="command",
+    of_systems=True,
     targets=SURFACES,
-    unit="rad/s",
+    unit="{channel}/s",
     quantity="largest rate of the surface",
     sentence="The {label} cannot move faster than {size}.",
 )
@@ -108,6 +109,7 @@ def rate_limit(surface: str) -> Effect:
 @cause(
     "second_order_actuator",
     place="command",
+    of_systems=True,
     targets=SURFACES,
     candidates=never_sought,
     unit="s",
@@ -133,6 +135,7 @@ def second_order_actuator(surface: str) -> Effect:
             unsigned=("value", "damping"),
         ),
         series=series,
+        traits=Traits(includes=("input_delay", "actuator_lag")),
         forms=Forms(transfer=answer),
         size=Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0}),
     )
@@ -219,7 +222,7 @@ def sample_hold(surface: str) -> Effect:
     place="command",
     of_systems=True,
     targets=SURFACES,
-    unit="rad",
+    unit="{channel}",
     quantity=(
         "half width without any answer; what it lies about stands in the parameters, 0 the zero of the record, 1 its "
         "median"
@@ -252,7 +255,7 @@ def dead_zone(surface: str) -> Effect:
     place="command",
     of_systems=True,
     targets=SURFACES,
-    unit="rad",
+    unit="{channel}",
     quantity="half the free play; where in it a record begins, from -1 to 1, stands in the parameters",
     sentence="The {label} has a free play of plus and minus {size}.",
 )

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from itertools import combinations, product, starmap
 from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from casid.model import operators, station
 from casid.model.airframe import Airframe
+from casid.model.causes.controls import never_sought
 from casid.model.effect import Effect, Event, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import RotorSignal, SignalPath
 from casid.model.rotors import (
@@ -204,6 +206,75 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
 )
 def rotor_lag(target: str) -> Effect:
     return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.5, of_lag=True)
+
+
+@cause(
+    "rotor_rise_fall",
+    of_rotors=True,
+    candidates=never_sought,
+    unit="s",
+    quantity="time constant while the input falls, less that while it rises, which is that of the file",
+    title="{label}: rise unlike fall",
+    sentence="The thrust of {label} falls with a time constant that is {size} [longer|shorter] than that with which it "
+    "rises.",
+)
+def rotor_rise_fall(target: str) -> Effect:
+    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
+        found = {}
+        for name in rotors_in(known, target):
+            lag = float(known[lag_of(name)][0])
+            sent = operators.delay(t, known[command(name)], float(known[delay_of(name)][0]))
+            falls = operators.larger(lag + values["value"], 0.0)
+            found[station.control(name)] = operators.uneven_lag(t, sent, lag, falls) - operators.lag(t, sent, lag)
+        return found
+
+    return Effect(target=target, linear=False, series=series, size=Size(meaningful=0.01, limit=0.5))
+
+
+@cause(
+    "rotor_limit",
+    of_rotors=True,
+    candidates=never_sought,
+    unit="N",
+    quantity="largest thrust at rest",
+    title="{label}: limit of thrust",
+    sentence="The thrust of {label} does not go above {size}.",
+)
+def rotor_limit(target: str) -> Effect:
+    def act(one: RotorSignal, value: Any) -> None:
+        one.thrust = ca.fmin(one.thrust, value)
+
+    return _of_rotors("rotor_limit", target, act, linear=False)
+
+
+@cause(
+    "rotor_tilt",
+    of_rotors=True,
+    terms=("x", "y", "z"),
+    candidates=never_sought,
+    unit="rad",
+    quantity="angle by which the axis of its thrust is turned about the body axis that is its term",
+    title="{label}: tilt about {term}",
+    sentence="The axis of {label} is tilted by {size} about body {term} from where the aircraft file has it.",
+)
+def rotor_tilt(target: str, about: str) -> Effect:
+    i, j = ((1, 2), (2, 0), (0, 1))["xyz".index(about)]
+
+    def turned(axis: Sequence[Any], cosine: Any, sine: Any) -> list[Any]:
+        found = list(axis)
+        found[i] = cosine * axis[i] - sine * axis[j]
+        found[j] = sine * axis[i] + cosine * axis[j]
+        return found
+
+    def act(one: RotorSignal, value: Any) -> None:
+        one.axis = turned(one.axis, ca.cos(value), ca.sin(value))
+
+    def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
+        return changed(rotors, target, lambda one: {"axis": tuple(turned(one.axis, math.cos(value), math.sin(value)))})
+
+    forms = Forms(into_rotors=into_rotors)
+    size = Size(limit=0.5 * math.pi)
+    return _of_rotors("rotor_tilt", target, act, term=about, forms=forms, size=size, traits=Traits(balance=True))
 
 
 @cause(

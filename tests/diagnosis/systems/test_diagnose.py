@@ -13,25 +13,35 @@ from casid.errors import InputError
 from problems.systems.count import SYSTEMS, Outcome, outcome
 from problems.systems.system import Fault
 
-HIDDEN = {
-    "quadruple tank": Fault(kind="missing_term", target="h3", term="sqrt(h3)", size=-0.04),
-    "DC motor": Fault(kind="dead_zone", target="V", size=1.0),
-    "pendulum on a cart": Fault(kind="sensor_delay", target="phi", size=0.05),
-    "two compartments": Fault(kind="parameter_change", target="k10", size=0.08, records=("m2",)),
-    "Lotka-Volterra": Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06),
-}
+HIDDEN = [
+    ("DC motor", Fault(kind="dead_zone", target="V", size=1.0)),
+    ("DC motor", Fault(kind="rate_limit", target="V", size=25.0)),
+    ("DC motor", Fault(kind="second_order_actuator", target="V", size=0.06)),
+    ("pendulum on a cart", Fault(kind="dry_friction", target="v", size=0.4)),
+    ("two compartments", Fault(kind="parameter_change", target="k10", size=0.08, records=("m2",))),
+    ("Lotka-Volterra", Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06)),
+]
+SLOW = [
+    ("quadruple tank", Fault(kind="missing_term", target="h3", term="sqrt(h3)", size=-0.04)),
+    ("quadruple tank", Fault(kind="rate_limit", target="v1", size=0.04)),
+    ("pendulum on a cart", Fault(kind="sensor_delay", target="phi", size=0.05)),
+    ("pendulum on a cart", Fault(kind="second_order_actuator", target="F", size=0.08)),
+]
 
 
 IMITATED = [
     ("ship", 8203, Fault(kind="missing_term", target="r", term="rudder^3", size=-0.00788)),
     ("car", 8201, Fault(kind="missing_term", target="v", term="v^3", size=1.41)),
 ]
-QUICK = ("DC motor", "two compartments", "Lotka-Volterra")  # an operator, one record alone, a term
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in HIDDEN])
-def test_a_hidden_fault_is_found_and_sized(name: str) -> None:
-    system, fault = SYSTEMS[name], HIDDEN[name]
+@pytest.mark.parametrize(
+    ("name", "fault"),
+    [*HIDDEN, *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW)],
+    ids=lambda one: getattr(one, "name", one),
+)
+def test_a_hidden_fault_is_found_and_sized(name: str, fault: Fault) -> None:
+    system = SYSTEMS[name]
     records = system.fly(7, fault)
     result = cs.diagnose(system.model(), records, exact=system.exact, library=system.library)
     assert result.verdict == "explained"

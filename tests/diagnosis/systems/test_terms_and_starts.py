@@ -128,3 +128,11 @@ def test_a_term_that_a_parameter_multiplies_is_the_value_of_that_parameter() -> 
     subject, _ = ported(model, [swung(1, 1.0, 0.1, 100, 20)], ports_of(model), Library(), Criteria())
     terms = {one.term for one in subject.effects if one.key[:2] == ("missing_term", "v")}
     assert not terms & {"x", "v", "u"} and {"1", "x^2", "x*u", "u^2"} <= terms
+
+
+@pytest.mark.parametrize(
+    ("seed", "name"), [(87, "missing_term(x:x*|x|)"), (97, "missing_term(v:x*|x|)"), (15, "dry_friction(v)")]
+)
+def test_a_kink_at_zero_is_found(seed: int, name: str) -> None:
+    """Truth: a drawn world with a spring by the square, or with dry friction that is steeper than a sample shows."""
+    assert [cause.name for cause in diagnosed(draw(seed)).causes] == [name]
