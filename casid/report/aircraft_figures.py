@@ -248,7 +248,7 @@ def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]
     curves = []
     for records, look in ((fitted, _FITTED), (held, _HELD_OUT)):
         for record in (r for r in records if across in r and up in r):
-            thin = slice(None, None, max(1, len(record) // _POINTS))
+            thin = slice(None, None, -(-len(record) // _POINTS))
             x, y = (channel_scale(name)[0] * record[name][thin] for name in (across, up))
             curves.append(Curve(look=look, x=x, y=y))
     return Panel(parts=tuple(curves), x=Axis(label=channel_axis(across)), y=Axis(label=channel_axis(up)), height=1.7)

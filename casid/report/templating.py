@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+import gc
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -80,6 +82,17 @@ class Figure:
         return f"figure-{self.picture.name}"
 
 
+@contextmanager
+def _collecting_seldom() -> Iterator[None]:
+    """Let the garbage of some figures lie: the collector would walk through it and all results again and again."""
+    before = gc.get_threshold()
+    gc.set_threshold(100_000)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
+
+
 def drawn_into(
     place: Path, shown: Mapping[str, Picture], failed: list[str] | None = None
 ) -> dict[str, tuple[Picture, bytes]]:
@@ -88,9 +101,10 @@ def drawn_into(
     for old in place.glob("*.svg"):
         old.unlink()
     drawn: dict[str, tuple[Picture, bytes]] = {}
-    for name, picture in shown.items():
-        with noting(failed, name):
-            drawn[name] = (picture, svg(picture.figure))
+    with _collecting_seldom():
+        for name, picture in shown.items():
+            with noting(failed, name):
+                drawn[name] = (picture, svg(picture.figure))
     for name, (_, text) in drawn.items():
         (place / f"{name}.svg").write_bytes(text)
     return drawn
