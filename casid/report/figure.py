@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -342,10 +343,11 @@ def _upward(panel: Panel) -> Iterator[np.ndarray | list[float]]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it."""
+    """A figure, of these parts or of matplotlib, with its words: `name` of the file without ending, heading, caption
+    below, text instead of it."""
 
     name: str
-    figure: Figure
+    figure: Any
     title: str
     caption: str
     alt: str
@@ -353,7 +355,13 @@ class Picture:
     @property
     def wide(self) -> bool:
         """Return True if it is scrolled sideways where there is no room for it."""
-        return self.figure.width > WIDTH
+        width = self.figure.width if isinstance(self.figure, Figure) else self.figure.get_figwidth()
+        return width > WIDTH
+
+    @property
+    def can_be_zoomed(self) -> bool:
+        """Return True if a script can draw it."""
+        return isinstance(self.figure, Figure) and self.figure.can_be_zoomed
 
 
 TIME = Axis(label="time t [s]")

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import require
+from casid.arguments import require, sequence
 from casid.diagnosis.document import Document, ReportedCause
 from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.result import Diagnosis
@@ -29,11 +28,12 @@ from casid.report.folder import provenance
 from casid.report.history_figures import flown_again, histories, residuals, tracks, worst_channel
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
+from casid.report.sections import Fragment, Section, pictures_of, shown_parts
 from casid.report.statements import Statement, numbered, statements
-from casid.report.tables import shares
-from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
-from casid.report.words import digits
+from casid.report.templating import COLOURS, drawn_into, figures_of, render
+from casid.report.words import digits, pretty
 
+FIGURES = "report_figures"
 _SAME = 0.005  # a change that is no per cent
 
 
@@ -153,47 +153,74 @@ def _before_and_after(document: Document):
     return recorded, judged
 
 
-# anchor -> title, template, and the figures, in the order of the page
-_SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "account": ("Data, values, structure", "account.html", ()),
-        "gain": (
-            "What it gains",
-            "gain.html",
-            ("budget", "histories", "tracks_longitudinal", "tracks_lateral", "again"),
-        ),
-        "evidence": (
-            "Evidence",
-            "figures.html",
-            ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals"),
-        ),
-        "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
-        "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
-        "data": ("Data", "data.html", ("check",)),
-        "values": ("Values of the {source}", "values.html", ("rotors", "axes", "derivatives")),
-        "envelope": ("What was flown", "envelope.html", ("envelope",)),
-        "flight": ("Next flight", "next_flight.html", ("next_flight",)),
-        "numbers": ("Numbers", "numbers.html", ()),
-        "unseen": ("What could not be seen with these records", "unseen.html", ()),
-        "made": ("How this was made", "made.html", ()),
-    }
-)
-_OF_AIRCRAFT = ("data", "envelope", "flight")  # sections that no other system has
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Report:
+    """The page of a diagnosis as data: `replace` its sections to leave some out, change their order or add your own.
 
+    Parameters
+    ----------
+    document
+        Content of the diagnosis, with which the page opens.
+    sections
+        What follows below, in its order.
+    lead
+        The figure on the first screen.
+    following
+        Manoeuvres to fly next.
+    failed
+        What could not be drawn, with the error.
 
-@dataclass(frozen=True, kw_only=True)
-class Section:
-    """A section of the page: its anchor, title and template, and the figures in it."""
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> report = cs.Report.of(found)  # doctest: +SKIP
+    >>> [one.name for one in report.sections][:3]  # doctest: +SKIP
+    ['account', 'gain', 'evidence']
+    >>> kept = [one for one in report.sections if one.name != "numbers"]  # doctest: +SKIP
+    >>> masses = {"what": ["empty", "fuel"], "kg": [12500.0, 2100.0]}
+    >>> loading = cs.Section(title="Loading", parts=["Weighed on the day of the flight.", masses])
+    >>> cs.write_report(replace(report, sections=[loading, *kept]), "report")  # doctest: +SKIP
+    """
 
-    anchor: str
-    title: str
-    template: str
-    figures: tuple[Figure, ...]
+    document: Document
+    sections: Sequence[Section]
+    lead: Picture | None
+    following: NextFlights
+    failed: Sequence[str]
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosis | Document, made_with: Mapping[str, Any] | None = None) -> Report:
+        """Return the page that `write_report` writes of a diagnosis, and takes the same.
+
+        Parameters
+        ----------
+        diagnosis
+            Of `diagnose`, or the document of one.
+        made_with
+            What `run.json` has: command, seed, commit and versions. Default: those of this process.
+        """
+        if isinstance(diagnosis, Document):
+            document = diagnosis
+        else:
+            write = "cs.diagnose(aircraft, records)"
+            document = require(diagnosis, Diagnosis, "write_report: diagnosis", write).document()
+        following = NextFlights(proposals=(), beyond=())
+        failed = list(document.failed)
+        with noting(failed, "next flight"):
+            following = next_flights(document)
+        shown = list(pictures(document, failed).values())
+        every = _sections(document, shown[1:], following, provenance() if made_with is None else made_with)
+        sections = [one for one in every if one.parts]
+        return cls(
+            document=document, sections=sections, lead=next(iter(shown), None), following=following, failed=failed
+        )
 
 
 @single_threaded()
 def write_report(
-    diagnosis: Diagnosis | Document, folder: str | Path, made_with: Mapping[str, Any] | None = None
+    diagnosis: Diagnosis | Document | Report, folder: str | Path, made_with: Mapping[str, Any] | None = None
 ) -> list[str]:
     """Write the page of a diagnosis into a folder.
 
@@ -202,11 +229,12 @@ def write_report(
     Parameters
     ----------
     diagnosis
-        Of `diagnose`, or the document of one.
+        Of `diagnose`, the document of one, or a `Report` of it with other sections.
     folder
         Where the files go; it is made when it does not exist.
     made_with
-        What `run.json` has: command, seed, commit and versions. Default: those of this process.
+        What `run.json` has: command, seed, commit and versions. Default: those of this process, and of a `Report` its
+        own.
 
     Returns
     -------
@@ -224,21 +252,16 @@ def write_report(
     >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
-    if isinstance(diagnosis, Document):
-        document = diagnosis
-    else:
-        document = require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)").document()
-    made_with = provenance() if made_with is None else made_with
-    following = NextFlights(proposals=(), beyond=())
-    failed = list(document.failed)
-    with noting(failed, "next flight"):
-        following = next_flights(document)
-    shown = pictures(document, failed) | {one.picture.name: one.picture for one in following.proposals}
-    drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
-    for one in following.proposals:
+    report = diagnosis if isinstance(diagnosis, Report) else Report.of(diagnosis, made_with)
+    like = 'cs.Section(title="Loading", parts=["A text."])'
+    sections = sequence(report.sections, "Report: sections", f"a list like [{like}]")
+    parts = shown_parts([require(one, Section, "a section of the page", like) for one in sections])
+    failed = list(report.failed)
+    drawn = drawn_into(Path(folder) / FIGURES, pictures_of(shown_parts([report.lead, *parts])), failed)
+    for one in report.following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    page = render("report.html", _context(document, drawn, made_with) | {"following": following, "failed": failed})
-    (Path(folder) / "report.html").write_text(page, encoding="utf-8")
+    context = _context(report, parts, drawn) | {"failed": failed}
+    (Path(folder) / "report.html").write_text(render("report.html", context), encoding="utf-8")
     return failed
 
 
@@ -248,27 +271,75 @@ def unfinished(sentence: str) -> str:
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
-def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
-    """Return the figures in the order of the page: the leading one, then section by section."""
-    lead = next(iter(shown), "")
-    places = [name for _, _, names in _SECTIONS.values() for name in names]
-    return {
-        name: shown[name]
-        for name in [lead][: len(shown)] + sorted(set(shown) - {lead}, key=lambda n: _place(n, places))
-    }
+def _sections(
+    document: Document, shown: Sequence[Picture], following: NextFlights, made_with: Mapping[str, Any]
+) -> Iterator[Section]:
+    """Yield the sections in the order of the page, those of an aircraft for an aircraft alone."""
+
+    def of(*names: str) -> list[Picture]:
+        """Pictures in the order of their names; those of further causes stand beside that of the first, `shape-2`."""
+        place = {one.name: one.name.partition("-")[0] for one in shown}
+        found = [one for one in shown if place[one.name] in names]
+        return sorted(found, key=lambda one: (names.index(place[one.name]), one.name))
+
+    of_aircraft = bool(document.coefficients)
+    yield Section(name="account", title="Data, values, structure", parts=[Fragment(template="account.html")])
+    drawn: list[Any] = [*of("budget", "histories", "tracks_longitudinal", "tracks_lateral", "again")]
+    held_out = tables.channels(document.held_out_as_given, document.held_out_extended, document.best)
+    if drawn:
+        drawn.insert(1, Section(title="Errors of the channels in numbers", parts=[held_out]))
+    yield Section(name="gain", title="What it gains", parts=drawn or [held_out])
+    causes = ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals")
+    yield Section(name="evidence", title="Evidence", parts=of(*causes))
+    minor = [pretty(one.sentence) for one in document.minor]
+    yield Section(
+        name="causes",
+        title="Which cause",
+        parts=[
+            Fragment(template="shares.html"),
+            tables.causes(document),
+            *of("ladder", "ambiguity"),
+            tables.alternatives(document),
+            Fragment(template="decisions.html"),
+            Section(title="Minor", parts=[minor or "Nothing."], open=True),
+        ],
+    )
+    yield Section(name="where", title="Where it enters", parts=of("missing", "kinematic", "heatmap"))
+    if of_aircraft:
+        records = (*document.refitted.records, *document.held_out_as_given.records)
+        remarks = [f"{r.name}: {note}" for r in records for note in r.notes]
+        nothing = "" if document.data else "No fault was found in them."
+        told = Section(title="Remarks of the reader", parts=[remarks], open=True)
+        yield Section(name="data", title="Data", parts=[nothing, tables.findings(document.data), *of("check"), told])
+    values = [*of("rotors", "axes", "derivatives"), tables.derivatives(document)]
+    yield Section(name="values", title=f"Values of the {document.source}", parts=values)
+    if of_aircraft:
+        yield Section(name="envelope", title="What was flown", parts=[*of("envelope"), envelope_table(document)])
+        next_ones = Fragment(template="next_flight.html", pictures=tuple(one.picture for one in following.proposals))
+        yield Section(name="flight", title="Next flight", parts=[next_ones, limited(document)])
+    fitted = tables.channels(document.as_given, document.extended, document.best)
+    yield Section(name="numbers", title="Numbers", parts=[fitted])
+    below = "An effect below the size in the table leaves no trace that could be distinguished from noise."
+    never = (
+        " A steady uniform wind, the scale of a surface (it is its effectiveness) and steady errors that a change of "
+        "trim imitates cannot be seen at all."
+    )
+    yield Section(
+        name="unseen",
+        title="What could not be seen with these records",
+        parts=[tables.not_judged(document), below + never * of_aircraft, tables.unseen(document)],
+    )
+    made = [Fragment(template="failed.html"), tables.seconds(document), tables.made_with(made_with)]
+    yield Section(name="made", title="How this was made", parts=made)
 
 
-def _place(name: str, places: Sequence[str]) -> tuple[int, str]:
-    """Place on the page of a figure; those of further causes stand beside that of the first, `shape-2`."""
-    return places.index(name.partition("-")[0]), name
-
-
-def _context(
-    document: Document, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
-) -> dict[str, Any]:
-    """All that the templates ask for."""
+def _context(report: Report, parts: Sequence[Any], drawn: Mapping[str, tuple[Picture, bytes]]) -> dict[str, Any]:
+    """All that the templates ask for. Statements are linked where their section is there."""
+    document = report.document
+    anchors = {one.name for one in parts}
     claimed = statements(document, drawn)
-    figures = figures_of(drawn, _by_figure(claimed))
+    linked = [one for some in claimed.values() for one in some if "account" in anchors]
+    figures = figures_of(drawn, _by_figure(linked))
     return {
         "name": document.name,
         "of_aircraft": bool(document.coefficients),
@@ -280,64 +351,31 @@ def _context(
         "left_noise": _multiple(document.budget.together.structure),
         "next": document.next,
         "opening": document.opening,
-        "shares": shares(document),
+        "shares": tables.shares(document),
         "claims": claimed,
-        "claim_of": {one.anchor: one for some in claimed.values() for one in some},
+        "claim_of": {one.anchor: one for one in linked},
         "values_told": document.values_told,
         "moved": [one.sentence for one in (*document.moved, *document.combinations)],
         "gained": gained(document),
         "not_judged": document.not_judged,
         "facts": _facts(document),
         "figures": figures,
-        "lead": next(iter(figures.values()), None),
-        "sections": _sections(document, figures),
-        "tables": _tables(document, made_with),
+        "lead": figures.get(report.lead.name) if report.lead else None,
+        "parts": parts,
+        "following": report.following,
+        "anchors": anchors,
         "trace": document.trace,
-        "minor": [one.sentence for one in document.minor],
         "left": document.left,
-        "remarks": tables.remarks(document),
     }
 
 
-def _by_figure(claimed: Mapping[str, Sequence[Statement]]) -> dict[str, list[tuple[str, str]]]:
+def _by_figure(claimed: Iterable[Statement]) -> dict[str, list[tuple[str, str]]]:
     """Name of figure -> (anchor, head) of the claims that it shows."""
     found: dict[str, list[tuple[str, str]]] = {}
-    for one in (one for some in claimed.values() for one in some):
+    for one in claimed:
         for name in one.figures:
             found.setdefault(name, []).append((one.anchor, one.head))
     return found
-
-
-def _sections(document: Document, figures: Mapping[str, Figure]) -> list[Section]:
-    """A section that is of figures alone is left out where it has none, and one of aircraft for other systems."""
-    rest = list(figures.items())[1:]
-    every = [
-        Section(
-            anchor=anchor,
-            title=title.format(source=document.source),
-            template=template,
-            figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
-        )
-        for anchor, (title, template, names) in _SECTIONS.items()
-        if document.coefficients or anchor not in _OF_AIRCRAFT
-    ]
-    return [one for one in every if one.figures or one.template != "figures.html"]
-
-
-def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    of_aircraft = {"envelope": envelope_table, "limited": limited} if document.coefficients else {}
-    return {name: make(document) for name, make in of_aircraft.items()} | {
-        "held_out": tables.channels(document.held_out_as_given, document.held_out_extended, document.best),
-        "fitted": tables.channels(document.as_given, document.extended, document.best),
-        "causes": tables.causes(document),
-        "alternatives": tables.alternatives(document),
-        "findings": tables.findings(document.data),
-        "derivatives": tables.derivatives(document),
-        "not_judged": tables.not_judged(document),
-        "unseen": tables.unseen(document),
-        "seconds": tables.seconds(document),
-        "made_with": tables.made_with(made_with),
-    }
 
 
 def _facts(document: Document) -> str:
