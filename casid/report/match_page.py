@@ -45,7 +45,7 @@ from casid.report.figure import (
 from casid.report.result_page import BAD, GOOD
 from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
-from casid.report.templating import drawn_into, figures_of, render
+from casid.report.templating import drawn_into, render
 from casid.report.words import digits, with_std
 from casid.signals import SURFACES, label_of
 
@@ -177,8 +177,7 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     rationales = {i: rationale_of(one, proof.tests, proof.lost, proof.findings) for i, one in enumerate(proof.tests)}
     related = {i: related_figure(one) for i, one in enumerate(proof.tests) if rationales[i]}
     pictures |= {f"related{i}": picture for i, picture in related.items() if picture}
-    drawn = drawn_into(Path(folder) / "match_figures", pictures.values())
-    figures = figures_of(drawn)
+    figures = drawn_into(Path(folder) / "match_figures", pictures.values())
     context = {
         "colour": GOOD if proof.passed else BAD,
         "justified": _justified(proof),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from casid.arguments import require, sequence
-from casid.diagnosis.document import Document, ReportedCause
+from casid.diagnosis.document import Document
 from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.result import Diagnosis
 from casid.errors import noting
@@ -29,11 +29,14 @@ from casid.report.history_figures import flown_again, histories, residuals, trac
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
 from casid.report.sections import Fragment, Section, pictures_of, shown_parts
-from casid.report.statements import Statement, numbered, statements
-from casid.report.templating import COLOURS, drawn_into, figures_of, render
+from casid.report.statements import numbered, statements
+from casid.report.templating import COLOURS, Figure, drawn_into, render
 from casid.report.words import digits, pretty
 
 FIGURES = "report_figures"
+_MOST = 3  # places where something is unexplained that have pictures of their own
+# pictures of evidence in their order; those of further causes stand beside that of the first
+_EVIDENCE = ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals")
 _SAME = 0.005  # a change that is no per cent
 
 
@@ -71,86 +74,6 @@ def gained(document: Document) -> Gained:
 
 def _multiple(ratio: float) -> str:
     return digits(ratio, 2) if math.isfinite(ratio) else "∞"
-
-
-_MOST = 3  # places where something is unexplained that have pictures of their own
-
-
-def pictures(document: Document, failed: list[str] | None = None) -> dict[str, Picture]:
-    """Name -> picture, that of the worst channel first. Those that cannot be drawn are added to `failed`
-    with the error; without such a list it is raised."""
-    ladder_ = partial(ladder, document)
-    ambiguity_ = partial(ambiguity, document)
-    worst = partial(worst_channel, document)
-    budget_ = partial(budget, document.budget)
-    derivatives_ = partial(derivatives, document)
-    if not document.coefficients:
-        makers = [
-            worst,
-            partial(rotors_from_above, document),
-            partial(response_of_axes, document),
-            budget_,
-            partial(flown_again, document),
-            ladder_,
-            ambiguity_,
-            derivatives_,
-        ]
-    else:
-        makers = [
-            worst,
-            *(partial(_of_cause_numbered, document, n) for n in range(1, 1 + len(document.causes))),
-            partial(_of_the_unexplained, document),
-            budget_,
-            partial(tracks, document),
-            partial(histories, document),
-            partial(residuals, document),
-            partial(heatmap, document),
-            ladder_,
-            ambiguity_,
-            partial(missing, document),
-            partial(kinematic, document),
-            partial(check_figure, document.data, *_before_and_after(document)),
-            derivatives_,
-            partial(envelope, document),
-        ]
-    table = dict[str, Picture]()
-    for make in makers:
-        with noting(failed, make.func.__name__.strip("_")):
-            found = make()
-            several = [found] if isinstance(found, Picture) or found is None else list(found)
-            table |= {picture.name: picture for picture in several if picture is not None}
-    return table
-
-
-def _of_cause_numbered(document: Document, number: int) -> Iterator[Picture]:
-    """Pictures of one of the strongest causes, named with its number."""
-    for picture in _of_cause(document, document.causes[number - 1]):
-        if picture is not None:
-            yield replace(picture, name=numbered(picture.name, number))
-
-
-def _of_cause(document: Document, cause: ReportedCause) -> Iterable[Picture | None]:
-    if cause.stochastic:
-        yield wind(document)
-        return
-    yield shape(cause)
-    yield onset(cause)
-    yield cause_response(document, cause)
-    if cause.histories:
-        yield missing_history(cause.enters, cause.histories, curve=True)
-
-
-def _of_the_unexplained(document: Document) -> Iterator[Picture]:
-    for number, one in enumerate(document.unexplained[:_MOST], 1):
-        yield missing_history(one.station, one.histories, curve=False, name=numbered("unexplained", number))
-    yield from unexplained_shapes(document.shapes)
-
-
-def _before_and_after(document: Document):
-    """Records as they were recorded, and as they were judged."""
-    recorded = (*document.as_given.records, *document.held_out_as_given.records)
-    judged = (*document.refitted.records, *document.held_out_refitted.records)
-    return recorded, judged
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -210,12 +133,15 @@ class Report:
         failed = list(document.failed)
         with noting(failed, "next flight"):
             following = next_flights(document)
-        shown = list(pictures(document, failed).values())
-        every = _sections(document, shown[1:], following, provenance() if made_with is None else made_with)
+        lead = next(iter(_made(failed, worst_channel, document)), None)
+        every = _sections(document, following, failed, provenance() if made_with is None else made_with)
         sections = [one for one in every if one.parts]
-        return cls(
-            document=document, sections=sections, lead=next(iter(shown), None), following=following, failed=failed
-        )
+        return cls(document=document, sections=sections, lead=lead, following=following, failed=failed)
+
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Name -> picture, in the order of the page."""
+        return {one.name: one for one in pictures_of(shown_parts([self.lead, *self.sections]))}
 
 
 @single_threaded()
@@ -257,10 +183,10 @@ def write_report(
     sections = sequence(report.sections, "Report: sections", f"a list like [{like}]")
     parts = shown_parts([require(one, Section, "a section of the page", like) for one in sections])
     failed = list(report.failed)
-    drawn = drawn_into(Path(folder) / FIGURES, pictures_of(shown_parts([report.lead, *parts])), failed)
+    figures = drawn_into(Path(folder) / FIGURES, report.pictures.values(), failed)
     for one in report.following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    context = _context(report, parts, drawn) | {"failed": failed}
+    context = _context(report, parts, figures) | {"failed": failed}
     (Path(folder) / "report.html").write_text(render("report.html", context), encoding="utf-8")
     return failed
 
@@ -271,50 +197,79 @@ def unfinished(sentence: str) -> str:
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
+def _made(failed: list[str], make: Callable[..., Any], *of: Any) -> list[Picture]:
+    """Return the pictures that a function makes of something; those that cannot be made are in `failed`."""
+    with noting(failed, make.__name__.strip("_")):
+        found = make(*of)
+        several = [found] if isinstance(found, Picture) else found or ()
+        return [one for one in several if one is not None]
+    return []
+
+
+def _of_cause(document: Document, number: int) -> Iterator[Picture]:
+    """Pictures of one of the strongest causes, named with its number."""
+    cause = document.causes[number - 1]
+    found = [wind(document)] if cause.stochastic else [shape(cause), onset(cause), cause_response(document, cause)]
+    if cause.histories and not cause.stochastic:
+        found.append(missing_history(cause.enters, cause.histories, curve=True))
+    return (replace(one, name=numbered(one.name, number)) for one in found if one is not None)
+
+
+def _of_the_unexplained(document: Document) -> Iterator[Picture]:
+    for number, one in enumerate(document.unexplained[:_MOST], 1):
+        yield missing_history(one.station, one.histories, curve=False, name=numbered("unexplained", number))
+    yield from unexplained_shapes(document.shapes)
+
+
 def _sections(
-    document: Document, shown: Sequence[Picture], following: NextFlights, made_with: Mapping[str, Any]
+    document: Document, following: NextFlights, failed: list[str], made_with: Mapping[str, Any]
 ) -> Iterator[Section]:
     """Yield the sections in the order of the page, those of an aircraft for an aircraft alone."""
-
-    def of(*names: str) -> list[Picture]:
-        """Pictures in the order of their names; those of further causes stand beside that of the first, `shape-2`."""
-        place = {one.name: one.name.partition("-")[0] for one in shown}
-        found = [one for one in shown if place[one.name] in names]
-        return sorted(found, key=lambda one: (names.index(place[one.name]), one.name))
-
+    made = partial(_made, failed)
     of_aircraft = bool(document.coefficients)
     yield Section(name="account", title="Data, values, structure", parts=[Fragment(template="account.html")])
-    drawn: list[Any] = [*of("budget", "histories", "tracks_longitudinal", "tracks_lateral", "again")]
     held_out = tables.channels(document.held_out_as_given, document.held_out_extended, document.best)
-    if drawn:
-        drawn.insert(1, Section(title="Errors of the channels in numbers", parts=[held_out]))
-    yield Section(name="gain", title="What it gains", parts=drawn or [held_out])
-    causes = ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals")
-    yield Section(name="evidence", title="Evidence", parts=of(*causes))
-    minor = [pretty(one.sentence) for one in document.minor]
+    gain: list[Any] = made(budget, document.budget)
+    gain.append(Section(title="Errors of the channels in numbers", parts=[held_out]) if gain else held_out)
+    for make in (histories, tracks) if of_aircraft else (flown_again,):
+        gain += made(make, document)
+    yield Section(name="gain", title="What it gains", parts=gain)
+    if of_aircraft:
+        evidence = [one for k in range(len(document.causes)) for one in made(_of_cause, document, k + 1)]
+        evidence += [*made(_of_the_unexplained, document), *made(residuals, document)]
+        evidence.sort(key=lambda one: _EVIDENCE.index(one.name.partition("-")[0]))
+        yield Section(name="evidence", title="Evidence", parts=evidence)
     yield Section(
         name="causes",
         title="Which cause",
         parts=[
             Fragment(template="shares.html"),
             tables.causes(document),
-            *of("ladder", "ambiguity"),
+            *made(ladder, document),
+            *made(ambiguity, document),
             tables.alternatives(document),
             Fragment(template="decisions.html"),
-            Section(title="Minor", parts=[minor or "Nothing."], open=True),
+            Section(title="Minor", parts=[[pretty(one.sentence) for one in document.minor] or "Nothing."], open=True),
         ],
     )
-    yield Section(name="where", title="Where it enters", parts=of("missing", "kinematic", "heatmap"))
     if of_aircraft:
-        records = (*document.refitted.records, *document.held_out_as_given.records)
-        remarks = [f"{r.name}: {note}" for r in records for note in r.notes]
+        where = [one for make in (missing, kinematic, heatmap) for one in made(make, document)]
+        yield Section(name="where", title="Where it enters", parts=where)
+        recorded = (*document.as_given.records, *document.held_out_as_given.records)
+        judged = (*document.refitted.records, *document.held_out_refitted.records)
+        read = (*document.refitted.records, *document.held_out_as_given.records)
+        remarks = [f"{r.name}: {note}" for r in read for note in r.notes]
         nothing = "" if document.data else "No fault was found in them."
         told = Section(title="Remarks of the reader", parts=[remarks], open=True)
-        yield Section(name="data", title="Data", parts=[nothing, tables.findings(document.data), *of("check"), told])
-    values = [*of("rotors", "axes", "derivatives"), tables.derivatives(document)]
-    yield Section(name="values", title=f"Values of the {document.source}", parts=values)
+        drawn = made(check_figure, document.data, recorded, judged)
+        yield Section(name="data", title="Data", parts=[nothing, tables.findings(document.data), *drawn, told])
+    own = () if of_aircraft else (rotors_from_above, response_of_axes)
+    values = [one for make in (*own, derivatives) for one in made(make, document)]
+    title = f"Values of the {document.source}"
+    yield Section(name="values", title=title, parts=[*values, tables.derivatives(document)])
     if of_aircraft:
-        yield Section(name="envelope", title="What was flown", parts=[*of("envelope"), envelope_table(document)])
+        flown = [*made(envelope, document), envelope_table(document)]
+        yield Section(name="envelope", title="What was flown", parts=flown)
         next_ones = Fragment(template="next_flight.html", pictures=tuple(one.picture for one in following.proposals))
         yield Section(name="flight", title="Next flight", parts=[next_ones, limited(document)])
     fitted = tables.channels(document.as_given, document.extended, document.best)
@@ -324,22 +279,22 @@ def _sections(
         " A steady uniform wind, the scale of a surface (it is its effectiveness) and steady errors that a change of "
         "trim imitates cannot be seen at all."
     )
-    yield Section(
-        name="unseen",
-        title="What could not be seen with these records",
-        parts=[tables.not_judged(document), below + never * of_aircraft, tables.unseen(document)],
-    )
-    made = [Fragment(template="failed.html"), tables.seconds(document), tables.made_with(made_with)]
-    yield Section(name="made", title="How this was made", parts=made)
+    unseen = [tables.not_judged(document), below + never * of_aircraft, tables.unseen(document)]
+    yield Section(name="unseen", title="What could not be seen with these records", parts=unseen)
+    how = [Fragment(template="failed.html"), tables.seconds(document), tables.made_with(made_with)]
+    yield Section(name="made", title="How this was made", parts=how)
 
 
-def _context(report: Report, parts: Sequence[Any], drawn: Mapping[str, tuple[Picture, bytes]]) -> dict[str, Any]:
+def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]) -> dict[str, Any]:
     """All that the templates ask for. Statements are linked where their section is there."""
     document = report.document
     anchors = {one.name for one in parts}
-    claimed = statements(document, drawn)
+    claimed = statements(document, figures)
     linked = [one for some in claimed.values() for one in some if "account" in anchors]
-    figures = figures_of(drawn, _by_figure(linked))
+    shows: dict[str, list[tuple[str, str]]] = {}
+    for one in linked:
+        for name in one.figures:
+            shows.setdefault(name, []).append((one.anchor, one.head))
     return {
         "name": document.name,
         "of_aircraft": bool(document.coefficients),
@@ -360,6 +315,7 @@ def _context(report: Report, parts: Sequence[Any], drawn: Mapping[str, tuple[Pic
         "not_judged": document.not_judged,
         "facts": _facts(document),
         "figures": figures,
+        "shows": shows,
         "lead": figures.get(report.lead.name) if report.lead else None,
         "parts": parts,
         "following": report.following,
@@ -367,15 +323,6 @@ def _context(report: Report, parts: Sequence[Any], drawn: Mapping[str, tuple[Pic
         "trace": document.trace,
         "left": document.left,
     }
-
-
-def _by_figure(claimed: Iterable[Statement]) -> dict[str, list[tuple[str, str]]]:
-    """Name of figure -> (anchor, head) of the claims that it shows."""
-    found: dict[str, list[tuple[str, str]]] = {}
-    for one in claimed:
-        for name in one.figures:
-            found.setdefault(name, []).append((one.anchor, one.head))
-    return found
 
 
 def _facts(document: Document) -> str:

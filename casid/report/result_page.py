@@ -9,7 +9,7 @@ from typing import Any
 
 from casid.diagnosis.document import NextStep
 from casid.report.sections import Section, pictures_of, shown_parts
-from casid.report.templating import drawn_into, figures_of, render
+from casid.report.templating import drawn_into, render
 
 GOOD = "#00694E"
 BAD = "#A3122A"
@@ -54,5 +54,5 @@ def write_result(
     shown = shown_parts(parts)
     drawn = drawn_into(Path(folder) / figures, pictures_of(shown))
     context = {"name": name, "title": title, "colour": answer.colour, "answer": answer, "parts": shown}
-    context |= {"figures": figures_of(drawn), "claim_of": {}}
+    context |= {"figures": drawn, "claim_of": {}, "shows": {}}
     (Path(folder) / f"{name}.html").write_text(render("result.html", context), encoding="utf-8")

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import base64
 import gc
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -35,12 +35,11 @@ COLOURS: Mapping[str, str] = MappingProxyType(
 
 @dataclass(frozen=True, kw_only=True)
 class Figure:
-    """A picture as a page shows it: its `number`, the SVG as `data`, and the claims that it shows, (anchor, head)."""
+    """A picture as a page shows it: its `number`, and the SVG as `data`."""
 
     number: int
     picture: Picture
     data: str
-    claims: Sequence[tuple[str, str]] = field(default=())
 
     @property
     def anchor(self) -> str:
@@ -59,36 +58,20 @@ def _collecting_seldom() -> Iterator[None]:
         gc.set_threshold(*before)
 
 
-def drawn_into(
-    place: Path, shown: Iterable[Picture], failed: list[str] | None = None
-) -> dict[str, tuple[Picture, bytes]]:
-    """Name -> picture and its SVG; `place`, which is made, has these and no other SVG afterwards."""
+def drawn_into(place: Path, shown: Iterable[Picture], failed: list[str] | None = None) -> dict[str, Figure]:
+    """Name -> figure, numbered in their order; `place`, which is made, has their SVG and no other one afterwards."""
     place.mkdir(parents=True, exist_ok=True)
     for old in place.glob("*.svg"):
         old.unlink()
-    drawn: dict[str, tuple[Picture, bytes]] = {}
+    drawn: dict[str, Figure] = {}
     with _collecting_seldom():
         for picture in shown:
             with noting(failed, picture.name):
-                drawn[picture.name] = (picture, svg(picture.figure))
-    for name, (_, text) in drawn.items():
-        (place / f"{name}.svg").write_bytes(text)
+                text = svg(picture.figure)
+                (place / f"{picture.name}.svg").write_bytes(text)
+                data = base64.b64encode(text).decode("ascii")
+                drawn[picture.name] = Figure(number=len(drawn) + 1, picture=picture, data=data)
     return drawn
-
-
-def figures_of(
-    drawn: Mapping[str, tuple[Picture, bytes]], claims: Mapping[str, Sequence[tuple[str, str]]] = MappingProxyType({})
-) -> dict[str, Figure]:
-    """Name -> figure, numbered in their order; `drawn` are pictures with their SVG, `claims` by name of figure."""
-    return {
-        name: Figure(
-            number=number,
-            picture=picture,
-            data=base64.b64encode(text).decode("ascii"),
-            claims=claims.get(name, ()),
-        )
-        for number, (name, (picture, text)) in enumerate(drawn.items(), 1)
-    }
 
 
 def render(template: str, context: Mapping[str, Any]) -> str:
