@@ -91,4 +91,4 @@ def _write(found: Comparison | Fleet, folder: Path, called: Called) -> None:
         colour=NEUTRAL if found.changed else GOOD,
     )
     parts = [bars_of_flights(found), table_of_flights(found)]
-    write_result(folder, "compare", f"{len(found.rows)} flights of {found.aircraft}", answer, parts)
+    write_result(folder, "compare", f"{len(found.flights)} flights of {found.aircraft}", answer, parts)

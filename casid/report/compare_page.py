@@ -5,22 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from casid.acceptance.compared import ComparedError, ComparedValue, Comparison, flight_pair, value_pair
+from casid.acceptance.compared import ComparedValue, Comparison, flight_pair, named, value_pair
 from casid.acceptance.fleet import Fleet
-from casid.report.sections import Bar, Bars, ReportTable, where
+from casid.report.sections import Bar, Bars, ReportTable, of_rows, where
 from casid.report.words import digits, pretty
-from casid.signals import label_of
 
 
 def bars_of_diagnoses(found: Comparison) -> Bars:
     """Return the errors as given of every channel, one diagnosis below the other."""
-    rows = [(_named(one.name), one.as_given) for one in (found.together, *found.channels)]
+    rows = [(named(one.name), one.as_given) for one in (found.together, *found.channels)]
     return _bars("Error of the simulation as given on held-out records, times the noise", found.names, rows)
 
 
 def bars_of_flights(found: Fleet) -> Bars:
     """Return the errors as given of every record."""
-    rows = [(one.record, (one.error,)) for one in found.rows]
+    rows = [(one.record, (one.error,)) for one in found.flights]
     return _bars("Error of the simulation as given, all channels, times the noise", ("as given",), rows)
 
 
@@ -58,20 +57,9 @@ def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
         caption="Values that were changed in the file, or of which the records say something else: more than three "
         "standard deviations apart",
     )
-    head = (f"as given, {first}", second, f"left, {first}", second)
-    errors = ReportTable(
-        head=("error / noise", *head),
-        rows=[_error_row(one) for one in (found.together, *found.channels)],
-        caption="Errors by channel on the held-out records, those that changed most first",
-        numeric=True,
-    )
-    records = ReportTable(
-        head=("record", *head),
-        rows=[_error_row(one) for one in found.records],
-        caption="Errors by record, all channels together",
-        numeric=True,
-    )
-    return [causes, values, errors, records]
+    errors = of_rows(found.rows(), "Errors by channel on the held-out records, those that changed most first")
+    by_record = found.rows_of("record", found.records)
+    return [causes, values, errors, of_rows(by_record, "Errors by record, all channels together")]
 
 
 def table_of_flights(found: Fleet) -> ReportTable:
@@ -81,32 +69,23 @@ def table_of_flights(found: Fleet) -> ReportTable:
             one.record,
             f"{one.duration:.0f}",
             _error(one.error),
-            f"{_named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
+            f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
             one.verdict,
             pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
         )
-        for one in found.rows
+        for one in found.flights
     ]
     return ReportTable(
         head=("record", "s", "error", "worst channel", "estimate", "what differs"),
         rows=rows,
-        marked=where(one.faults or one.changes or one.diverged for one in found.rows),
+        marked=where(one.faults or one.changes or one.diverged for one in found.flights),
         caption="Flown as given, times the noise; estimated from the record alone; and what differs from the other "
         "flights",
     )
 
 
-def _error_row(one: ComparedError) -> tuple[str, ...]:
-    return _named(one.name), *(_error(value) for value in (*one.as_given, *one.left))
-
-
 def _value(one: ComparedValue) -> tuple[str, str, str]:
     return one.name, pretty(value_pair(one.given).replace("->", "→")), pretty(flight_pair(one).replace("->", "→"))
-
-
-def _named(name: str) -> str:
-    label = label_of(name)
-    return name if label == name else f"{label} {name}"
 
 
 def _error(value: float) -> str:

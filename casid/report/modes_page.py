@@ -143,19 +143,11 @@ def _notes(found: Mapping[str, Handbook]) -> list[str]:
     return list(dict.fromkeys(f"{label}: {note}" for label, one in found.items() for note in one.notes))
 
 
-def text_table(found: Mapping[str, Handbook]) -> str:
-    """The numbers of all aircraft as text, one line each."""
-    return "\n".join([_numbers(found).text(), *(f"! {note}" for note in _notes(found))]) + "\n"
-
-
-def theil_text(theil: TheilTable) -> str:
-    """Theil's coefficients and their parts as text."""
-    lines: list[str] = []
-    for record, by_label in theil.items():
-        lines += [f"{record}: Theil's coefficient (bias / variance / covariance of the squared error)"]
-        for label, channels in by_label.items():
-            lines += [f"  {label}  {name:6} {t.coefficient:.3f}  ({_shares(t)})" for name, t in channels.items()]
-    return "\n".join(lines)
+def text(found: Mapping[str, Handbook], theil: TheilTable) -> str:
+    """The numbers of all aircraft as text, one line each, and Theil's coefficients."""
+    tables = (_theil(record, table) for record, table in theil.items())
+    told = [f"\n{one.caption}\n{one.text()}" for one in tables]
+    return "\n".join([_numbers(found).text(), *(f"! {note}" for note in _notes(found)), *told])
 
 
 def _shares(one: Theil) -> str:
@@ -194,7 +186,7 @@ def _theil(record: str, by_label: Mapping[str, Mapping[str, Theil]]) -> ReportTa
             one = table.get(name)
             row += [f"{one.coefficient:.3f}", _shares(one)] if one else ["–", "–"]
         rows.append(tuple(row))
-    head = [cell for label in by_label for cell in (f"{label}: U", "bias / variance / covariance")]
+    head = [cell for label in by_label for cell in (f"{label}: U", f"{label}: bias / variance / covariance")]
     return ReportTable(
         head=("channel", *head),
         rows=rows,

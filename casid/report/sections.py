@@ -42,6 +42,11 @@ class ReportTable:
         return " ".join(word for word, true in kinds if true)
 
 
+def of_rows(rows: Rows, caption: str) -> ReportTable:
+    """Return the table of a result with a caption."""
+    return ReportTable(head=tuple(rows.heads), rows=list(map(tuple, rows.cells())), caption=caption, numeric=True)
+
+
 def where(flags: Iterable[object]) -> set[int]:
     """Return the numbers of what is true, for rows that are `marked`."""
     return {k for k, one in enumerate(flags) if one}
