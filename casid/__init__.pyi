@@ -77,7 +77,8 @@ from casid.model.tables import Table, table
 from casid.model.trim import Trim, trim
 from casid.records import ColumnMap, Record, read_record, read_records, write_record
 from casid.records.segments import Segment, segments
-from casid.report.page import write_report
+from casid.report.page import Report, write_report
+from casid.report.sections import Section
 
 __version__: str
 __all__ = [
@@ -141,6 +142,7 @@ __all__ = [
     "ProofOfMatch",
     "RangeWeights",
     "Record",
+    "Report",
     "ResponseComparison",
     "ResponseFit",
     "ResponseParameter",
@@ -148,6 +150,7 @@ __all__ = [
     "Rotor",
     "Rotors",
     "SampledFeedback",
+    "Section",
     "Segment",
     "Simulation",
     "SingleShooting",

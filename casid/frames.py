@@ -47,7 +47,8 @@ class Rows:
     def html(self) -> str:
         """Return a table, the first column and texts to the left; nothing for no rows."""
         sides = ["right" if form else "left" for form in self.heads.values()]
-        top = "".join(f"<th>{escape(head)}</th>" for head in self.heads)
+        columns = zip(self.heads, ["left", *sides[1:]], strict=True)
+        top = "".join(f"<th style='text-align:{side}'>{escape(head)}</th>" for head, side in columns)
         body = "".join(
             f"<tr><th style='text-align:left'>{escape(first)}</th>"
             + "".join(

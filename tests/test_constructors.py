@@ -115,6 +115,7 @@ MAKERS: dict[str, Any] = {
     ),
     "Grid": Grid(breakpoints=((0.0, 1.0),), values=(0.0, 1.0)),
     "Table": cs.table("Cm", "alpha", [0.0, 1.0], [0.0, 1.0]),
+    "Section": cs.Section(title="Loading", parts=["Weighed.", {"what": ["fuel"], "kg": [2100.0]}], name="loading"),
     "Record": cs.Record(name="m1", t=np.arange(4.0), channels={"alpha": np.zeros(4)}, events={"dose": [1.0]}),
 }
 

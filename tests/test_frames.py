@@ -27,7 +27,7 @@ def test_text_html_and_latex_have_the_same_cells(rows: list) -> None:
     cells = re.findall(r"<t[hd] style='text-align:\w+'>(.*?)</t[hd]>", found.html())
     assert text[0] == ["name", "size", "note"]
     assert [float(line[1]) for line in text[1:]] == [size for _, size, _ in rows]
-    assert cells == [cell for line in text[1:] for cell in line]
+    assert cells == [cell for line in text for cell in line]
     lines = [line.removesuffix(r" \\").split(" & ") for line in found.latex().splitlines()[4:-2]]
     assert [line[0].replace("\\_", "_") for line in lines] == [name for name, _, _ in rows]
     numbers = [re.sub(r" \\cdot 10\^\{(.*)\}", r"e\1", line[1].strip("$")) for line in lines]

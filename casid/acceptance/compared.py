@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from casid.errors import InputError
+from casid.frames import Rows
 from casid.keeping import plain
 from casid.model.numbers import digits, with_deviation
 from casid.records.limits import read_json, sound
+from casid.signals import label_of
 
 _EXPECTED = "the folder that casid diagnose --out wrote"
 _WORSE = 1.1  # times the error of the first: the second is worse, or the first
@@ -144,22 +146,38 @@ class Comparison:
         }
 
     def __str__(self) -> str:
-        width = max((len(one.name) for one in (*self.channels, *self.values, *self.causes)), default=8)
         lines = [
             f"{'worse' if self.worse else 'not worse'}: {self.sentence}",
             *(f"  - {one}" for one in self.points),
             "",
+            self.rows().text(),
         ]
-        lines.append(f"{'error / noise':{max(width, 13)}}  {'as given':>20}  {'left':>20}")
-        for one in (self.together, *self.channels):
-            cells = (f"{digits(a, 2)} -> {digits(b, 2)}" for a, b in (one.as_given, one.left))
-            lines.append(f"{one.name:{max(width, 13)}}  " + "  ".join(f"{cell:>20}" for cell in cells))
         for one in self.causes:
             lines.append(f"{one.name}: {one.sizes[0] or 'not named'} -> {one.sizes[1] or 'not named'}")
         for one in self.values:
             if one.differs:
                 lines.append(f"{one.name}: as given {value_pair(one.given)}; by the records {flight_pair(one)}")
         return "\n".join(lines)
+
+    def rows(self) -> Rows:
+        """Errors by channel on the held-out records, over the noise; those that changed most first."""
+        return self.rows_of("error / noise", (self.together, *self.channels))
+
+    def rows_of(self, head: str, errors: Iterable[ComparedError]) -> Rows:
+        """Errors of channels or of records in both diagnoses, under the head of their names."""
+        heads = [f"{which}, {name}" for which in ("as given", "left") for name in self.names]
+        rows = [(named(one.name), *map(_in_words, (*one.as_given, *one.left))) for one in errors]
+        return Rows(heads={head: "", **dict.fromkeys(heads, "s")}, rows=rows)
+
+
+def named(channel: str) -> str:
+    """Return a channel with its label, "pitch rate q"; a record as it is."""
+    label = label_of(channel)
+    return channel if label == channel else f"{label} {channel}"
+
+
+def _in_words(error: float) -> str:
+    return "diverges" if math.isinf(error) else "–" if math.isnan(error) else digits(error, 2)
 
 
 def value_pair(values: tuple[float, float]) -> str:
@@ -210,6 +228,8 @@ def compare_diagnoses(first: str | Path, second: str | Path) -> Comparison:
 def _names(files: list[Path]) -> tuple[str, str]:
     """Return short names of the two that differ."""
     first, second = (file.parent if file.name == "diagnosis.json" else file for file in files)
+    if first == second:
+        return first.name, f"{second.name} again"
     return (first.name, second.name) if first.name != second.name else (str(first), str(second))
 
 

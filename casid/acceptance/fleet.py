@@ -13,6 +13,7 @@ from scipy.stats import norm
 from casid.errors import EstimationError, InputError
 from casid.estimation import Fit, OutputError, Problem, solve
 from casid.filtering.initial_state import fit_initial_state, measured_start
+from casid.frames import Rows
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.flown_records import FlownRecords, default_free, flown_records
@@ -98,32 +99,32 @@ class Fleet:
     ----------
     aircraft
         Its name.
-    rows
-        One for each record, in the order in which they were given.
+    flights
+        A row for each record, in the order in which they were given.
 
     Examples
     --------
     After the example of `compare_flights`:
 
     >>> found = cs.compare_flights(aircraft, flights)  # doctest: +SKIP
-    >>> [(row.record, row.error, row.changes) for row in found.rows]  # doctest: +SKIP
+    >>> [(row.record, row.error, row.changes) for row in found.flights]  # doctest: +SKIP
     """
 
     aircraft: str
-    rows: tuple[FlightRow, ...]
+    flights: tuple[FlightRow, ...]
 
     @property
     def changed(self) -> bool:
         """Whether a flight differs from the others, has a fault of its data, or cannot be flown."""
-        return any(one.changes or one.faults or one.diverged for one in self.rows)
+        return any(one.changes or one.faults or one.diverged for one in self.flights)
 
     @property
     def sentence(self) -> str:
         """What changed between the flights."""
-        apart = [one for one in self.rows if one.changes]
-        errors = [one.error for one in self.rows if math.isfinite(one.error)]
+        apart = [one for one in self.flights if one.changes]
+        errors = [one.error for one in self.flights if math.isfinite(one.error)]
         span = f"{digits(min(errors), 2)} to {digits(max(errors), 2)} times the noise" if errors else "no record"
-        flown = f"{len(self.rows)} records of {self.aircraft}: as given, off by {span}"
+        flown = f"{len(self.flights)} records of {self.aircraft}: as given, off by {span}"
         if not apart:
             return f"{flown}; no value changed between the flights."
         told = "; ".join(f"{one.record}: {one.changes[0]}" for one in apart[:3])
@@ -136,7 +137,7 @@ class Fleet:
             plain(one, "record duration error worst errors diverged verdict faults")
             | {"changes": [plain(change, "parameter value std others others_std sigmas") for change in one.changes]}
             | {"values": {name: {"value": v, "std": s} for name, (v, s) in one.values.items()}}
-            for one in self.rows
+            for one in self.flights
         ]
         return {
             "schema": "casid.compare/1",
@@ -147,16 +148,17 @@ class Fleet:
         }
 
     def __str__(self) -> str:
-        width = max((len(one.record) for one in self.rows), default=6)
-        lines = [f"{'changed' if self.changed else 'the same'}: {self.sentence}", ""]
-        lines.append(f"{'record':{width}}  {'s':>6}  {'error':>8}  {'worst':>8}  what differs")
-        for one in self.rows:
-            told = "; ".join(
-                [*(f"diverges: {one.diverged}" for _ in one.diverged[:1]), *one.faults, *map(str, one.changes)]
-            )
-            error = digits(one.error, 2) if math.isfinite(one.error) else "diverges"
-            lines.append(f"{one.record:{width}}  {one.duration:6.1f}  {error:>8}  {one.worst:>8}  {told or '-'}")
-        return "\n".join(lines)
+        return f"{'changed' if self.changed else 'the same'}: {self.sentence}\n\n{self.rows().text()}"
+
+    def rows(self) -> Rows:
+        """A row for each flight: its length, its error as given over the noise, and what differs."""
+        rows = []
+        for one in self.flights:
+            diverges = [f"diverges: {one.diverged}"] if one.diverged else []
+            told = "; ".join([*diverges, *one.faults, *map(str, one.changes)])
+            rows.append((one.record, one.duration, one.error, one.worst, told or "-"))
+        heads = {"record": "", "s": ".1f", "error": ".3g", "worst": "", "what differs": ""}
+        return Rows(heads=heads, rows=rows)
 
 
 def fly(applied: FlownRecords, record: Record) -> np.ndarray | str:
@@ -210,7 +212,7 @@ def compare_flights(
     limit = float(norm.isf(0.5 * _CHANCE / max(count, 1)))
     return Fleet(
         aircraft=aircraft.name,
-        rows=tuple(replace(one, changes=tuple(_changes(one, rows, limit))) for one in rows),
+        flights=tuple(replace(one, changes=tuple(_changes(one, rows, limit))) for one in rows),
     )
 
 

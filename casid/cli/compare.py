@@ -14,7 +14,7 @@ from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, cal
 from casid.data_check.check import check
 from casid.diagnosis.document import Called, NextStep
 from casid.errors import InputError
-from casid.report.compare_page import bars_of_diagnoses, bars_of_flights, tables_of_diagnoses, tables_of_flights
+from casid.report.compare_page import bars_of_diagnoses, bars_of_flights, table_of_flights, tables_of_diagnoses
 from casid.report.folder import whole_folder
 from casid.report.result_page import BAD, GOOD, NEUTRAL, Answer, write_result
 
@@ -77,9 +77,8 @@ def _write(found: Comparison | Fleet, folder: Path, called: Called) -> None:
             points=found.points,
             colour=BAD if found.worse else GOOD,
         )
-        title = f"{found.names[0]} and {found.names[1]}"
-        bars = bars_of_diagnoses(found)
-        write_result(folder, "compare", title, answer, "", [], tables=tables_of_diagnoses(found), bars=bars)
+        parts = [bars_of_diagnoses(found), *tables_of_diagnoses(found)]
+        write_result(folder, "compare", f"{found.names[0]} and {found.names[1]}", answer, parts)
         return
     step = NextStep(
         text="Name the causes, record by record:",
@@ -91,5 +90,5 @@ def _write(found: Comparison | Fleet, folder: Path, called: Called) -> None:
         next=(step,) if found.changed else (),
         colour=NEUTRAL if found.changed else GOOD,
     )
-    title = f"{len(found.rows)} flights of {found.aircraft}"
-    write_result(folder, "compare", title, answer, "", [], tables=tables_of_flights(found), bars=bars_of_flights(found))
+    parts = [bars_of_flights(found), table_of_flights(found)]
+    write_result(folder, "compare", f"{len(found.flights)} flights of {found.aircraft}", answer, parts)

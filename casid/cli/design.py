@@ -28,7 +28,7 @@ from casid.report.card_tables import card_in_words, card_tables
 from casid.report.design_figures import designed_histories, separated
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.result_page import Answer, write_result
+from casid.report.result_page import Answer, in_numbers, write_result
 from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, quantity
 from casid.signals import label_of
 
@@ -135,8 +135,8 @@ def _telling(
     gain = f"1σ of the {len(ratios)} derivatives is on average {digits(ratio, 2)} times that of a standard 3-2-1-1."
     answer = _with_card(card, gain, shape, where)
     said = table(designs, shape)
-    tables = card_tables(card)
-    write_result(folder, "design", f"Designed manoeuvre: {shape}", answer, said, [histories], tables=tables)
+    parts = [*card_tables(card), histories, in_numbers(said)]
+    write_result(folder, "design", f"Designed manoeuvre: {shape}", answer, parts)
     told = document(experiment, designs) | {"card": card.to_dict()}
     return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}\n\n{said}"
 
@@ -207,7 +207,7 @@ def _separating(
     said = f"{manoeuvre_in_words(found)} {odds_in_words(found.separation)}. {expected}"
     title = f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}"
     answer = _with_card(card, said, "next_flight", where)
-    write_result(where[0], "design", title, answer, "", [separated(found, rivals)], tables=card_tables(card))
+    write_result(where[0], "design", title, answer, [*card_tables(card), separated(found, rivals)])
     return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}"
 
 

@@ -54,7 +54,8 @@ from casid.report.estimate_figures import autocorrelations, correlations, estima
 from casid.report.figure import Picture
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.progress import progress
-from casid.report.result_page import BAD, GOOD, Answer, write_result
+from casid.report.result_page import BAD, GOOD, Answer, in_numbers, write_result
+from casid.report.sections import Section
 from casid.signals import SURFACES
 
 SOLVERS = {"automatic": Automatic(), "gauss-newton": GaussNewton(), "ipopt": Ipopt()}
@@ -128,10 +129,9 @@ def estimate(
         (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
-        drawn = pictures(applied, fit)
-        below = ("autocorrelation", "correlations")
-        title = f"Estimate of {file.name}"
-        write_result(folder, "estimate", title, answer, fit, drawn, folded=below)
+        more = Section(title="More figures", parts=residuals_and_correlations(applied, fit))
+        parts = [*pictures(applied, fit), more, in_numbers(fit, open=False)]
+        write_result(folder, "estimate", f"Estimate of {file.name}", answer, parts)
     print(text if as_json else "\n".join(map(str, (fit, *answer.next))))
 
 
@@ -231,7 +231,7 @@ def answer_of(fit: Fit, called: Called) -> Answer:
 
 
 def pictures(applied: FlownRecords, fit: Fit) -> list[Picture]:
-    """Estimates beside the file, histories of every record, colour of the residuals, and correlations."""
+    """Estimates beside the file, and histories of every record."""
     names = list(fit.channels)
     known = [e.prior_std if math.isfinite(e.prior_std) else 0.0 for e in fit.parameters.values()]
     pairs = {"a priori": [(e.prior, std) for e, std in zip(fit.parameters.values(), known, strict=True)]}
@@ -241,8 +241,13 @@ def pictures(applied: FlownRecords, fit: Fit) -> list[Picture]:
         predicted = fit.predictions[record.name]
         measured = predicted + fit.residuals[record.name]
         drawn.append(histories(record.name, record.t, names, measured, {"estimated model": predicted}))
+    return drawn
+
+
+def residuals_and_correlations(applied: FlownRecords, fit: Fit) -> list[Picture]:
+    """Colour of the residuals of the first record, and correlations of the estimates."""
     residual = {"residual": fit.residuals[applied.records[0].name]}
-    return [*drawn, autocorrelations(names, residual), correlations(list(fit.parameters), fit.correlations)]
+    return [autocorrelations(list(fit.channels), residual), correlations(list(fit.parameters), fit.correlations)]
 
 
 def _write_model(aircraft: Aircraft, fit: Fit, path: Path, original: Path) -> None:

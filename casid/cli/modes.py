@@ -22,7 +22,8 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.limits import read_json, sound
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.modes_page import text_table, theil_text, write_modes
+from casid.report.modes_page import text as in_words
+from casid.report.modes_page import write_modes
 
 
 def modes(
@@ -80,7 +81,7 @@ def modes(
         (folder / "modes.json").write_text(text + "\n", encoding="utf-8")
         write_modes(found, compared, folder)
         write_provenance(made_with, folder / "run.json")
-    print(text if as_json else text_table(found) + theil_text(compared))
+    print(text if as_json else in_words(found, compared))
 
 
 def document(found: dict[str, Handbook], compared: dict[str, dict[str, dict[str, Theil]]]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from casid.model.aircraft import Aircraft
 from casid.records.record import Record
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.response_figures import bode, bode_mismatch
-from casid.report.result_page import BAD, GOOD, Answer, write_result
+from casid.report.result_page import BAD, GOOD, Answer, in_numbers, write_result
 
 Numbers = Annotated[list[float], Parameter(consume_multiple=True, negative="")]
 
@@ -90,7 +90,7 @@ def response(
         said = "\n\n".join(map(_said, found))
         drawn = [bode(x) if isinstance(x, FrequencyResponse) else bode_mismatch(x) for x in found]
         answer = answer_of(found, input)
-        write_result(folder, "response", f"Responses to {input}", answer, said, drawn)
+        write_result(folder, "response", f"Responses to {input}", answer, [*drawn, in_numbers(said)])
         write_provenance(made_with, folder / "run.json")
     print(text if as_json else f"{answer}\n\n{said}")
 

@@ -21,7 +21,7 @@ from casid.records.segments import segments as found_in
 from casid.report.data_pages import segment_figure
 from casid.report.estimate_figures import file_name
 from casid.report.folder import whole_folder
-from casid.report.result_page import BAD, Answer, write_result
+from casid.report.result_page import BAD, Answer, in_numbers, write_result
 from casid.signals import DEGREE, for_a_person, unit_of
 
 
@@ -66,8 +66,8 @@ def _write(records: Sequence[Record], found: Mapping[str, Sequence[Segment]], fo
         for number, one in enumerate(found[record.name], 1):
             name = f"{file_name(record.name)}_{number}"
             write_record(record.between(one.start, one.stop, name), folder / f"{name}.csv")
-    drawn = [segment_figure(record, found[record.name]) for record in records]
-    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", answer_of(found), _table(found), drawn)
+    parts = [*(segment_figure(record, found[record.name]) for record in records), in_numbers(_table(found))]
+    write_result(folder, "segments", f"Manoeuvres in {', '.join(found)}", answer_of(found), parts)
 
 
 def answer_of(found: Mapping[str, Sequence[Segment]]) -> Answer:

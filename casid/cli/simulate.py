@@ -34,7 +34,7 @@ from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
 from casid.report.figure import Picture, shown_unit
 from casid.report.folder import provenance, whole_folder, write_provenance
-from casid.report.result_page import Answer, write_result
+from casid.report.result_page import Answer, in_numbers, write_result
 from casid.report.words import digits
 from casid.signals import SURFACES, unit_of
 
@@ -83,7 +83,8 @@ def simulate(
         (folder / "simulate.json").write_text(text + "\n", encoding="utf-8")
         write_provenance(made_with, folder / "run.json")
         answer = answer_of(results)
-        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", answer, table(results), pictures)
+        parts = [*pictures, in_numbers(table(results))]
+        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", answer, parts)
     print(text if as_json else f"{answer}\n\n{table(results)}")
 
 

@@ -25,6 +25,7 @@ from casid.data_check.remarks import remarks
 from casid.data_check.response import answers
 from casid.data_check.rotors import rotor_faults
 from casid.errors import InputError, check_known
+from casid.frames import Rows
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft, given_aircraft
 from casid.model.plausible import Doubt, believable, doubts, impossibilities
@@ -36,7 +37,7 @@ from casid.records.channel_faults import (
     not_moving,
     without_faults,
 )
-from casid.records.channel_ranges import ChannelRow, as_text, channel_table, gaps
+from casid.records.channel_ranges import ChannelRow, channel_table, gaps
 from casid.records.checks import INPUTS, LONG_GAP
 from casid.records.given import given_records, unflown
 from casid.records.record import Record
@@ -112,13 +113,19 @@ class DataFindings:
         }
 
     def __str__(self) -> str:
-        suspected: dict[str, list[str]] = {}
-        for one in self.findings:
-            for name in one.target.split("+"):
-                suspected.setdefault(name, []).append(one.kind.removeprefix("data_"))
-        text = as_text(self.table, {name: ", ".join(kinds) for name, kinds in suspected.items()})
         said = [f"- {one}" for one in self.sentences] or ["No fault of these data was found."]
-        return "\n".join([*said, "", text])
+        return "\n".join([*said, "", self.rows().text()])
+
+    def rows(self) -> Rows:
+        """A row for each channel of all records: its range, noise and rate, and what is suspected of it."""
+        numbers = {name: ".4g" for name in ("min", "median", "max", "noise", "rate Hz")}
+        heads = {"channel": "", "unit": "", **numbers, "missing %": ".1f", "suspicion": ""}
+        rows = []
+        for one in self.table:
+            kinds = [fault.kind.removeprefix("data_") for fault in self.findings if one.name in fault.target.split("+")]
+            values = (one.least, one.median, one.most, one.noise, one.rate_hz)
+            rows.append((one.name, one.unit, *values, 100.0 * one.missing or None, ", ".join(kinds)))
+        return Rows(heads=heads, rows=rows)
 
 
 @single_threaded()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,23 +66,3 @@ def gaps(record: Record) -> list[tuple[float, float]]:
     """Stretches [s] in which rows are missing."""
     steps = np.diff(record.t)
     return [(float(record.t[k]), float(record.t[k + 1])) for k in np.flatnonzero(steps > _GAP * record.dt)]
-
-
-def as_text(rows: Sequence[ChannelRow], suspicion: Mapping[str, str]) -> str:
-    """The table with what is suspected of every channel."""
-    head = ("channel", "unit", "min", "median", "max", "noise", "rate Hz", "missing", "suspicion")
-    table: list[tuple[str, ...]] = [head]
-    for row in rows:
-        numbers = (row.least, row.median, row.most, row.noise, row.rate_hz)
-        cells = [f"{value:.4g}" if math.isfinite(value) else "-" for value in numbers]
-        missing = f"{100.0 * row.missing:.1f} %" if row.missing else ""
-        table.append((row.name, row.unit, *cells, missing, suspicion.get(row.name, "")))
-    widths = [max(len(line[i]) for line in table) for i in range(len(head))]
-    lines = []
-    for line in table:
-        cells = [
-            cell.rjust(w) if 2 <= i <= 7 else cell.ljust(w)
-            for i, (cell, w) in enumerate(zip(line, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)

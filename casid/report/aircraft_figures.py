@@ -31,7 +31,7 @@ from casid.report.figure import (
     channel_scale,
     stacked,
 )
-from casid.report.templating import ReportTable, Row
+from casid.report.sections import ReportTable, where
 from casid.report.words import digits, percent, with_std
 from casid.signals import label_of
 
@@ -196,22 +196,25 @@ def envelope_table(document: Document) -> ReportTable:
     """Ranges of what was flown, in fitted and in held-out records; what of the latter lies outside is marked."""
     fitted, held = _records(document)
     rows = []
+    outside = []
     for name in _QUANTITIES:
         seen = _all(fitted, name)
         unseen = _all(held, name)
         if not len(seen):
             continue
-        outside = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
+        beyond = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
         cells = (
             f"{' '.join(dict.fromkeys((label_of(name), name)))} [{channel_scale(name)[1]}]",
             _range(seen),
             _range(unseen) if len(unseen) else "–",
-            f"{100.0 * outside:.0f} % of its samples" if outside > _OUTSIDE else "–",
+            f"{100.0 * beyond:.0f} % of its samples" if beyond > _OUTSIDE else "–",
         )
-        rows.append(Row(cells=cells, marked=outside > _OUTSIDE))
+        rows.append(cells)
+        outside.append(beyond > _OUTSIDE)
     return ReportTable(
         head=("quantity", "fitted records", "held-out records", "held out, beyond the fitted range"),
-        rows=tuple(rows),
+        rows=rows,
+        marked=where(outside),
         caption="The verdict and the values hold for what was flown. Beyond these ranges they are an extrapolation.",
     )
 
@@ -248,7 +251,7 @@ def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]
     curves = []
     for records, look in ((fitted, _FITTED), (held, _HELD_OUT)):
         for record in (r for r in records if across in r and up in r):
-            thin = slice(None, None, max(1, len(record) // _POINTS))
+            thin = slice(None, None, -(-len(record) // _POINTS))
             x, y = (channel_scale(name)[0] * record[name][thin] for name in (across, up))
             curves.append(Curve(look=look, x=x, y=y))
     return Panel(parts=tuple(curves), x=Axis(label=channel_axis(across)), y=Axis(label=channel_axis(up)), height=1.7)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from textwrap import indent
 
 from casid.design.flight_card import Expected, FlightCard
-from casid.report.templating import ReportTable, Row
+from casid.report.sections import ReportTable, where
 from casid.report.words import digits, pretty
 from casid.signals import label_of
 
@@ -33,22 +33,17 @@ def _named(card: FlightCard, name: str) -> str:
 
 
 def _trim(card: FlightCard) -> ReportTable:
-    rows = tuple(Row(cells=(_named(card, name), digits(value))) for name, value in card.trim.items())
+    rows = [(_named(card, name), digits(value)) for name, value in card.trim.items()]
     return ReportTable(head=("before", "value"), rows=rows, caption="Trimmed level flight, held for 5 s", numeric=True)
 
 
 def _movements(card: FlightCard) -> Iterator[ReportTable]:
     if not card.movements:
         return
-    rows = tuple(
-        Row(
-            cells=(
-                f"{one.t:.2f}",
-                *(f"{round(one.change[name], 1) + 0.0:+.1f}".replace("-", "−") for name in card.inputs),
-            )
-        )
+    rows = [
+        (f"{one.t:.2f}", *(f"{round(one.change[name], 1) + 0.0:+.1f}".replace("-", "−") for name in card.inputs))
         for one in card.movements
-    )
+    ]
     yield ReportTable(
         head=("from t [s]", *(_named(card, name) for name in card.inputs)),
         rows=rows,
@@ -58,19 +53,21 @@ def _movements(card: FlightCard) -> Iterator[ReportTable]:
 
 
 def _expected(card: FlightCard) -> ReportTable:
-    rows = tuple(
-        Row(
-            cells=(
-                _named(card, one.channel),
-                f"{_short(one.least, one)} to {_short(one.most, one)}",
-                f"±{digits(one.limit, 2)}" if math.isfinite(one.limit) else "–",
-            ),
-            marked=math.isfinite(one.limit),
+    rows = [
+        (
+            _named(card, one.channel),
+            f"{_short(one.least, one)} to {_short(one.most, one)}",
+            f"±{digits(one.limit, 2)}" if math.isfinite(one.limit) else "–",
         )
         for one in card.expected
+    ]
+    return ReportTable(
+        head=("channel", "expected", "limit"),
+        rows=rows,
+        caption="What to expect, as changes from trim; end the manoeuvre beyond the limit",
+        numeric=True,
+        marked=where(math.isfinite(one.limit) for one in card.expected),
     )
-    caption = "What to expect, as changes from trim; end the manoeuvre beyond the limit"
-    return ReportTable(head=("channel", "expected", "limit"), rows=rows, caption=caption, numeric=True)
 
 
 def _short(value: float, of: Expected) -> str:

@@ -5,23 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from casid.acceptance.compared import ComparedError, ComparedValue, Comparison, flight_pair, value_pair
+from casid.acceptance.compared import ComparedValue, Comparison, flight_pair, named, value_pair
 from casid.acceptance.fleet import Fleet
-from casid.report.result_page import Bar, Bars
-from casid.report.templating import ReportTable, Row
+from casid.report.sections import Bar, Bars, ReportTable, of_rows, where
 from casid.report.words import digits, pretty
-from casid.signals import label_of
 
 
 def bars_of_diagnoses(found: Comparison) -> Bars:
     """Return the errors as given of every channel, one diagnosis below the other."""
-    rows = [(_named(one.name), one.as_given) for one in (found.together, *found.channels)]
+    rows = [(named(one.name), one.as_given) for one in (found.together, *found.channels)]
     return _bars("Error of the simulation as given on held-out records, times the noise", found.names, rows)
 
 
 def bars_of_flights(found: Fleet) -> Bars:
     """Return the errors as given of every record."""
-    rows = [(one.record, (one.error,)) for one in found.rows]
+    rows = [(one.record, (one.error,)) for one in found.flights]
     return _bars("Error of the simulation as given, all channels, times the noise", ("as given",), rows)
 
 
@@ -47,71 +45,47 @@ def tables_of_diagnoses(found: Comparison) -> list[ReportTable]:
     first, second = found.names
     causes = ReportTable(
         head=("cause", first, second),
-        rows=tuple(
-            Row(cells=(one.name, *(pretty(size) or "not named" for size in one.sizes)), marked="" in one.sizes)
-            for one in found.causes
-        ),
+        rows=[(one.name, *(pretty(size) or "not named" for size in one.sizes)) for one in found.causes],
+        marked=where("" in one.sizes for one in found.causes),
         caption="Causes that were named, with size and probability",
     )
+    differing = [_value(one) for one in found.values if one.differs]
     values = ReportTable(
         head=("parameter", "as given", "by the records"),
-        rows=tuple(Row(cells=_value(one), marked=one.differs) for one in found.values if one.differs),
+        rows=differing,
+        marked=range(len(differing)),
         caption="Values that were changed in the file, or of which the records say something else: more than three "
         "standard deviations apart",
     )
-    head = (f"as given, {first}", second, f"left, {first}", second)
-    errors = ReportTable(
-        head=("error / noise", *head),
-        rows=tuple(_error_row(one) for one in (found.together, *found.channels)),
-        caption="Errors by channel on the held-out records, those that changed most first",
-        numeric=True,
-    )
-    records = ReportTable(
-        head=("record", *head),
-        rows=tuple(_error_row(one) for one in found.records),
-        caption="Errors by record, all channels together",
-        numeric=True,
-    )
-    return [causes, values, errors, records]
+    errors = of_rows(found.rows(), "Errors by channel on the held-out records, those that changed most first")
+    by_record = found.rows_of("record", found.records)
+    return [causes, values, errors, of_rows(by_record, "Errors by record, all channels together")]
 
 
-def tables_of_flights(found: Fleet) -> list[ReportTable]:
+def table_of_flights(found: Fleet) -> ReportTable:
     """Return a row for each flight."""
-    rows = tuple(
-        Row(
-            cells=(
-                one.record,
-                f"{one.duration:.0f}",
-                _error(one.error),
-                f"{_named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
-                one.verdict,
-                pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
-            ),
-            marked=bool(one.faults or one.changes or one.diverged),
+    rows = [
+        (
+            one.record,
+            f"{one.duration:.0f}",
+            _error(one.error),
+            f"{named(one.worst)} {_error(one.errors[one.worst])}" if one.worst else one.diverged,
+            one.verdict,
+            pretty("\n".join([*one.faults, *map(str, one.changes)])) or "–",
         )
-        for one in found.rows
-    )
-    caption = (
-        "Flown as given, times the noise; estimated from the record alone; and what differs from the other flights"
-    )
-    return [
-        ReportTable(
-            head=("record", "s", "error", "worst channel", "estimate", "what differs"), rows=rows, caption=caption
-        )
+        for one in found.flights
     ]
-
-
-def _error_row(one: ComparedError) -> Row:
-    return Row(cells=(_named(one.name), *(_error(value) for value in (*one.as_given, *one.left))))
+    return ReportTable(
+        head=("record", "s", "error", "worst channel", "estimate", "what differs"),
+        rows=rows,
+        marked=where(one.faults or one.changes or one.diverged for one in found.flights),
+        caption="Flown as given, times the noise; estimated from the record alone; and what differs from the other "
+        "flights",
+    )
 
 
 def _value(one: ComparedValue) -> tuple[str, str, str]:
     return one.name, pretty(value_pair(one.given).replace("->", "→")), pretty(flight_pair(one).replace("->", "→"))
-
-
-def _named(name: str) -> str:
-    label = label_of(name)
-    return name if label == name else f"{label} {name}"
 
 
 def _error(value: float) -> str:

@@ -38,8 +38,8 @@ from casid.report.figure import (
     history,
     stacked,
 )
-from casid.report.statements import about_data
-from casid.report.templating import ReportTable, Row, write_page
+from casid.report.result_page import answer_of_faults, write_result
+from casid.report.sections import ReportTable, Section, where
 from casid.report.words import digits, pretty, to_noise
 from casid.signals import SURFACES, for_a_person, label_of
 
@@ -127,43 +127,38 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     )
 
 
-_COLOURS = {True: "#00694E", False: "#A3122A"}
-
-
 def write_check(found: DataFindings, folder: str | Path) -> None:
     """Write `check.html` and `check_figures/*.svg` into `folder`, which is made."""
-    picture = check_figure(found.findings, found.recorded, found.records)
-    context = {
-        "colour": _COLOURS[found.clean],
-        "records": ", ".join(record.name for record in found.recorded),
-        "sentences": list(found.sentences),
-        "findings": tables.findings(found.findings),
-        "channels": _channel_table(found),
-        "remarks": [f"{record.name}: {note}" for record in found.recorded for note in record.notes],
-    }
-    write_page(folder, "check", [picture] if picture else [], context)
+    names = ", ".join(record.name for record in found.recorded)
+    badge = "Data at fault" if found.sentences else "Nothing is wrong"
+    remarks = [f"{record.name}: {note}" for record in found.recorded for note in record.notes]
+    parts = [
+        check_figure(found.findings, found.recorded, found.records),
+        tables.findings(found.findings),
+        _channel_table(found),
+        Section(title="Remarks of the reader", parts=(remarks,), open=True),
+    ]
+    answer = answer_of_faults(badge, found.sentences, "No fault of these data was found.")
+    write_result(folder, "check", f"Check of flight data: {names}", answer, parts, "check_figures")
 
 
 def _channel_table(found: DataFindings) -> ReportTable:
-    suspected = {name: number for number, one in enumerate(found.findings, 1) for name in one.target.split("+")}
-    rows = tuple(
-        Row(
-            cells=(
-                f"{row.name} [{pretty(row.unit)}]",
-                *(to_noise(value, row.noise) for value in (row.least, row.median, row.most)),
-                digits(row.noise, 2),
-                digits(row.rate_hz),
-                f"{100.0 * row.missing:.2g} %",
-                str(row.records),
-            ),
-            claim=about_data(suspected[row.name]) if row.name in suspected else "",
-            marked=row.name in suspected,
+    suspected = _suspected(found.findings)
+    rows = [
+        (
+            f"{row.name} [{pretty(row.unit)}]",
+            *(to_noise(value, row.noise) for value in (row.least, row.median, row.most)),
+            digits(row.noise, 2),
+            digits(row.rate_hz),
+            f"{100.0 * row.missing:.2g} %",
+            str(row.records),
         )
         for row in found.table
-    )
+    ]
     return ReportTable(
         head=("channel", "least", "median", "most", "noise 1σ", "rate [Hz]", "missing", "records"),
         rows=rows,
+        marked=where(row.name in suspected for row in found.table),
         caption="Every channel of all records; suspected ones are marked. Noise: what the high band shows as white.",
         numeric=True,
     )
@@ -171,14 +166,21 @@ def _channel_table(found: DataFindings) -> ReportTable:
 
 def write_compatibility(found: Compatibility, folder: str | Path) -> None:
     """Write `compatibility.html` and `compatibility_figures/*.svg` into `folder`, which is made."""
-    context = {
-        "colour": _COLOURS[found.passed],
-        "found": found,
-        "records": ", ".join(record.name for record in found.records),
-        "errors": _errors(found),
-        "channels": _channels_left(found),
-    }
-    write_page(folder, "compatibility", compatibility_figures(found), context)
+    air = f"The air moves with {found.moving_air:.2g} m/s r.m.s.; errors are estimated together with it."
+    answer = answer_of_faults(
+        "Pass" if found.passed else "Fail",
+        found.against,
+        "The measurements are compatible: no error of an instrument is clear and larger than allowed.",
+        [*([air] if found.moving_air else []), *([found.wind.sentence] if found.wind else [])],
+    )
+    parts = [
+        _errors(found),
+        *compatibility_figures(found),
+        _channels_left(found),
+        Section(title="Not judged", parts=(found.not_judged,), open=True),
+    ]
+    title = f"Compatibility of the measurements: {', '.join(record.name for record in found.records)}"
+    write_result(folder, "compatibility", title, answer, parts, "compatibility_figures")
 
 
 def compatibility_figures(found: Compatibility) -> list[Picture]:
@@ -204,22 +206,20 @@ def _errors(found: Compatibility) -> ReportTable:
             pretty(unit),
             "pass" if one.passed else "FAIL",
         )
-        rows.append(Row(cells=cells, marked=not one.passed))
+        rows.append(cells)
     return ReportTable(
         head=("error", "value", "1σ", "allowed", "unit", "verdict"),
-        rows=tuple(rows),
+        rows=rows,
+        marked=where(not one.passed for one in found.errors),
         caption="Errors of the instruments, measured minus true. An error fails that is clear and larger than allowed.",
         numeric=True,
     )
 
 
 def _channels_left(found: Compatibility) -> ReportTable:
-    rows = []
-    for name, left in found.left.items():
-        rows.append(Row(cells=(name, digits(left, 2))))
     return ReportTable(
         head=("channel", "left over noise"),
-        rows=tuple(rows),
+        rows=[(name, digits(left, 2)) for name, left in found.left.items()],
         caption="r.m.s. of measured minus reconstructed, over the noise of the channel. Near 1 the measurements agree; "
         "accelerations are followed more closely, because the forces are free.",
         numeric=True,

@@ -7,9 +7,10 @@ what is measured, as given, extended, and of the noise are defined here and nowh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -270,11 +271,11 @@ class Figure:
 
     def x_range(self, panel: Panel) -> tuple[float, float]:
         """Return the ends of the horizontal axis of a panel, the same for all that are linked."""
-        return _range(self.linked_with(panel), lambda one: one.x, _across)
+        return _range(self.linked_with(panel), "x")
 
     def y_range(self, panel: Panel) -> tuple[float, float]:
         """Return the ends of the vertical axis of a panel, the same for all that are alike."""
-        return _range(self.panels if self.alike else [panel], lambda one: one.y, _upward)
+        return _range(self.panels if self.alike else [panel], "y")
 
 
 def stacked(panels: Iterable[Panel], columns: int = 1) -> tuple[tuple[Panel | None, ...], ...]:
@@ -286,18 +287,18 @@ def stacked(panels: Iterable[Panel], columns: int = 1) -> tuple[tuple[Panel | No
     return tuple(tuple(filled[k : k + columns]) for k in range(0, len(filled), columns))
 
 
-def _range(panels: Sequence[Panel], axis: Callable[[Panel], Axis], drawn: Callable) -> tuple[float, float]:
+def _range(panels: Sequence[Panel], axis: str) -> tuple[float, float]:
     """Return the limits of an axis, or what is drawn along it and some room around."""
-    own = axis(panels[0])
+    own = panels[0].x if axis == "x" else panels[0].y
     if own.names:
         return -0.5, len(own.names) - (1.5 if own.edges else 0.5)
     if own.low is not None and own.high is not None:
         return own.low, own.high
-    values = np.concatenate([np.ravel(one) for panel in panels for one in drawn(panel)] or [np.zeros(0)])
+    values = np.concatenate([np.ravel(one) for panel in panels for one in _drawn(panel, axis)] or [np.zeros(0)])
     values = values[np.isfinite(values) & ((values > 0.0) | (not own.log))]
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     lines = any(one.look.dash and not one.look.marker for panel in panels for one in panel.of(Curve))
-    room = _ROOM_ALONG if lines and drawn is _across else _ROOM
+    room = _ROOM_ALONG if lines and axis == "x" else _ROOM
     if own.log:
         factor = (high / low) ** room if high > low else 2.0
         found = low / factor, high * factor
@@ -307,45 +308,32 @@ def _range(panels: Sequence[Panel], axis: Callable[[Panel], Axis], drawn: Callab
     return (found[0] if own.low is None else own.low), (found[1] if own.high is None else own.high)
 
 
-def _across(panel: Panel) -> Iterator[np.ndarray | list[float]]:
-    """Yield what is drawn along the horizontal axis."""
+def _drawn(panel: Panel, axis: str) -> Iterator[np.ndarray | list[float]]:
+    """Yield what is drawn along an axis, "x" or "y"."""
+    across = axis == "x"
     for one in panel.parts:
         if isinstance(one, Curve):
-            spread = 0.0 if one.std_x is None else np.nan_to_num(one.std_x)
-            yield one.x - spread
-            yield one.x + spread
+            values, std = (one.x, one.std_x) if across else (one.y, one.std)
+            spread = 0.0 if std is None else np.nan_to_num(std)
+            yield values - spread
+            yield values + spread
         elif isinstance(one, Band):
-            yield one.x
-        elif isinstance(one, Bar):
+            yield from (one.x,) if across else (one.low, one.high)
+        elif isinstance(one, Bar) and across:
             yield [one.low, one.high]
-        elif isinstance(one, Rule) and one.axis == "x":
+        elif isinstance(one, Rule) and one.axis == axis:
             yield [one.at]
-        elif isinstance(one, Span) and one.axis == "x":
-            yield [one.low, one.high]
-
-
-def _upward(panel: Panel) -> Iterator[np.ndarray | list[float]]:
-    """Yield what is drawn along the vertical axis."""
-    for one in panel.parts:
-        if isinstance(one, Curve):
-            spread = 0.0 if one.std is None else np.nan_to_num(one.std)
-            yield one.y - spread
-            yield one.y + spread
-        elif isinstance(one, Band):
-            yield one.low
-            yield one.high
-        elif isinstance(one, Rule) and one.axis == "y":
-            yield [one.at]
-        elif isinstance(one, Span) and one.axis == "y":
+        elif isinstance(one, Span) and one.axis == axis:
             yield [one.low, one.high]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Picture:
-    """A figure with its words: `name` of the file without ending, heading, caption below, text instead of it."""
+    """A figure, of these parts or of matplotlib, with its words: `name` of the file without ending, heading, caption
+    below, text instead of it."""
 
     name: str
-    figure: Figure
+    figure: Any
     title: str
     caption: str
     alt: str
@@ -353,7 +341,13 @@ class Picture:
     @property
     def wide(self) -> bool:
         """Return True if it is scrolled sideways where there is no room for it."""
-        return self.figure.width > WIDTH
+        width = self.figure.width if isinstance(self.figure, Figure) else self.figure.get_figwidth()
+        return width > WIDTH
+
+    @property
+    def can_be_zoomed(self) -> bool:
+        """Return True if a script can draw it."""
+        return isinstance(self.figure, Figure) and self.figure.can_be_zoomed
 
 
 TIME = Axis(label="time t [s]")

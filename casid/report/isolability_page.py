@@ -13,9 +13,10 @@ from casid.acceptance.isolability import Addition, Isolability, IsolableCause
 from casid.errors import InputError
 from casid.model.effects import effect_named
 from casid.report.figure import WIDE, Axis, Cells, Figure, Note, Panel, Picture, Scale
+from casid.report.result_page import Answer, write_result
+from casid.report.sections import ReportTable, Section
 from casid.report.svg import shown
-from casid.report.templating import ReportTable, Row, write_page
-from casid.report.words import digits, effect_name, probability_in_words, quantity
+from casid.report.words import digits, effect_name, pretty, probability_in_words, quantity
 from casid.signals import label_of
 
 _SHOWN = 0.02  # probability of confusion from which a cause is in the matrix
@@ -176,41 +177,29 @@ def _label(name: str) -> str:
 def write_isolability(found: Isolability, folder: str | Path) -> None:
     """Write `isolability.html` and `isolability_figures/*.svg` into `folder`, which is made."""
     apart, between, unseen = _groups(found)
-    lists = (_APART, _by_place(apart)), (_UNSEEN, _by_place(unseen, sizes=True))
-    context = {
-        "colour": "#005A8F",
-        "aircraft": found.aircraft,
-        "manoeuvres": ", ".join(found.manoeuvres),
-        "sentence": sentence(found),
-        "channels": ", ".join(found.channels),
-        "additions": additions_in_words(found),
-        "sets": ["; ".join(map(_label, one)) for one in found.sets if len(one) > 1],
-        "lists": [(head, lines) for head, lines in lists if lines],
-        "causes": _table(between),
-        "left_out": ", ".join(map(_label, found.left_out)),
-    }
-    write_page(folder, "isolability", [matrix(found)], context)
+    alike = ["; ".join(map(_label, one)) for one in found.sets if len(one) > 1]
+    left_out = f"Not judged: {', '.join(map(_label, found.left_out))}." if found.left_out else ""
+    parts = [
+        f"Channels: {', '.join(found.channels)}.",
+        Section(title="What would add most", parts=([pretty(one) for one in additions_in_words(found)],), open=True),
+        Section(title="What looks alike", parts=(alike,), open=True),
+        _table(between),
+        matrix(found),
+        Section(title=_APART, parts=(_by_place(apart),), open=True),
+        Section(title=_UNSEEN, parts=(_by_place(unseen, sizes=True),), open=True),
+        left_out,
+    ]
+    title = f"What the flight will tell: {found.aircraft}, {', '.join(found.manoeuvres)}"
+    answer = Answer(badge="", sentence=sentence(found))
+    write_result(folder, "isolability", title, answer, parts, "isolability_figures")
 
 
 def _table(causes: Sequence[IsolableCause]) -> ReportTable:
-    rows = tuple(
-        Row(
-            cells=(
-                _label(one.name),
-                *(
-                    cell.replace(" ", "\N{NO-BREAK SPACE}")
-                    for cell in (
-                        quantity(one.matters, one.unit),
-                        smallest(one),
-                        probability_in_words(one.detection),
-                        probability_in_words(one.told),
-                    )
-                ),
-                rivals(one),
-            )
-        )
-        for one in causes
-    )
+    rows = []
+    for one in causes:
+        sizes = quantity(one.matters, one.unit), smallest(one)
+        cells = (*sizes, probability_in_words(one.detection), probability_in_words(one.told))
+        rows.append((_label(one.name), *(cell.replace(" ", "\N{NO-BREAK SPACE}") for cell in cells), rivals(one)))
     return ReportTable(
         head=("cause", "matters from", "smallest", "detected", "right", "taken for"),
         rows=rows,

@@ -101,7 +101,9 @@ class _Panel:
                 box = axis.label.get_window_extent(renderer)
                 labels[side] = box.height if axis is self.ax.xaxis else box.width
         if self.ax.yaxis.offsetText.get_text():  # above which a title is moved
+            self.ax._autotitlepos = True  # pyright: ignore[reportAttributeAccessIssue]
             self.ax._update_title_position(renderer)  # pyright: ignore[reportAttributeAccessIssue]
+        self.ax._autotitlepos = False  # pyright: ignore[reportAttributeAccessIssue] # it would measure all numbers again
         for text in self.ax.get_children():  # titles are among them
             if isinstance(text, Text) and text.get_visible() and text.get_text():
                 texts = np.maximum(texts, _beyond(panel, text.get_window_extent(renderer)))

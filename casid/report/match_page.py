@@ -42,8 +42,10 @@ from casid.report.figure import (
     channel_scale,
     stacked,
 )
+from casid.report.result_page import BAD, GOOD
+from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
-from casid.report.templating import ReportTable, Row, drawn_into, figures_of, render
+from casid.report.templating import drawn_into, render
 from casid.report.words import digits, with_std
 from casid.signals import SURFACES, label_of
 
@@ -165,8 +167,6 @@ def _thrust(one: MatchedTest) -> Panel:
     return _panel(one, "thrust, driven", "kN", parts)
 
 
-FIGURES = "match_figures"
-_COLOURS = {True: "#00694E", False: "#A3122A"}
 _VERDICTS = {True: "pass", False: "FAIL", None: "not judged"}
 _USED = {True: "yes", False: "no", None: "not known"}
 
@@ -177,10 +177,9 @@ def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     rationales = {i: rationale_of(one, proof.tests, proof.lost, proof.findings) for i, one in enumerate(proof.tests)}
     related = {i: related_figure(one) for i, one in enumerate(proof.tests) if rationales[i]}
     pictures |= {f"related{i}": picture for i, picture in related.items() if picture}
-    drawn = drawn_into(Path(folder) / FIGURES, {picture.name: picture for picture in pictures.values()})
-    figures = figures_of(drawn, {})
+    figures = drawn_into(Path(folder) / "match_figures", pictures.values())
     context = {
-        "colour": _COLOURS[proof.passed],
+        "colour": GOOD if proof.passed else BAD,
         "justified": _justified(proof),
         "proof": proof,
         "loop": _loop(proof),
@@ -217,12 +216,13 @@ def _summary(proof: ProofOfMatch) -> ReportTable:
         for side in one.sides.values():
             cells += [_most_used(side.checks), _VERDICTS[side.passed]]
         cells += ["not met" if one.unmet else "met", _USED[one.fitted]]
-        rows.append(Row(cells=tuple(cells), marked=one.passed is False))
+        rows.append(tuple(cells))
     head = ["test", "record"]
     for label in proof.aircraft:
         head += [f"{label}: tolerance used", label]
     head += ["conditions", "record fitted"]
-    return ReportTable(head=tuple(head), rows=tuple(rows), caption="Tests, in the order of the standard.")
+    failed = where(one.passed is False for one in proof.tests)
+    return ReportTable(head=tuple(head), rows=rows, marked=failed, caption="Tests, in the order of the standard.")
 
 
 def _justified(proof: ProofOfMatch) -> str:
@@ -241,14 +241,12 @@ def _justified(proof: ProofOfMatch) -> str:
 
 def _conditions(one: MatchedTest) -> ReportTable:
     words = {True: "met", False: "NOT MET", None: "not known"}
-    rows = tuple(
-        Row(
-            cells=(condition.name, condition.asked, condition.found, words[condition.met]),
-            marked=condition.met is False,
-        )
-        for condition in one.conditions
+    return ReportTable(
+        head=("condition", "asked", "found", ""),
+        rows=[(each.name, each.asked, each.found, words[each.met]) for each in one.conditions],
+        marked=where(each.met is False for each in one.conditions),
+        caption="Conditions of the test",
     )
-    return ReportTable(head=("condition", "asked", "found", ""), rows=rows, caption="Conditions of the test")
 
 
 def related_figure(one: MatchedTest) -> Picture | None:
@@ -294,7 +292,7 @@ def _most_used(checks: tuple[Check, ...]) -> str:
 
 
 def _left_out(proof: ProofOfMatch) -> ReportTable:
-    rows = tuple(Row(cells=(f"{name} {proof.standard.tests[name].title}", why)) for name, why in proof.left_out.items())
+    rows = [(f"{name} {proof.standard.tests[name].title}", why) for name, why in proof.left_out.items()]
     return ReportTable(head=("test", "why"), rows=rows, caption="Tests of the table that were not compared.")
 
 
@@ -331,7 +329,8 @@ def _histories(one: MatchedTest) -> ReportTable:
         return label, _in_unit(check.deviation, check.tolerance), at, out
 
     head = ("compared", "tolerance", "simulation", "largest deviation", "at [s]", "time out [s]", "tolerance used", "")
-    return ReportTable(head=head, rows=_rows(one, cells, False), caption="Time histories", numeric=True)
+    rows, failed = _rows(one, cells, False)
+    return ReportTable(head=head, rows=rows, marked=failed, caption="Time histories", numeric=True)
 
 
 def _quantities(one: MatchedTest) -> ReportTable:
@@ -343,22 +342,25 @@ def _quantities(one: MatchedTest) -> ReportTable:
 
     head = ("quantity", "tolerance", "flight ± 1σ", "simulation", "value ± 1σ", "deviation", "tolerance used", "")
     caption = "Derived quantities, measured from both in the same way"
-    return ReportTable(head=head, rows=_rows(one, cells, True), caption=caption)
+    rows, failed = _rows(one, cells, True)
+    return ReportTable(head=head, rows=rows, marked=failed, caption=caption)
 
 
 def _rows(
     one: MatchedTest, cells: Callable[[str, Check, bool], tuple[str, ...]], of_quantities: bool
-) -> tuple[Row, ...]:
-    """A line for each row of the test and side, with its own cells; what is common to the sides is in the first."""
+) -> tuple[list[tuple[str, ...]], set[int]]:
+    """A line for each row of the test and side, with its own cells; what is common to the sides is in the first. And
+    the numbers of those that fail."""
     rows = []
+    failed = []
     for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
         for label, side in one.sides.items():
             check = side.checks[row]
             first = label == next(iter(one.sides))
             head = (check.tolerance.words, _limit_in_words(one, check.tolerance)) if first else ("", "")
-            own = (*head, *cells(label, check, first), _used(check.used), _outcome(check))
-            rows.append(Row(cells=own, marked=check.passed is False))
-    return tuple(rows)
+            rows.append((*head, *cells(label, check, first), _used(check.used), _outcome(check)))
+            failed.append(check.passed is False)
+    return rows, where(failed)
 
 
 def _is_quantity(one: MatchedTest, row: int) -> bool:
@@ -397,15 +399,16 @@ def _costs(one: MatchedTest) -> ReportTable:
     """Tabulate the part of each tolerance that is used with all parts, and without each that costs one."""
     names = [row.name for row in one.test.tolerances]
     words = {row.name: row.words for row in one.test.tolerances}
+    costs = [cost for cost in one.costs if cost.lost]
     rows = []
-    for cost in (each for each in one.costs if each.lost):
+    if costs:
+        whole = {check.tolerance.name: check.used for check in one.sides[EXTENDED].checks}
+        rows.append(("extended, whole", *(_used(whole[name]) for name in names), ""))
+    for cost in costs:
         lost = ", ".join(words[name] for name in cost.lost)
         told = f"{lost} out of tolerance{'; the test fails' if cost.fails else ''}"
-        cells = (f"without {cost.part}", *(_used(cost.used[name]) for name in names), told)
-        rows.append(Row(cells=cells, marked=cost.fails))
-    if rows:
-        whole = {check.tolerance.name: check.used for check in one.sides[EXTENDED].checks}
-        rows.insert(0, Row(cells=("extended, whole", *(_used(whole[name]) for name in names), "")))
+        rows.append((f"without {cost.part}", *(_used(cost.used[name]) for name in names), told))
     head = ("part taken out", *(words[name] for name in names), "costs")
     caption = "Which part costs which tolerance: tolerance used, parts of the extended aircraft taken out in turn"
-    return ReportTable(head=head, rows=tuple(rows), caption=caption)
+    fails = where([False, *(cost.fails for cost in costs)])
+    return ReportTable(head=head, rows=rows, marked=fails, caption=caption)

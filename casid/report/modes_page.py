@@ -28,9 +28,10 @@ from casid.report.figure import (
     channel_scale,
     looks,
 )
+from casid.report.result_page import Answer, write_result
+from casid.report.sections import ReportTable
 from casid.report.svg import shown
-from casid.report.templating import ReportTable, Row, write_page
-from casid.report.words import digits, quantity, with_std
+from casid.report.words import digits, pretty, quantity, with_std
 
 _FAST = ("short period", "dutch roll", "roll")
 _SLOW = ("phugoid", "spiral")
@@ -125,32 +126,28 @@ TheilTable = Mapping[str, Mapping[str, Mapping[str, Theil]]]  # record -> label 
 def write_modes(found: Mapping[str, Handbook], theil: TheilTable, folder: str | Path) -> None:
     """Write `modes.html` and `modes_figures/*.svg` into `folder`, which is made."""
     first = next(iter(found.values()))
-    notes = dict.fromkeys(f"{label}: {note}" for label, one in found.items() for note in one.notes)
-    context = {
-        "colour": "#005A8F",
-        "aircraft": first.aircraft,
-        "point": f"V = {digits(first.flight['V'])} m/s, density {digits(first.flight['rho'])} kg/m³",
-        "numbers": _numbers(found),
-        "theil": [_theil(record, table) for record, table in theil.items()],
-        "notes": list(notes),
-    }
-    write_page(folder, "modes", [eigenvalues(found), trim_curves(found)], context)
+    point = f"V = {digits(first.flight['V'])} m/s, density {digits(first.flight['rho'])} kg/m³"
+    sentence = f"Steady straight flight at {point}, stick fixed, constant thrust."
+    parts = [
+        [pretty(one) for one in _notes(found)],
+        _numbers(found),
+        eigenvalues(found),
+        trim_curves(found),
+        *(_theil(record, table) for record, table in theil.items()),
+    ]
+    title = f"Handbook numbers: {first.aircraft}"
+    write_result(folder, "modes", title, Answer(badge="", sentence=sentence), parts, "modes_figures")
 
 
-def text_table(found: Mapping[str, Handbook]) -> str:
-    """The numbers of all aircraft as text, one line each."""
-    notes = dict.fromkeys(f"! {label}: {note}" for label, one in found.items() for note in one.notes)
-    return "\n".join([_numbers(found).text(), *notes]) + "\n"
+def _notes(found: Mapping[str, Handbook]) -> list[str]:
+    return list(dict.fromkeys(f"{label}: {note}" for label, one in found.items() for note in one.notes))
 
 
-def theil_text(theil: TheilTable) -> str:
-    """Theil's coefficients and their parts as text."""
-    lines: list[str] = []
-    for record, by_label in theil.items():
-        lines += [f"{record}: Theil's coefficient (bias / variance / covariance of the squared error)"]
-        for label, channels in by_label.items():
-            lines += [f"  {label}  {name:6} {t.coefficient:.3f}  ({_shares(t)})" for name, t in channels.items()]
-    return "\n".join(lines)
+def text(found: Mapping[str, Handbook], theil: TheilTable) -> str:
+    """The numbers of all aircraft as text, one line each, and Theil's coefficients."""
+    tables = (_theil(record, table) for record, table in theil.items())
+    told = [f"\n{one.caption}\n{one.text()}" for one in tables]
+    return "\n".join([_numbers(found).text(), *(f"! {note}" for note in _notes(found)), *told])
 
 
 def _shares(one: Theil) -> str:
@@ -160,10 +157,9 @@ def _shares(one: Theil) -> str:
 def _numbers(found: Mapping[str, Handbook]) -> ReportTable:
     labels = dict.fromkeys(label for one in found.values() for label, _ in labelled(one))
     by_aircraft = [dict(labelled(one)) for one in found.values()]
-    cells = [(label, *(_cell(numbers.get(label)) for numbers in by_aircraft)) for label in labels]
     return ReportTable(
         head=("number", *found),
-        rows=tuple(Row(cells=row) for row in cells),
+        rows=[(label, *(_cell(numbers.get(label)) for numbers in by_aircraft)) for label in labels],
         caption="± is one standard deviation, from what is known of the parameters; none where nothing is known. "
         "Margins are parts of the length of pitching moments.",
         numeric=True,
@@ -183,17 +179,17 @@ def _cell(one: Number | None) -> str:
 
 def _theil(record: str, by_label: Mapping[str, Mapping[str, Theil]]) -> ReportTable:
     channels = dict.fromkeys(name for table in by_label.values() for name in table)
-    cells = []
+    rows = []
     for name in channels:
         row = [name]
         for table in by_label.values():
             one = table.get(name)
             row += [f"{one.coefficient:.3f}", _shares(one)] if one else ["–", "–"]
-        cells.append(Row(cells=tuple(row)))
-    head = [cell for label in by_label for cell in (f"{label}: U", "bias / variance / covariance")]
+        rows.append(tuple(row))
+    head = [cell for label in by_label for cell in (f"{label}: U", f"{label}: bias / variance / covariance")]
     return ReportTable(
         head=("channel", *head),
-        rows=tuple(cells),
+        rows=rows,
         caption=f"{record}, flown open loop: Theil's inequality coefficient U and the parts of its squared error.",
         numeric=True,
     )

@@ -13,8 +13,8 @@ from casid.diagnosis.document import Document
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, separated
 from casid.report.figure import Picture, channel_scale
+from casid.report.sections import ReportTable
 from casid.report.statements import numbered
-from casid.report.templating import ReportTable, Row
 from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, place
 from casid.signals import label_of
 
@@ -112,10 +112,10 @@ def _in_words(limits: Limits, names: Sequence[str]) -> str:
 
 def limited(document: Document) -> ReportTable:
     """Numbers that the motion would determine if noise were the only unknown: flying more of it is no help."""
-    rows = tuple(
-        Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected)))
+    rows = [
+        (one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(one.corrected))
         for one in document.limited
-    )
+    ]
     return ReportTable(
         head=("number", "aircraft file", "its stated 1σ", "1σ by noise alone", "corrected 1σ"),
         rows=rows,
@@ -135,10 +135,9 @@ def _exciting(number: int, of: Exciting) -> Proposal:
     experiment = of.experiment
     names = ", ".join(one.name for one in wanted)
     shown = [*experiment.surfaces, *experiment.limits]
-    rows = tuple(
-        Row(cells=(one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(best.std[one.name])))
-        for one in wanted
-    )
+    rows = [
+        (one.name, digits(one.given), _std(one.stated), _std(one.by_noise), _std(best.std[one.name])) for one in wanted
+    ]
     return Proposal(
         open=f"The motion in these records says less of {names} than the file does.",
         fly=f"{' and '.join(label_of(s) for s in experiment.surfaces)}: 3-2-1-1, as large as the limits allow",

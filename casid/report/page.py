@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from html import escape
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
-from casid.arguments import require
-from casid.diagnosis.document import Document, ReportedCause
+from casid.arguments import require, sequence
+from casid.diagnosis.document import Document
 from casid.diagnosis.first_screen import FirstScreen
 from casid.diagnosis.result import Diagnosis
 from casid.errors import noting
@@ -29,11 +28,15 @@ from casid.report.folder import provenance
 from casid.report.history_figures import flown_again, histories, residuals, tracks, worst_channel
 from casid.report.next_flight import NextFlights, limited, next_flights
 from casid.report.rotor_figures import response_of_axes, rotors_from_above
-from casid.report.statements import Statement, numbered, statements
-from casid.report.tables import shares
-from casid.report.templating import COLOURS, FIGURES, Figure, ReportTable, drawn_into, figures_of, render
-from casid.report.words import digits
+from casid.report.sections import Fragment, Section, pictures_of, shown_parts
+from casid.report.statements import numbered, statements
+from casid.report.templating import COLOURS, Figure, drawn_into, render
+from casid.report.words import digits, pretty
 
+FIGURES = "report_figures"
+_MOST = 3  # places where something is unexplained that have pictures of their own
+# pictures of evidence in their order; those of further causes stand beside that of the first
+_EVIDENCE = ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals")
 _SAME = 0.005  # a change that is no per cent
 
 
@@ -73,127 +76,77 @@ def _multiple(ratio: float) -> str:
     return digits(ratio, 2) if math.isfinite(ratio) else "∞"
 
 
-_MOST = 3  # places where something is unexplained that have pictures of their own
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Report:
+    """The page of a diagnosis as data: `replace` its sections to leave some out, change their order or add your own.
 
+    Parameters
+    ----------
+    document
+        Content of the diagnosis, with which the page opens.
+    sections
+        What follows below, in its order.
+    lead
+        The figure on the first screen.
+    following
+        Manoeuvres to fly next.
+    failed
+        What could not be drawn, with the error.
 
-def pictures(document: Document, failed: list[str] | None = None) -> dict[str, Picture]:
-    """Name -> picture, that of the worst channel first. Those that cannot be drawn are added to `failed`
-    with the error; without such a list it is raised."""
-    ladder_ = partial(ladder, document)
-    ambiguity_ = partial(ambiguity, document)
-    worst = partial(worst_channel, document)
-    budget_ = partial(budget, document.budget)
-    derivatives_ = partial(derivatives, document)
-    if not document.coefficients:
-        makers = [
-            worst,
-            partial(rotors_from_above, document),
-            partial(response_of_axes, document),
-            budget_,
-            partial(flown_again, document),
-            ladder_,
-            ambiguity_,
-            derivatives_,
-        ]
-    else:
-        makers = [
-            worst,
-            *(partial(_of_cause_numbered, document, n) for n in range(1, 1 + len(document.causes))),
-            partial(_of_the_unexplained, document),
-            budget_,
-            partial(tracks, document),
-            partial(histories, document),
-            partial(residuals, document),
-            partial(heatmap, document),
-            ladder_,
-            ambiguity_,
-            partial(missing, document),
-            partial(kinematic, document),
-            partial(check_figure, document.data, *_before_and_after(document)),
-            derivatives_,
-            partial(envelope, document),
-        ]
-    table = dict[str, Picture]()
-    for make in makers:
-        with noting(failed, make.func.__name__.strip("_")):
-            found = make()
-            several = [found] if isinstance(found, Picture) or found is None else list(found)
-            table |= {picture.name: picture for picture in several if picture is not None}
-    return table
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import casid as cs
+    >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
+    >>> report = cs.Report.of(found)  # doctest: +SKIP
+    >>> [one.name for one in report.sections][:3]  # doctest: +SKIP
+    ['account', 'gain', 'evidence']
+    >>> kept = [one for one in report.sections if one.name != "numbers"]  # doctest: +SKIP
+    >>> masses = {"what": ["empty", "fuel"], "kg": [12500.0, 2100.0]}
+    >>> loading = cs.Section(title="Loading", parts=["Weighed on the day of the flight.", masses])
+    >>> cs.write_report(replace(report, sections=[loading, *kept]), "report")  # doctest: +SKIP
+    """
 
+    document: Document
+    sections: Sequence[Section]
+    lead: Picture | None
+    following: NextFlights
+    failed: Sequence[str]
 
-def _of_cause_numbered(document: Document, number: int) -> Iterator[Picture]:
-    """Pictures of one of the strongest causes, named with its number."""
-    for picture in _of_cause(document, document.causes[number - 1]):
-        if picture is not None:
-            yield replace(picture, name=numbered(picture.name, number))
+    @classmethod
+    def of(cls, diagnosis: Diagnosis | Document, made_with: Mapping[str, Any] | None = None) -> Report:
+        """Return the page that `write_report` writes of a diagnosis, and takes the same.
 
+        Parameters
+        ----------
+        diagnosis
+            Of `diagnose`, or the document of one.
+        made_with
+            What `run.json` has: command, seed, commit and versions. Default: those of this process.
+        """
+        if isinstance(diagnosis, Document):
+            document = diagnosis
+        else:
+            write = "cs.diagnose(aircraft, records)"
+            document = require(diagnosis, Diagnosis, "write_report: diagnosis", write).document()
+        following = NextFlights(proposals=(), beyond=())
+        failed = list(document.failed)
+        with noting(failed, "next flight"):
+            following = next_flights(document)
+        lead = next(iter(_made(failed, worst_channel, document)), None)
+        every = _sections(document, following, failed, provenance() if made_with is None else made_with)
+        sections = [one for one in every if one.parts]
+        return cls(document=document, sections=sections, lead=lead, following=following, failed=failed)
 
-def _of_cause(document: Document, cause: ReportedCause) -> Iterable[Picture | None]:
-    if cause.stochastic:
-        yield wind(document)
-        return
-    yield shape(cause)
-    yield onset(cause)
-    yield cause_response(document, cause)
-    if cause.histories:
-        yield missing_history(cause.enters, cause.histories, curve=True)
-
-
-def _of_the_unexplained(document: Document) -> Iterator[Picture]:
-    for number, one in enumerate(document.unexplained[:_MOST], 1):
-        yield missing_history(one.station, one.histories, curve=False, name=numbered("unexplained", number))
-    yield from unexplained_shapes(document.shapes)
-
-
-def _before_and_after(document: Document):
-    """Records as they were recorded, and as they were judged."""
-    recorded = (*document.as_given.records, *document.held_out_as_given.records)
-    judged = (*document.refitted.records, *document.held_out_refitted.records)
-    return recorded, judged
-
-
-# anchor -> title, template, and the figures, in the order of the page
-_SECTIONS: Mapping[str, tuple[str, str, tuple[str, ...]]] = MappingProxyType(
-    {
-        "account": ("Data, values, structure", "account.html", ()),
-        "gain": (
-            "What it gains",
-            "gain.html",
-            ("budget", "histories", "tracks_longitudinal", "tracks_lateral", "again"),
-        ),
-        "evidence": (
-            "Evidence",
-            "figures.html",
-            ("wind", "shape", "onset", "bode", "missing_history", "unexplained", "unexplained_shape", "residuals"),
-        ),
-        "causes": ("Which cause", "causes.html", ("ladder", "ambiguity")),
-        "where": ("Where it enters", "figures.html", ("missing", "kinematic", "heatmap")),
-        "data": ("Data", "data.html", ("check",)),
-        "values": ("Values of the {source}", "values.html", ("rotors", "axes", "derivatives")),
-        "envelope": ("What was flown", "envelope.html", ("envelope",)),
-        "flight": ("Next flight", "next_flight.html", ("next_flight",)),
-        "numbers": ("Numbers", "numbers.html", ()),
-        "unseen": ("What could not be seen with these records", "unseen.html", ()),
-        "made": ("How this was made", "made.html", ()),
-    }
-)
-_OF_AIRCRAFT = ("data", "envelope", "flight")  # sections that no other system has
-
-
-@dataclass(frozen=True, kw_only=True)
-class Section:
-    """A section of the page: its anchor, title and template, and the figures in it."""
-
-    anchor: str
-    title: str
-    template: str
-    figures: tuple[Figure, ...]
+    @property
+    def pictures(self) -> dict[str, Picture]:
+        """Name -> picture, in the order of the page."""
+        return {one.name: one for one in pictures_of(shown_parts([self.lead, *self.sections]))}
 
 
 @single_threaded()
 def write_report(
-    diagnosis: Diagnosis | Document, folder: str | Path, made_with: Mapping[str, Any] | None = None
+    diagnosis: Diagnosis | Document | Report, folder: str | Path, made_with: Mapping[str, Any] | None = None
 ) -> list[str]:
     """Write the page of a diagnosis into a folder.
 
@@ -202,11 +155,12 @@ def write_report(
     Parameters
     ----------
     diagnosis
-        Of `diagnose`, or the document of one.
+        Of `diagnose`, the document of one, or a `Report` of it with other sections.
     folder
         Where the files go; it is made when it does not exist.
     made_with
-        What `run.json` has: command, seed, commit and versions. Default: those of this process.
+        What `run.json` has: command, seed, commit and versions. Default: those of this process, and of a `Report` its
+        own.
 
     Returns
     -------
@@ -224,21 +178,16 @@ def write_report(
     >>> found = cs.diagnose("aircraft.toml", cs.read_records("flight/m*.csv"))  # doctest: +SKIP
     >>> cs.write_report(found, "report")  # doctest: +SKIP
     """
-    if isinstance(diagnosis, Document):
-        document = diagnosis
-    else:
-        document = require(diagnosis, Diagnosis, "write_report: diagnosis", "cs.diagnose(aircraft, records)").document()
-    made_with = provenance() if made_with is None else made_with
-    following = NextFlights(proposals=(), beyond=())
-    failed = list(document.failed)
-    with noting(failed, "next flight"):
-        following = next_flights(document)
-    shown = pictures(document, failed) | {one.picture.name: one.picture for one in following.proposals}
-    drawn = drawn_into(Path(folder) / FIGURES, _in_order(shown), failed)
-    for one in following.proposals:
+    report = diagnosis if isinstance(diagnosis, Report) else Report.of(diagnosis, made_with)
+    like = 'cs.Section(title="Loading", parts=["A text."])'
+    sections = sequence(report.sections, "Report: sections", f"a list like [{like}]")
+    parts = shown_parts([require(one, Section, "a section of the page", like) for one in sections])
+    failed = list(report.failed)
+    figures = drawn_into(Path(folder) / FIGURES, report.pictures.values(), failed)
+    for one in report.following.proposals:
         write_record(one.record, Path(folder) / f"{one.picture.name}.csv")
-    page = render("report.html", _context(document, drawn, made_with) | {"following": following, "failed": failed})
-    (Path(folder) / "report.html").write_text(page, encoding="utf-8")
+    context = _context(report, parts, figures) | {"failed": failed}
+    (Path(folder) / "report.html").write_text(render("report.html", context), encoding="utf-8")
     return failed
 
 
@@ -248,27 +197,104 @@ def unfinished(sentence: str) -> str:
     return f"<!doctype html><title>Diagnosis</title>{verdict}<p>The figures are not drawn yet.</p>"
 
 
-def _in_order(shown: Mapping[str, Picture]) -> dict[str, Picture]:
-    """Return the figures in the order of the page: the leading one, then section by section."""
-    lead = next(iter(shown), "")
-    places = [name for _, _, names in _SECTIONS.values() for name in names]
-    return {
-        name: shown[name]
-        for name in [lead][: len(shown)] + sorted(set(shown) - {lead}, key=lambda n: _place(n, places))
-    }
+def _made(failed: list[str], make: Callable[..., Any], *of: Any) -> list[Picture]:
+    """Return the pictures that a function makes of something; those that cannot be made are in `failed`."""
+    with noting(failed, make.__name__.strip("_")):
+        found = make(*of)
+        several = [found] if isinstance(found, Picture) else found or ()
+        return [one for one in several if one is not None]
+    return []
 
 
-def _place(name: str, places: Sequence[str]) -> tuple[int, str]:
-    """Place on the page of a figure; those of further causes stand beside that of the first, `shape-2`."""
-    return places.index(name.partition("-")[0]), name
+def _of_cause(document: Document, number: int) -> Iterator[Picture]:
+    """Pictures of one of the strongest causes, named with its number."""
+    cause = document.causes[number - 1]
+    found = [wind(document)] if cause.stochastic else [shape(cause), onset(cause), cause_response(document, cause)]
+    if cause.histories and not cause.stochastic:
+        found.append(missing_history(cause.enters, cause.histories, curve=True))
+    return (replace(one, name=numbered(one.name, number)) for one in found if one is not None)
 
 
-def _context(
-    document: Document, drawn: Mapping[str, tuple[Picture, bytes]], made_with: Mapping[str, Any]
-) -> dict[str, Any]:
-    """All that the templates ask for."""
-    claimed = statements(document, drawn)
-    figures = figures_of(drawn, _by_figure(claimed))
+def _of_the_unexplained(document: Document) -> Iterator[Picture]:
+    for number, one in enumerate(document.unexplained[:_MOST], 1):
+        yield missing_history(one.station, one.histories, curve=False, name=numbered("unexplained", number))
+    yield from unexplained_shapes(document.shapes)
+
+
+def _sections(
+    document: Document, following: NextFlights, failed: list[str], made_with: Mapping[str, Any]
+) -> Iterator[Section]:
+    """Yield the sections in the order of the page, those of an aircraft for an aircraft alone."""
+    made = partial(_made, failed)
+    of_aircraft = bool(document.coefficients)
+    yield Section(name="account", title="Data, values, structure", parts=[Fragment(template="account.html")])
+    held_out = tables.channels(document.held_out_as_given, document.held_out_extended, document.best)
+    gain: list[Any] = made(budget, document.budget)
+    gain.append(Section(title="Errors of the channels in numbers", parts=[held_out]) if gain else held_out)
+    for make in (histories, tracks) if of_aircraft else (flown_again,):
+        gain += made(make, document)
+    yield Section(name="gain", title="What it gains", parts=gain)
+    if of_aircraft:
+        evidence = [one for k in range(len(document.causes)) for one in made(_of_cause, document, k + 1)]
+        evidence += [*made(_of_the_unexplained, document), *made(residuals, document)]
+        evidence.sort(key=lambda one: _EVIDENCE.index(one.name.partition("-")[0]))
+        yield Section(name="evidence", title="Evidence", parts=evidence)
+    yield Section(
+        name="causes",
+        title="Which cause",
+        parts=[
+            Fragment(template="shares.html"),
+            tables.causes(document),
+            *made(ladder, document),
+            *made(ambiguity, document),
+            tables.alternatives(document),
+            Fragment(template="decisions.html"),
+            Section(title="Minor", parts=[[pretty(one.sentence) for one in document.minor] or "Nothing."], open=True),
+        ],
+    )
+    if of_aircraft:
+        where = [one for make in (missing, kinematic, heatmap) for one in made(make, document)]
+        yield Section(name="where", title="Where it enters", parts=where)
+        recorded = (*document.as_given.records, *document.held_out_as_given.records)
+        judged = (*document.refitted.records, *document.held_out_refitted.records)
+        read = (*document.refitted.records, *document.held_out_as_given.records)
+        remarks = [f"{r.name}: {note}" for r in read for note in r.notes]
+        nothing = "" if document.data else "No fault was found in them."
+        told = Section(title="Remarks of the reader", parts=[remarks], open=True)
+        drawn = made(check_figure, document.data, recorded, judged)
+        yield Section(name="data", title="Data", parts=[nothing, tables.findings(document.data), *drawn, told])
+    own = () if of_aircraft else (rotors_from_above, response_of_axes)
+    values = [one for make in (*own, derivatives) for one in made(make, document)]
+    title = f"Values of the {document.source}"
+    yield Section(name="values", title=title, parts=[*values, tables.derivatives(document)])
+    if of_aircraft:
+        flown = [*made(envelope, document), envelope_table(document)]
+        yield Section(name="envelope", title="What was flown", parts=flown)
+        next_ones = Fragment(template="next_flight.html", pictures=tuple(one.picture for one in following.proposals))
+        yield Section(name="flight", title="Next flight", parts=[next_ones, limited(document)])
+    fitted = tables.channels(document.as_given, document.extended, document.best)
+    yield Section(name="numbers", title="Numbers", parts=[fitted])
+    below = "An effect below the size in the table leaves no trace that could be distinguished from noise."
+    never = (
+        " A steady uniform wind, the scale of a surface (it is its effectiveness) and steady errors that a change of "
+        "trim imitates cannot be seen at all."
+    )
+    unseen = [tables.not_judged(document), below + never * of_aircraft, tables.unseen(document)]
+    yield Section(name="unseen", title="What could not be seen with these records", parts=unseen)
+    how = [Fragment(template="failed.html"), tables.seconds(document), tables.made_with(made_with)]
+    yield Section(name="made", title="How this was made", parts=how)
+
+
+def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]) -> dict[str, Any]:
+    """All that the templates ask for. Statements are linked where their section is there."""
+    document = report.document
+    anchors = {one.name for one in parts}
+    claimed = statements(document, figures)
+    linked = [one for some in claimed.values() for one in some if "account" in anchors]
+    shows: dict[str, list[tuple[str, str]]] = {}
+    for one in linked:
+        for name in one.figures:
+            shows.setdefault(name, []).append((one.anchor, one.head))
     return {
         "name": document.name,
         "of_aircraft": bool(document.coefficients),
@@ -280,63 +306,22 @@ def _context(
         "left_noise": _multiple(document.budget.together.structure),
         "next": document.next,
         "opening": document.opening,
-        "shares": shares(document),
+        "shares": tables.shares(document),
         "claims": claimed,
-        "claim_of": {one.anchor: one for some in claimed.values() for one in some},
+        "claim_of": {one.anchor: one for one in linked},
         "values_told": document.values_told,
         "moved": [one.sentence for one in (*document.moved, *document.combinations)],
         "gained": gained(document),
         "not_judged": document.not_judged,
         "facts": _facts(document),
         "figures": figures,
-        "lead": next(iter(figures.values()), None),
-        "sections": _sections(document, figures),
-        "tables": _tables(document, made_with),
+        "shows": shows,
+        "lead": figures.get(report.lead.name) if report.lead else None,
+        "parts": parts,
+        "following": report.following,
+        "anchors": anchors,
         "trace": document.trace,
-        "minor": [one.sentence for one in document.minor],
         "left": document.left,
-        "remarks": tables.remarks(document),
-    }
-
-
-def _by_figure(claimed: Mapping[str, Sequence[Statement]]) -> dict[str, list[tuple[str, str]]]:
-    """Name of figure -> (anchor, head) of the claims that it shows."""
-    found: dict[str, list[tuple[str, str]]] = {}
-    for one in (one for some in claimed.values() for one in some):
-        for name in one.figures:
-            found.setdefault(name, []).append((one.anchor, one.head))
-    return found
-
-
-def _sections(document: Document, figures: Mapping[str, Figure]) -> list[Section]:
-    """A section that is of figures alone is left out where it has none, and one of aircraft for other systems."""
-    rest = list(figures.items())[1:]
-    every = [
-        Section(
-            anchor=anchor,
-            title=title.format(source=document.source),
-            template=template,
-            figures=tuple(figure for name, figure in rest if name.partition("-")[0] in names),
-        )
-        for anchor, (title, template, names) in _SECTIONS.items()
-        if document.coefficients or anchor not in _OF_AIRCRAFT
-    ]
-    return [one for one in every if one.figures or one.template != "figures.html"]
-
-
-def _tables(document: Document, made_with: Mapping[str, Any]) -> dict[str, ReportTable]:
-    of_aircraft = {"envelope": envelope_table, "limited": limited} if document.coefficients else {}
-    return {name: make(document) for name, make in of_aircraft.items()} | {
-        "held_out": tables.channels(document.held_out_as_given, document.held_out_extended, document.best),
-        "fitted": tables.channels(document.as_given, document.extended, document.best),
-        "causes": tables.causes(document),
-        "alternatives": tables.alternatives(document),
-        "findings": tables.findings(document.data),
-        "derivatives": tables.derivatives(document),
-        "not_judged": tables.not_judged(document),
-        "unseen": tables.unseen(document),
-        "seconds": tables.seconds(document),
-        "made_with": tables.made_with(made_with),
     }
 
 

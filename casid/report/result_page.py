@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from casid.diagnosis.document import NextStep
-from casid.report.figure import Picture
-from casid.report.templating import ReportTable, drawn_into, figures_of, render
+from casid.report.sections import Section, pictures_of, shown_parts
+from casid.report.templating import drawn_into, render
 
 GOOD = "#00694E"
 BAD = "#A3122A"
@@ -17,7 +18,7 @@ NEUTRAL = "#005A8F"
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """Beginning of a page: a sentence under a badge, its reasons, and what to do next."""
+    """Beginning of a page: a sentence under a badge, "" for none, its reasons, and what to do next."""
 
     badge: str
     sentence: str
@@ -30,49 +31,28 @@ class Answer:
         return "\n".join([*lines, *map(str, self.next)])
 
 
-@dataclass(frozen=True, kw_only=True)
-class Bar:
-    """A bar of a row: its number in words, and its width in per cent of the row."""
+def answer_of_faults(badge: str, faults: Sequence[str], none: str, points: Iterable[str] = ()) -> Answer:
+    """Return the beginning of a page that says what is wrong, or `none`; in red and in green."""
+    several = f"{len(faults)} faults were found:"
+    return Answer(
+        badge=badge,
+        sentence=several if len(faults) > 1 else faults[0] if faults else none,
+        points=(*(faults if len(faults) > 1 else ()), *points),
+        colour=BAD if faults else GOOD,
+    )
 
-    text: str
-    width: float
 
-
-@dataclass(frozen=True, kw_only=True)
-class Bars:
-    """Rows of bars, one for each of `names`, on a common scale."""
-
-    caption: str
-    names: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Bar, ...]], ...]
+def in_numbers(said: object, open: bool = True) -> Section:
+    """Return the section with what the command prints."""
+    return Section(title="In numbers", parts=(str(said).strip("\n"),), open=open)
 
 
 def write_result(
-    folder: Path,
-    name: str,
-    title: str,
-    answer: Answer,
-    said: object,
-    pictures: Iterable[Picture],
-    *,
-    folded: Collection[str] = (),
-    tables: Iterable[ReportTable] = (),
-    bars: Bars | None = None,
+    folder: str | Path, name: str, title: str, answer: Answer, parts: Iterable[Any], figures: str = "figures"
 ) -> None:
-    """Write NAME.html and `figures/*.svg` into `folder`.
-
-    The page has the answer, `bars`, `tables`, the pictures, those `folded` by name below, and what the command prints.
-    """
-    drawn = drawn_into(folder / "figures", {picture.name: picture for picture in pictures})
-    figures = figures_of(drawn, {})
-    context = {
-        "colour": answer.colour,
-        "title": title,
-        "answer": answer,
-        "said": str(said).strip("\n"),
-        "figures": [one for key, one in figures.items() if key not in folded],
-        "tables": list(tables),
-        "bars": bars,
-        "folded": [one for key, one in figures.items() if key in folded],
-    }
-    (folder / f"{name}.html").write_text(render("result.html", context), encoding="utf-8")
+    """Write the page NAME.html, which has the answer and `parts`, and `figures`/*.svg into `folder`, which is made."""
+    shown = shown_parts(parts)
+    drawn = drawn_into(Path(folder) / figures, pictures_of(shown))
+    context = {"name": name, "title": title, "colour": answer.colour, "answer": answer, "parts": shown}
+    context |= {"figures": drawn, "claim_of": {}, "shows": {}}
+    (Path(folder) / f"{name}.html").write_text(render("result.html", context), encoding="utf-8")

@@ -32,21 +32,6 @@ class Statement:
         return "" if self.probability is None else f", {probability_in_words(self.probability)} probable"
 
 
-def about_cause(number: int) -> str:
-    """Anchor of the statement of the cause with this number, from 1."""
-    return f"cause-{number}"
-
-
-def about_data(number: int) -> str:
-    """Anchor of the statement of a fault of the data."""
-    return f"data-{number}"
-
-
-def about_unexplained(number: int) -> str:
-    """Anchor of the statement that something is unexplained."""
-    return f"unexplained-{number}"
-
-
 def about_value(parameter: str) -> str:
     """Anchor of the statement that flight contradicts a number of the file."""
     return "value-" + re.sub(r"[^\w.-]+", "-", parameter).strip("-")
@@ -75,7 +60,7 @@ def _with_figures(statement: Statement, figures: Collection[str]) -> Statement:
 def _data(document: Document) -> Iterator[Statement]:
     for number, one in enumerate(document.data, 1):
         head = f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}"
-        yield Statement(anchor=about_data(number), head=head, text=pretty(one.sentence), figures=("check",))
+        yield Statement(anchor=f"data-{number}", head=head, text=pretty(one.sentence), figures=("check",))
 
 
 def _values(document: Document) -> Iterator[Statement]:
@@ -97,7 +82,7 @@ def _causes(document: Document) -> Iterator[Statement]:
         also = f", or {' or '.join(alike)}" if alike else ""
         head = pretty(one.title)
         yield Statement(
-            anchor=about_cause(number),
+            anchor=f"cause-{number}",
             head=head,
             text=f"{head} ({with_std(one.value, one.std, one.unit)}){also}",
             figures=(
@@ -114,7 +99,7 @@ def _unexplained(document: Document) -> Iterator[Statement]:
     for number, one in enumerate(document.unexplained, 1):
         (own, general), where = _OF_THE_UNEXPLAINED, one.called or place(one.station)
         yield Statement(
-            anchor=about_unexplained(number),
+            anchor=f"unexplained-{number}",
             head=f"unexplained at {where}",
             text=f"Something enters at {where} that {document.no_cause}",
             figures=(numbered(own, number), general),

@@ -94,12 +94,15 @@ def window(height: float, width: float) -> FigureOfMatplotlib:
     return pyplot.figure(figsize=(width, height), layout="constrained")
 
 
-def svg(figure: Figure) -> bytes:
+def svg(figure: Figure | FigureOfMatplotlib) -> bytes:
     """Return a figure as SVG, the same bytes for the same figure."""
     buffer = io.BytesIO()
-    painted = paint(figure)
-    with settings():  # the canvas draws once, `Figure.savefig` twice
-        FigureCanvasSVG(painted).print_svg(buffer, metadata={"Date": None})
+    painted = paint(figure) if isinstance(figure, Figure) else figure
+    with settings():
+        if painted is figure:  # it may be in a window, which a canvas of our own would take it from
+            painted.savefig(buffer, format="svg", metadata={"Date": None})
+        else:  # the canvas draws once, `savefig` twice
+            FigureCanvasSVG(painted).print_svg(buffer, metadata={"Date": None})
     return buffer.getvalue()
 
 

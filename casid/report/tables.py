@@ -13,8 +13,8 @@ from casid.diagnosis.document import Document, ReportedCause, Simulated
 from casid.model.vocabulary import KINDS
 from casid.report.aircraft_figures import compared
 from casid.report.figure import channel_scale
-from casid.report.statements import about_cause, about_data, about_value
-from casid.report.templating import ReportTable, Row
+from casid.report.sections import ReportTable, where
+from casid.report.statements import about_value
 from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations listed one by one
@@ -47,26 +47,18 @@ def _said(titles: Sequence[str]) -> str:
 
 def causes(document: Document) -> ReportTable:
     """The named causes, strongest first."""
-    rows = tuple(
-        Row(
-            cells=(
-                pretty(c.title),
-                "\n".join(
-                    [
-                        _in_one_line(with_std(c.value, c.std, c.unit)),
-                        *(f"{k}: {digits(v)}" for k, v in c.parameters.items()),
-                    ]
-                ),
-                _where(c),
-                "–" if c.probability is None else probability_in_words(c.probability),
-                digits(c.statistic),
-                _held(c),
-                ", ".join(pretty(o["title"]) for o in c.indistinguishable_from) or "–",
-            ),
-            claim=about_cause(number),
+    rows = [
+        (
+            pretty(c.title),
+            "\n".join([_size(c), *(f"{k}: {digits(v)}" for k, v in c.parameters.items())]),
+            _where(c),
+            "–" if c.probability is None else probability_in_words(c.probability),
+            digits(c.statistic),
+            _held(c),
+            ", ".join(pretty(o["title"]) for o in c.indistinguishable_from) or "–",
         )
-        for number, c in enumerate(document.causes, 1)
-    )
+        for c in document.causes
+    ]
     head = (
         "cause",
         "size ± 1σ",
@@ -76,11 +68,12 @@ def causes(document: Document) -> ReportTable:
         "gain of log likelihood per reading, held-out records",
         "cannot be told apart from",
     )
-    return ReportTable(head=head, rows=rows, caption="Named causes, strongest first")
+    claims = {k: f"cause-{k + 1}" for k in range(len(rows))}
+    return ReportTable(head=head, rows=rows, caption="Named causes, strongest first", claims=claims)
 
 
-def _in_one_line(text: str) -> str:
-    return text.replace(" ", "\N{NO-BREAK SPACE}")
+def _size(cause: ReportedCause) -> str:
+    return with_std(cause.value, cause.std, cause.unit).replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _where(cause: ReportedCause) -> str:
@@ -113,11 +106,11 @@ def channels(before: Simulated, after: Simulated, best: str) -> ReportTable:
             (old.whiteness_p, new.whiteness_p, _p),
         ]
         cells = [cell for a, b, show in pairs for cell in (show(a), show(b))]
-        rows.append(Row(cells=(f"{name} [{unit}]" if unit else name, digits(factor * old.noise, 2), *cells)))
+        rows.append((f"{name} [{unit}]" if unit else name, digits(factor * old.noise, 2), *cells))
     short = "extended" if best == "extended model" else "re-estimated"
     return ReportTable(
         head=("channel", "noise 1σ", *(word for q in quantities for word in (f"{q} as given", short))),
-        rows=tuple(rows),
+        rows=rows,
         caption=f"Open-loop simulation of {', '.join(before.names)}. Theil: 0 perfect, 1 useless. R²: share "
         "of the variance explained. Whiteness: Ljung–Box on the innovations; small p means that something systematic "
         "is left.",
@@ -137,20 +130,22 @@ def _p(value: float) -> str:
 
 def findings(found: Sequence[Finding]) -> ReportTable:
     """Faults of the data, with what was done about them."""
-    rows = tuple(
-        Row(
-            cells=(
-                f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}",
-                ", ".join(one.records),
-                _when(one) or "all the time",
-                one.handled,
-                pretty(one.sentence),
-            ),
-            claim=about_data(number),
+    rows = [
+        (
+            f"{one.kind.removeprefix('data_').replace('_', ' ')}: {one.target}",
+            ", ".join(one.records),
+            _when(one) or "all the time",
+            one.handled,
+            pretty(one.sentence),
         )
-        for number, one in enumerate(found, 1)
+        for one in found
+    ]
+    return ReportTable(
+        head=("fault", "records", "when", "handled", "what"),
+        rows=rows,
+        caption="Faults of the data",
+        claims={k: f"data-{k + 1}" for k in range(len(rows))},
     )
-    return ReportTable(head=("fault", "records", "when", "handled", "what"), rows=rows, caption="Faults of the data")
 
 
 def _when(one: Finding) -> str:
@@ -159,7 +154,7 @@ def _when(one: Finding) -> str:
 
 def not_judged(document: Document) -> ReportTable:
     """Tabulate what these records leave open, and why."""
-    rows = tuple(Row(cells=(one.what, one.because)) for one in document.not_judged)
+    rows = [(one.what, one.because) for one in document.not_judged]
     return ReportTable(head=("not judged", "because"), rows=rows, caption="What these records leave open")
 
 
@@ -173,10 +168,10 @@ def alternatives(document: Document) -> ReportTable:
             continue
         why = document.trace.reason(decision)
         size = quantity(one.value, one.unit)
-        rows.append(Row(cells=(pretty(one.title), str(one.round), size, digits(one.statistic), why)))
+        rows.append((pretty(one.title), str(one.round), size, digits(one.statistic), why))
     return ReportTable(
         head=("cause", "round", "fitted size", "likelihood-ratio statistic, 2 ln L", "why it was not named"),
-        rows=tuple(rows),
+        rows=rows,
         caption="Alternatives that were fitted, and why they lost",
     )
 
@@ -191,17 +186,15 @@ def unseen(document: Document) -> ReportTable:
             blind.setdefault(one.kind, []).append(one.label or "it")
         else:
             seen.setdefault(one.kind, []).append(f"{one.label} {quantity(one.size, one.unit)}".strip())
-    rows = tuple(
-        Row(
-            cells=(
-                kind.replace("_", " "),
-                pretty("; ".join(sorted(seen.get(kind, [])))) or "–",
-                pretty(", ".join(sorted(blind.get(kind, [])))) or "–",
-            )
+    rows = [
+        (
+            kind.replace("_", " "),
+            pretty("; ".join(sorted(seen.get(kind, [])))) or "–",
+            pretty(", ".join(sorted(blind.get(kind, [])))) or "–",
         )
         for kind in dict.fromkeys([*KINDS, *seen, *blind])
         if kind in seen or kind in blind
-    )
+    ]
     sigmas = document.criteria.significance.detectable
     return ReportTable(
         head=("kind", "smallest that would have been found", "not detectable in these records"),
@@ -213,10 +206,9 @@ def unseen(document: Document) -> ReportTable:
 
 def seconds(document: Document) -> ReportTable:
     """Wall time per stage."""
-    total = sum(document.seconds.values())
-    rows = [Row(cells=(stage, f"{s:.1f}")) for stage, s in document.seconds.items()]
-    rows.append(Row(cells=("together", f"{total:.1f}")))
-    return ReportTable(head=("stage", "s"), rows=tuple(rows), caption="Wall time")
+    spent = {**document.seconds, "together": sum(document.seconds.values())}
+    rows = [(stage, f"{s:.1f}") for stage, s in spent.items()]
+    return ReportTable(head=("stage", "s"), rows=rows, caption="Wall time")
 
 
 def made_with(facts: Mapping[str, Any]) -> ReportTable:
@@ -229,44 +221,24 @@ def made_with(facts: Mapping[str, Any]) -> ReportTable:
         *([("seed", str(facts["seed"]))] if "seed" in facts else []),
         ("command", " ".join(facts["command"])),
     )
-    return ReportTable(head=("", ""), rows=tuple(Row(cells=cells) for cells in rows), caption="Made with")
-
-
-def remarks(document: Document) -> list[str]:
-    """List the remarks of the reader of the records, record by record."""
-    records = (*document.refitted.records, *document.held_out_as_given.records)
-    return [f"{r.name}: {note}" for r in records for note in r.notes]
+    return ReportTable(head=("", ""), rows=rows, caption="Made with")
 
 
 def derivatives(document: Document) -> ReportTable:
     """Every number as given, by the records, and how far the two are apart; contradicted ones first."""
     of = document.source
     witness = document.witness
-    rows = tuple(
-        Row(
-            cells=(
-                one.name,
-                one.file,
-                one.flight,
-                one.deviation,
-                one.sigmas,
-                f"against {witness}" if one.against else "",
-            ),
-            claim=about_value(one.name) if one.against else "",
-            marked=one.against,
-        )
-        for one in compared(document)
-    )
+    given = "aircraft file" if document.coefficients else of
+    found = compared(document)
+    against = where(one.against for one in found)
     return ReportTable(
-        head=(
-            "parameter",
-            "aircraft file" if document.coefficients else of,
-            f"{witness} ± 1σ",
-            "deviation",
-            "in σ",
-            "",
-        ),
-        rows=rows,
+        head=("parameter", given, f"{witness} ± 1σ", "deviation", "in σ", ""),
+        rows=[
+            (one.name, one.file, one.flight, one.deviation, one.sigmas, f"against {witness}" if one.against else "")
+            for one in found
+        ],
+        marked=against,
+        claims={k: about_value(found[k].name) for k in against},
         caption=f"{'Derivatives per rad. ' if document.coefficients else ''}{witness.capitalize()}: estimates from "
         "the records alone, beside the named causes. 1σ allows for coloured residuals, model discrepancy and "
         f"differences between stretches of record. Inconsistent with {witness}: beyond the uncertainty that the "

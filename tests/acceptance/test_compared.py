@@ -51,6 +51,10 @@ def test_a_diagnosis_is_as_good_as_itself(tmp_path: Path) -> None:
     found = compare_diagnoses(one, written(tmp_path, "two", DOCUMENT))
     assert not found.worse and not any(value.differs for value in found.values)
     assert found.points == () and all(one.as_given[0] == one.as_given[1] for one in found.channels)
+    assert all(
+        given == given_again and left == left_again for _, given, given_again, left, left_again in found.rows().rows
+    )
+    assert len(compare_diagnoses(one, one).rows().rows) == 1 + len(found.channels)
 
 
 @given(factor=st.floats(0.2, 5.0), value=st.floats(-20.0, -5.0), causes=st.booleans())
@@ -101,17 +105,18 @@ def test_a_surface_that_is_recorded_too_large_has_changed_in_its_flight_alone() 
     """Its effectiveness is as much smaller there, but for what the prior draws it to the file."""
     factor = 1.5
     found = compare_flights(aircraft_file(), flights(factor))
-    rows = {one.record: {change.parameter: change for change in one.changes} for one in found.rows}
+    rows = {one.record: {change.parameter: change for change in one.changes} for one in found.flights}
     change = rows["third"]["Cm_delta_e"]
     assert change.value / change.others == pytest.approx(1.0 / factor, rel=0.15)
-    errors = {one.record: one.error for one in found.rows}
+    errors = {one.record: one.error for one in found.flights}
     assert max(errors, key=lambda name: errors[name]) == "third"
+    assert {str(row[0]): row[2] for row in found.rows().rows} == errors
     assert found.changed and json.dumps(found.to_dict(), allow_nan=False)
 
 
 def test_flights_that_are_the_same_have_not_changed() -> None:
     found = compare_flights(aircraft_file(), flights(1.0))
-    assert not any(one.changes for one in found.rows)
+    assert not any(one.changes for one in found.flights)
 
 
 def test_one_flight_is_compared_with_nothing() -> None:

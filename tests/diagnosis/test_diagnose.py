@@ -24,7 +24,7 @@ from casid.model.causes import (
     sensor_scale,
     wind_shear,
 )
-from casid.report.page import pictures
+from casid.report.page import Report
 from problems.blind.flown import turbulence
 from problems.do328 import V_TRIM, do328
 
@@ -225,7 +225,7 @@ def test_what_only_the_held_out_record_shows_is_not_called_adequate(hidden: Atta
     found = diagnose(rough_file(), flights([hidden], seed=1, count=3))
     assert (found.verdict, found.causes) == ("unexplained", ()), str(found)
     assert "m3, which no fit has seen" in found.sentence
-    assert [panel.title for panel in pictures(found.document())["unexplained"].figure.panels] == ["m3"]
+    assert [panel.title for panel in Report.of(found.document()).pictures["unexplained"].figure.panels] == ["m3"]
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import casid as cs
-from casid.report.page import pictures
+from casid.report.page import Report
 from problems.rotors.crazypad import flights
 
 HERE = Path(__file__).resolve().parents[2]
@@ -36,7 +36,7 @@ def test_a_weak_rotor_is_named_with_its_size():
     (named,) = found.causes
     assert (named.kind, named.target) == ("rotor_effectiveness", "m4")
     assert named.value == pytest.approx(-0.3, abs=0.04)
-    assert f"m4 {100.0 * named.value:+.0f} per cent" in pictures(found.document())["rotors"].alt
+    assert f"m4 {100.0 * named.value:+.0f} per cent" in Report.of(found.document()).pictures["rotors"].alt
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from casid.diagnosis.given.contradicted import Contradiction
 from casid.diagnosis.result import Diagnosis
 from casid.report.figure import Picture
 from casid.report.folder import provenance
-from casid.report.page import pictures, write_report
+from casid.report.page import Report, write_report
 from casid.report.svg import svg
 
 
@@ -32,7 +32,9 @@ def document(diagnosis: Diagnosis) -> Document:
 
 @pytest.fixture(scope="session")
 def shown(document: Document) -> dict[str, Picture]:
-    return pictures(document)
+    report = Report.of(document)
+    assert not report.failed
+    return report.pictures
 
 
 @pytest.fixture(scope="session")

@@ -22,6 +22,8 @@ def test_suspected_channels_are_drawn_as_recorded_and_as_they_should_be(healthy:
     q, az = -healthy["q"], healthy["az"].copy()
     az[[300, 500]] += 40.0
     found = cs.check(healthy.with_channels(q=q, az=az))
+    suspected = {row[0]: row[-1] for row in found.rows().rows}
+    assert {name for name, kinds in suspected.items() if kinds} == {"q", "az"} and suspected["q"] == "sign"
     picture = check_figure(found.findings, found.recorded, found.records)
     assert picture is not None
     by_title = {panel.title: panel.of(Curve) for panel in picture.figure.panels}

@@ -37,7 +37,7 @@ from casid.report.evidence_figures import kinematic
 from casid.report.figure import Bar, Curve, Picture, Span, smooth
 from casid.report.history_figures import tracks
 from casid.report.next_flight import next_flights
-from casid.report.page import FIGURES, gained, pictures
+from casid.report.page import FIGURES, Report, gained
 from casid.report.statements import statements
 from casid.report.svg import paint, svg
 from casid.report.tables import derivatives, shares, unseen
@@ -63,11 +63,11 @@ def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(
 def test_every_number_of_the_file_stands_beside_flight_what_it_contradicts_first(
     diagnosis: Diagnosis, wrong_in_all: Document
 ) -> None:
-    rows = derivatives(wrong_in_all).rows
-    assert sorted(row.cells[0] for row in rows) == sorted(one.name for one in diagnosis.parameters)
-    assert rows[0].cells[0] == "Cl_p" and [row.marked for row in rows] == [True] + [False] * (len(rows) - 1)
+    table = derivatives(wrong_in_all)
+    assert sorted(row[0] for row in table.rows) == sorted(one.name for one in diagnosis.parameters)
+    assert table.rows[0][0] == "Cl_p" and set(table.marked) == {0}
     untold = sum(not one.flight.determined for one in diagnosis.parameters)
-    assert sum(row.cells[2] == "not identifiable from these records" for row in rows) == untold
+    assert sum(row[2] == "not identifiable from these records" for row in table.rows) == untold
 
 
 def test_a_size_beyond_anything_plausible_is_not_detectable(document: Document) -> None:
@@ -75,7 +75,7 @@ def test_a_size_beyond_anything_plausible_is_not_detectable(document: Document) 
     sizes = {"sensor_bias(theta)": 4.85, "sensor_bias(phi)": 0.1}
     found = replace(document, unseen=tuple(detectable_of(map(effect_named, sizes), sizes)))
     (row,) = unseen(found).rows
-    assert row.cells == ("sensor bias", "phi 5.7 deg", "theta")
+    assert row == ("sensor bias", "phi 5.7 deg", "theta")
 
 
 def test_explanations_stand_side_by_side_and_add_up(document: Document) -> None:
@@ -143,14 +143,14 @@ def test_reconstructed_moment_follows_the_hidden_parabola(shown: dict[str, Pictu
 def test_without_a_cause_the_page_shows_the_simulation(document: Document) -> None:
     view, held = document.refitted, document.held_out_refitted
     plain = replace(document, verdict="adequate", causes=(), extended=view, held_out_extended=held, missing_after={})
-    names = list(pictures(plain))
+    names = list(Report.of(plain).pictures)
     assert names[0] == "worst" and "shape" not in names and "budget" in names
 
 
 def test_what_stays_unexplained_has_a_figure(wrong_in_all: Document) -> None:
     """An input as large as the rolling moment itself, at the station of the rolling moment."""
     plain = replace(wrong_in_all, verdict="unexplained", causes=(), extended=wrong_in_all.refitted)
-    assert "rolling moment Cl" in pictures(plain)["unexplained"].title
+    assert "rolling moment Cl" in Report.of(plain).pictures["unexplained"].title
 
 
 def test_onset_profile_peaks_where_the_surface_failed() -> None:
@@ -183,7 +183,7 @@ def parts_of(value: object, seen: set[int]) -> Iterator[object]:
 def test_a_document_has_no_fit_in_it_and_is_drawn_from_a_file(document: Document, drawn: dict[str, bytes]) -> None:
     held = {type(one) for part in vars(document).values() for one in parts_of(part, set())}
     assert not held & {FlightFit, Evidence, Effect, Attached, Candidate, Trial}
-    again = pictures(pickle.loads(pickle.dumps(document)))
+    again = Report.of(pickle.loads(pickle.dumps(document))).pictures
     assert {name: svg(picture.figure) for name, picture in again.items()} == drawn
 
 
@@ -237,7 +237,7 @@ def test_a_diagnosis_is_read_as_it_was_saved(diagnosis: Diagnosis, drawn: dict[s
     found = load(tmp_path / "found.casid")
     assert str(found) == str(diagnosis) and json.dumps(found.to_dict()) == json.dumps(diagnosis.to_dict())
     assert found.extended_aircraft == diagnosis.extended_aircraft
-    assert {name: svg(picture.figure) for name, picture in pictures(found.document()).items()} == drawn
+    assert {name: svg(picture.figure) for name, picture in Report.of(found.document()).pictures.items()} == drawn
 
 
 def test_the_next_flight_would_separate_what_stayed_ambiguous(diagnosis: Diagnosis) -> None:
