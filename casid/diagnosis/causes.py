@@ -37,17 +37,20 @@ _LASTING = ("length", "duration")  # durations of events
 _OF_THE_AIR = tuple(station.reading(channel) for channel in ("V", "alpha", "beta"))
 
 
-def causes_of(state: State, kept: Kept, left: Sequence[MissingInput]) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
+def causes_of(
+    state: State, kept: Kept, left: Sequence[MissingInput], alone: tuple[Gate, ...] = ()
+) -> tuple[tuple[Cause, ...], tuple[Cause, ...]]:
     """The named and the minor causes, strongest first.
 
     A cause is named if the held-out records support it, and if it is significant and matters beside all others in the
     final model. Structure that every aircraft has is minor unless it is unusually large. An effect that is expected of
-    some aircraft is minor unless it is equivalent to another cause. `left` are latent inputs of the model.
+    some aircraft is minor unless it is equivalent to another cause. `left` are latent inputs of the model. A cause of
+    a size that does not matter is named if the gates on what values leave `alone` pass.
     """
     final = kept.evidence.fit
     required = state.baseline.required
     told = [*_moving_air(state, kept)]
-    told += [_of_round(one, state, kept) for one in state.named if not _is_structure(one, final)]
+    told += [_of_round(one, state, kept, alone) for one in state.named if not _is_structure(one, final)]
     causes, minor = ([cause for cause, named in told if named is wanted] for wanted in (True, False))
     missing = {m.station: m.gain for m in left}
     unexplained = still_missing(kept.evidence, left, causes, required)
@@ -79,7 +82,7 @@ def _moving_air(state: State, kept: Kept) -> list[tuple[Cause, bool]]:
     return [(cause if named else noted(cause, NOT_CONFIRMED), named)]
 
 
-def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
+def _of_round(round_: Round, state: State, kept: Kept, alone: tuple[Gate, ...]) -> tuple[Cause, bool]:
     """The cause of a round, and whether it is named."""
     evidence = kept.evidence
     leader = round_.leader
@@ -91,7 +94,7 @@ def _of_round(round_: Round, state: State, kept: Kept) -> tuple[Cause, bool]:
             return noted(cause_of(leader, state, (), held, asked), NOT_CONFIRMED), False
         asked = (*asked, ask.STILL_NEEDED.failed())
         return noted(cause_of(leader, state, (), held, asked), NOT_NEEDED), False
-    final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name))
+    final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name, alone))
     asked = (*asked, *(replace(gate, gate=gate.gate + FINAL) for gate in final))
     present = _as_in(evidence, leader)
     if not all_passed(final):
@@ -144,10 +147,11 @@ def _concerned(evidence: Evidence, name: str) -> list[int]:
     return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
 
 
-def still_matters(fit: FlightFit, name: str) -> tuple[Gate, ...]:
-    """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters."""
+def still_matters(fit: FlightFit, name: str, alone: tuple[Gate, ...] = ()) -> tuple[Gate, ...]:
+    """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters, or what
+    values leave `alone` does."""
     one = next(a for a in fit.attached if a.name == name)
-    return (*gates.possible(one), ask.MATTERS.of(meaningful_share(fit, one), 1.0, "size.share"))
+    return (*gates.possible(one), ask.MATTERS.of(meaningful_share(fit, one), 1.0, "size.share", alone))
 
 
 def too_small(state: State, seen: Sequence[Cause], missing: Sequence[MissingInput]) -> tuple[Cause, ...]:
@@ -217,6 +221,8 @@ def cause_of(
     dof, (value, std) = len(values), fit.flight.sizes.told(fit, one, trial.std)
     onsets = onset_intervals(state.evidence, one, state.intervals.get(one.name, {}))
     ends = end_intervals(state.evidence, one)
+    equal = _equal(one, fit, trial.gain.raw)
+    keys = {(entry["kind"], entry["target"], entry["term"]) for entry in equal}
     return Cause(
         effect=effect,
         value=value,
@@ -227,7 +233,7 @@ def cause_of(
         statistic=trial.gain.raw + trial.gain.spared,
         dof=dof,
         held_out_gain=held,
-        indistinguishable_from=(*_equal(one, fit, trial.gain.raw), *(_named(t) for t in equivalents)),
+        indistinguishable_from=(*equal, *(_named(t) for t in equivalents if t.effect.key not in keys)),
         sentence=cause_sentence(one, value, std, len(names), (onsets, ends)),
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.further.defaults.get(k)},
         meaningful=trial.meaningful,
@@ -299,7 +305,7 @@ def _equal(one: Attached, fit: FlightFit, gain: float) -> list[Mapping[str, obje
     """The entry of the effect that is equal to a cause by algebra; empty without one."""
     if one.effect.traits.equal is None or one.records:
         return []
-    other, factor = one.effect.traits.equal(fit.flight.aircraft)
+    other, factor = one.effect.traits.equal(fit.flight.file)
     return [_entry(other, factor * one.values["value"], gain)]
 
 

@@ -209,6 +209,11 @@ FIRST_IS_NAMED = Comparison("first of its set is named", "the cause that leads i
 
 # --- the final model and the held-out records -------------------------------------------------------------------------
 STILL_NEEDED = Comparison("still in the model beside later causes", "later causes made it unnecessary")
+VALUES_ALONE = Comparison(
+    "error that values alone leave, of that beside it",
+    "values alone leave {v} times the error",
+    "values alone leave {v} times the error",
+)
 BORNE_OUT = Comparison("gain with held-out records", "the held-out records contradict it", "the held-out records agree")
 GAIN_HELD_OUT = Comparison(
     "gain on held-out records", "the held-out records contradict it", "the held-out records agree"

@@ -24,7 +24,7 @@ from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.diagnosis.flight.noise import as_coloured_as_left, as_slow_as_left, view_of
 from casid.diagnosis.given.as_given import AsGiven
-from casid.diagnosis.given.budget import budget_of
+from casid.diagnosis.given.budget import BudgetSteps, budget_of
 from casid.diagnosis.given.contradicted import FlightValue, flight_values
 from casid.diagnosis.given.scope import NotJudged, part_of_a_fitted_record
 from casid.diagnosis.kinematics.turbulence import in_other_air
@@ -157,10 +157,16 @@ def _nothing_left_with(
 
 
 def _last_tests(
-    kept: Kept, state: State, left: Sequence[MissingInput]
+    kept: Kept, state: State, left: Sequence[MissingInput], steps: BudgetSteps
 ) -> tuple[Probabilities, tuple[Cause, ...], tuple[Cause, ...], list[MissingInput]]:
-    """Probabilities of the named causes, the minor and the refused ones, and the latent inputs that remain."""
+    """Probabilities of the named causes, the minor and the refused ones, and the latent inputs that remain.
+
+    Where nothing is named, a cause too small to matter is, if values alone do not account for the error: `steps`."""
     causes, minor = causes_of(state, kept, left)
+    refined = state.criteria.given.refined
+    alone = ask.VALUES_ALONE.of(steps.values / max(steps.structure, steps.floor), refined, "given.refined")
+    if not causes and alone.passed:
+        causes, minor = causes_of(state, kept, left, (alone,))
     minor, unexplained = what_is_left(kept, state, left, (causes, minor))
     minor, refused = too_small_or_refused(kept.fit, minor)
     return probabilities(causes, unexplained, state, left), minor, refused, unexplained
@@ -190,15 +196,16 @@ def judged(
     left = state.missing if kept.evidence is state.evidence else tuple(missing_inputs(kept.evidence))
     exact = _missing_in(kept.fit)
     stages.begin("verdict")
-    belief, minor, refused, unexplained = _last_tests(kept, state, left)
+    fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
+    refitted, extended, held_refitted, held_extended = map(view_of, fits)
+    budget = budget_of(given, held_refitted, held_extended, extended)
+    belief, minor, refused, unexplained = _last_tests(kept, state, left, budget.together)
     causes = belief.causes
     faint = belief.faint and (cause_of(belief.faint[0], state).sentence, belief.faint[1])
     bare = begun.without_causes({c.key for c in causes})
     air = in_other_air(kept.fit).lighter(filtered=False) if kept.fit.noise.coloured else None  # its values are asked
     flight = flight_values(kept.evidence, air, other_explanations(state, kept.fit, belief.there))
     first = exact if kept.fit is bare else _missing_in(bare)
-    fits = begun.calm, kept.fit, kept.held_calm, kept.held_fit
-    refitted, extended, held_refitted, held_extended = map(view_of, fits)
     added = diagnosed(kept, causes, (*minor, *refused), flight)
     stages.end()
     return Diagnosis(
@@ -215,7 +222,7 @@ def judged(
         held_out_as_given=given.held,
         held_out_refitted=held_refitted,
         held_out_extended=held_extended,
-        budget=budget_of(given, held_refitted, held_extended, extended),
+        budget=budget,
         flight=flight,
         bare=bare,
         missing_before=tuple(first),

@@ -132,8 +132,8 @@ class Traits:
     # kinds, targets and terms of effects as which it shows in all records, because free derivatives take up the rest or
     # nearly all of it is the same; one at its own target has the other sign
     shows_as: tuple[tuple[str, str, str | None], ...] = ()
-    # aircraft -> the effect that is equal to it by algebra, and the value of that for one of this
-    equal: Callable[[Airframe], tuple[Effect, float]] | None = None
+    # aircraft, None of another system -> the effect that is equal by algebra, and the value of that for one of this
+    equal: Callable[[Any], tuple[Effect, float]] | None = None
     covered_by: str | None = None  # a channel whose own effect of this kind includes this one, when it is measured
     expected: bool = False  # structure that other aircraft have: put into the model when it is found, and no fault
     # contrary to the symmetry of an aircraft: accepted only when nothing is missing anywhere beside it
@@ -256,6 +256,12 @@ class Effect:
     def of_a_surface(self) -> bool:
         """Return True if it lies between a record and its control surface throughout a record: a lag or a play."""
         return self.series is not None and self.target in SURFACES and not self.timed
+
+    @property
+    def of_hardware(self) -> bool:
+        """Return True if it lies in an instrument, or between a record and what acts by it, throughout a record."""
+        at_a_port = KINDS[self.kind].place in ("command", "reading") and not self.timed
+        return self.of_an_instrument or self.of_a_surface or at_a_port
 
     def __reduce__(self) -> tuple[Callable[..., Effect], tuple[Any, ...]]:
         """Pickle by the name in the register of causes, since functions cannot be pickled, and what differs from

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations_with_replacement
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +28,8 @@ from casid.model.causes import (
     dry_friction,
     input_delay,
     input_limit,
+    input_offset,
+    input_scale,
     missing_term,
     parameter_change,
     rate_limit,
@@ -192,7 +195,25 @@ def effects_of(
             found += [_friction(port, frictions[port.name])] if port.name in frictions else []
     if len(records) > 1:
         found += [_with_unit(parameter_change(name), model.units.get(name, "")) for name in free]
-    return [effect for effect in found if effect.kind in library.kinds]
+    return [effect for effect in _with_equal_delays(found, ports) if effect.kind in library.kinds]
+
+
+def _with_equal_delays(effects: Sequence[Effect], ports: Sequence[Port]) -> list[Effect]:
+    """The effects; where there is one input and one output, a delay at either is a delay at the other."""
+    acts = [port.name for port in ports if port.kind == "input"]
+    read = [port.name for port in ports if port.kind == "output"]
+    if len(acts) != 1 or len(read) != 1:
+        return list(effects)
+    before = input_delay(acts[0])
+    behind = sensor_delay(read[0])
+    other = {before.key: _with_unit(behind, "s"), behind.key: _with_unit(before, "s")}
+    equal = {key: partial(_as_large, other=effect) for key, effect in other.items()}
+    return [replace(one, traits=replace(one.traits, equal=equal.get(one.key, one.traits.equal))) for one in effects]
+
+
+def _as_large(_: Any, other: Effect) -> tuple[Effect, float]:
+    """Another effect and its size for one of a size of 1."""
+    return other, 1.0
 
 
 def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequence[str]) -> set[tuple[str, str]]:
@@ -253,6 +274,8 @@ def _of_input(port: Port, records: Sequence[Record], criteria: SystemCriteria) -
         (swings, [{"value": step, **swings.further.defaults} for step in steps], "s"),
     ]
     variation = _variation(series)
+    yield _tried(input_offset(name), port, ({},), port.unit)
+    yield _tried(input_scale(name), port, ({},), "1")
     for effect, sizes, unit in rows:
         assert effect.series is not None
         made = effect.series

@@ -47,8 +47,8 @@ SYSTEM = System(
     faults=(
         ("missing_term", "v1", "v1", -0.03, -0.01),
         ("missing_term", "soc", "v1", -0.004, -0.002),  # a leak
-        ("sensor_bias", "i", "", 0.15, 0.4),  # the shunt of the current
-        ("sensor_scale", "i", "", 0.1, 0.25),
+        ("input_offset", "i", "", 0.15, 0.4),  # the shunt of the current
+        ("input_scale", "i", "", 0.1, 0.25),
         ("sensor_delay", "v", "", 2.0, 6.0),
         ("sensor_lag", "v", "", 2.0, 6.0),
         ("parameter_change", "R0", "", 0.008, 0.02),  # in the cold

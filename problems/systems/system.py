@@ -98,11 +98,7 @@ class System:
         one = fault if there else None
         p = _shifted(p, one)
         acts = {n: np.interp(fine, t, u) for n, u in commanded.items()}
-        recorded = acts
-        if one is not None and one.kind.startswith("sensor_"):
-            recorded = {n: _operated(one, n, fine, u) for n, u in acts.items()}
-        else:
-            acts = {n: _operated(one, n, fine, u) for n, u in acts.items()}
+        acts = {n: _operated(one, n, fine, u) for n, u in acts.items()}
 
         def rates(now: float, state: np.ndarray) -> list[float]:
             u = {n: np.interp(now, fine, series) for n, series in acts.items()}
@@ -127,7 +123,7 @@ class System:
         if not solved.success or not np.isfinite(solved.y).all():
             raise InputError(f"{self.name}: the system runs off with {fault.name if fault else 'nothing'}")
         readings = self.reads(dict(zip(x0, solved.y, strict=True)), acts, p)
-        channels = {n: u[before * _FINER :: _FINER] for n, u in recorded.items()}
+        channels = dict(commanded)
         for n, values in readings.items():
             seen = _operated(one, n, fine, values)[before * _FINER :: _FINER]
             channels[n] = seen + self.sigma[n] * rng.standard_normal(len(t))
@@ -165,8 +161,8 @@ def _operated(fault: Fault | None, name: str, t: np.ndarray, y: np.ndarray) -> n
     simple: dict[str, Callable[[], np.ndarray]] = {
         "input_limit": lambda: np.minimum(y, size) if fault.term == "above" else np.maximum(y, size),
         "dead_zone": lambda: np.sign(y) * np.maximum(np.abs(y) - size, 0.0),
-        "sensor_bias": lambda: y + size,
-        "sensor_scale": lambda: y * (1.0 + size),
+        **dict.fromkeys(("sensor_bias", "input_offset"), lambda: y + size),
+        **dict.fromkeys(("sensor_scale", "input_scale"), lambda: y * (1.0 + size)),
         "sensor_stuck": lambda: np.where(t >= fault.onset, np.interp(fault.onset, t, y), y),
     }
     return simple[fault.kind]() if fault.kind in simple else y

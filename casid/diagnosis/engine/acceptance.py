@@ -61,8 +61,7 @@ def can_be_named(trial: Trial) -> bool:
 def is_small(trial: Trial) -> bool:
     """Return True if a trial is a hardware fault that is too small to matter: of an instrument, or between a record and
     its surface."""
-    of_hardware = trial.effect.of_an_instrument or trial.effect.of_a_surface
-    return of_hardware and trial.share < 1.0 and gates.is_possible(trial.candidate.attached)
+    return trial.effect.of_hardware and trial.share < 1.0 and gates.is_possible(trial.candidate.attached)
 
 
 def size_gates(fitted: FlightFit, one: Attached, share: float, statistic: float, confirmed: bool) -> tuple[Gate, ...]:

@@ -162,12 +162,13 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
 
     Of an effect that is not linear every tried size has a response of its own. A multiple of it represents a surface
     that does more than the model without the effect makes of it: a play, a lag or a delay that is missing there makes
-    its derivatives too small.
+    its derivatives too small. A reading has no such derivative: a multiple of its response is a larger effect.
     """
     effect = prints[0].effect
     names = np.array(judge.base.batch.names)
     R = len(names)
     least = 1.0 / judge.criteria.screening.nonlinear
+    most = 1.0 if effect.series is not None else np.inf
     best: Candidate | None = None
     for one in prints:
         sets = _onset_sets(judge, [one], R) if effect.traits.by_record else []
@@ -186,7 +187,7 @@ def _untimed(judge: Screen, prints: Sequence[Fingerprint]) -> Candidate | None:
             before = best.attached.records if best is not None and effect.traits.relative else ()
             in_more = 0 < len(before) < len(records) and {*before, *records} == {*names.tolist()}
             if best is None or net > best.net + (equivalence(net, judge.criteria) if in_more else 0.0):
-                value = size if effect.linear else one.values["value"] * min(size, 1.0)
+                value = size if effect.linear else one.values["value"] * min(size, most)
                 attached = Attached(effect=effect, values=dict(one.values) | {"value": value}, records=records)
                 best = Candidate(
                     attached=attached,

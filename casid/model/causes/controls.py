@@ -165,6 +165,7 @@ def input_limit(surface: str, side: str) -> Effect:
 @cause(
     "input_offset",
     place="command",
+    of_systems=True,
     targets=SURFACES,
     candidates=never_sought,
     unit="{channel}",
@@ -181,6 +182,7 @@ def input_offset(surface: str) -> Effect:
 @cause(
     "input_scale",
     place="command",
+    of_systems=True,
     targets=(*SURFACES, "thrust"),
     candidates=never_sought,
     unit="1",

@@ -20,6 +20,9 @@ HIDDEN = [
     ("pendulum on a cart", Fault(kind="dry_friction", target="v", size=0.4)),
     ("two compartments", Fault(kind="parameter_change", target="k10", size=0.08, records=("m2",))),
     ("Lotka-Volterra", Fault(kind="missing_term", target="prey", term="prey^2", size=-0.06)),
+    ("battery cell", Fault(kind="input_scale", target="i", size=0.15)),
+    ("battery cell", Fault(kind="input_offset", target="i", size=0.3)),
+    ("robot joint", Fault(kind="sensor_delay", target="q", size=0.046)),  # small, and ten times the noise
 ]
 SLOW = [
     ("quadruple tank", Fault(kind="missing_term", target="h3", term="sqrt(h3)", size=-0.04)),
@@ -54,6 +57,16 @@ def test_a_hidden_fault_is_found_and_sized(name: str, fault: Fault) -> None:
     steps = result.budget.together
     assert steps.structure < 1.25
     assert fault.records or steps.structure < 0.7 * steps.values
+
+
+def test_a_delay_between_one_input_and_one_output_is_at_either() -> None:
+    """Truth: what does not change with time answers a late input late, and nothing else."""
+    system = SYSTEMS["battery cell"]
+    records = system.fly(7, Fault(kind="sensor_delay", target="v", size=5.0))
+    (cause,) = cs.diagnose(system.model(), records, ports=system.ports(), library=system.library).causes
+    found = {cause.kind, *(one["kind"] for one in cause.indistinguishable_from)}
+    assert {"input_delay", "sensor_delay"} <= found
+    assert abs(cause.value - 5.0) < max(3.0 * cause.std, 0.1)
 
 
 @pytest.mark.parametrize(("name", "seed", "fault"), IMITATED)
