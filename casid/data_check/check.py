@@ -192,7 +192,7 @@ def check(
     together = [_of_alternative(one, len(given), undo) for one in weighed]
     samples = [_of_channel(key, found, given, undo) for key, found in by_kind(faults).items()]
     in_time = [] if "t" in believed_as_read else [*_pauses(given), *discontinuities(given)]
-    missing = [*in_time, *_without_samples(given), *_no_input(given)]
+    missing = [*in_time, *_without_samples(given), *_no_input(given, plane)]
     corrected = tuple(with_readings(r, reading) for r, reading in zip(kept, weighing.trusted, strict=True))
     if plane is not None:
         missing += rotor_faults(corrected, plane)
@@ -284,13 +284,16 @@ def _without_samples(records: Sequence[Record]) -> list[Finding]:
     ]
 
 
-def _no_input(records: Sequence[Record]) -> list[Finding]:
-    """Records on the ground or at rest, or without a surface that moves: nothing can be identified from them."""
+def _no_input(records: Sequence[Record], aircraft: Aircraft | None) -> list[Finding]:
+    """Records on the ground or at rest, or without a surface or rotor that moves: nothing can be identified from
+    them."""
     if still := {record.name: why for record in records if (why := unflown(record))}:
         said = words.of_rest(still)
         return [Finding(kind="data_stuck", target="V", records=tuple(still), handled="reported", sentence=said)]
     surfaces = [name for name in SURFACES if any(name in record for record in records)]
-    if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in surfaces if name in record):
+    rotors = aircraft.rotors.names if aircraft and aircraft.rotors else ()
+    acting = (*surfaces, *rotors)
+    if not surfaces or any(np.ptp(record[name]) > 0.0 for record in records for name in acting if name in record):
         return []
     sentence = words.of_no_input(surfaces, [record.name for record in records])
     target = "+".join(surfaces)

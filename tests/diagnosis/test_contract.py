@@ -14,7 +14,7 @@ from problems.random_systems.contract import broken, diagnosed, general, refuses
 from problems.random_systems.world import HELD_OUT, KINDS, TRUTHS, draw
 
 _PER_TEST = 10
-_QUICK = 100
+_QUICK = 60
 _CAMPAIGN = 3000
 
 

@@ -85,6 +85,13 @@ VTOL = cs.Aircraft(
 )
 
 
+def test_surfaces_that_rest_while_rotors_move_are_no_fault():
+    """Truth: a VTOL in hover, which its rotors control."""
+    flown = flight(craft(np.ones(4), wing=wing), 6, size=1.0, speed=7.0)
+    still = {"delta_e": 0.0, "delta_a": 0.0, "delta_r": 0.0, "thrust": 0.0, "rho": RHO}
+    assert not cs.check([record(flown, **still)], VTOL).findings
+
+
 @pytest.mark.slow
 def test_a_weak_lift_rotor_of_a_vtol_is_named():
     factor = np.array([1.0, 1.0, 0.75, 1.0])

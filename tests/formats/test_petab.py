@@ -65,6 +65,7 @@ def test_a_published_optimum_is_confirmed_and_its_status_is_right(name, converge
     assert fit.result is (cs.Results.CONVERGED if converged else cs.Results.NOT_IDENTIFIABLE)
 
 
+@pytest.mark.slow
 def test_a_fit_from_twice_the_published_parameters_is_never_below_its_start(petab_data: Path, monkeypatch) -> None:
     """Crauste, where the fit once crashed: after two steps it is more likely than its start, by LSODA too, and has not
     converged where LSODA contradicts."""

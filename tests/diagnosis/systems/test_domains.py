@@ -39,7 +39,7 @@ def texts(found: Any) -> list[str]:
     return [text for part in parts for text in texts(part)]
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     name=st.sampled_from(sorted(SYSTEMS)),
     seed=st.integers(0, 1000),
