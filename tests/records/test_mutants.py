@@ -162,7 +162,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_mutant_is_read_or_refused(tmp_path: Path) -> None:
-    found = tried(tmp_path, 250, 1)
+    found = tried(tmp_path, 500, 1)
     assert found["csv read"] and found["csv refused"] and found["toml read"] and found["xml refused"], found
 
 
