@@ -276,6 +276,7 @@ def _with_trim(aircraft: Aircraft | None) -> str:
 _MEASURED: Mapping[str, str] = MappingProxyType(
     {
         "control": "Record the position of the {label} beside its command: it shows this cause directly.",
+        "input": "Record what acts of {label} beside its command: it shows this cause directly.",
         "rotors": "Run {label} on a thrust stand: it shows this cause directly.",
         "instrument": "Calibrate the reading of {label} on the ground, or record a second instrument beside it.",
         "mass": "Weigh the aircraft as it was flown, and measure its centre of gravity.",
@@ -289,6 +290,8 @@ _MEASURED: Mapping[str, str] = MappingProxyType(
 def _measurement(effect: Effect) -> str:
     """Return the measurement that confirms or refutes a cause; empty where there is none."""
     place = Station.at(effect.enters).kind if effect.enters else ""
+    if effect.words is not None:  # of a system whose names are its own
+        return _MEASURED["input"].format(label=effect.target) if place == "control" else ""
     if effect.target in SURFACES and place != "coefficient":
         place = "control"
     elif effect.station == "rotors":
