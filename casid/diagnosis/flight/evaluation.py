@@ -377,6 +377,8 @@ def evaluate(work: Work, attached: tuple[Attached, ...], values: np.ndarray, mot
     slopes = work.slopes(attached, moved, P, moving, ends, histories)
     about = residual_about(linear, acting, coloured, errors, kalman.through)
     white = kalman.predicted(*about)[0] if ahead else kalman.whiten(*about)[..., 0]
+    if not np.abs(white).max(initial=0.0) < np.finfo(float).max ** 0.25:
+        raise np.linalg.LinAlgError("the innovations are so large that their squares have no sum")
     columns = slopes.whitened(kalman)
     deviation = values - work.mean
     data = float(np.sum(white**2) + np.sum(kalman.log_determinant)) + _lost(kalman, white, seen)
