@@ -83,8 +83,8 @@ class Library:
         Names of kinds of causes; default all.
     degree
         Largest degree of the monomials of states and inputs that an equation may lack; 0: none is tried. Where an
-        equation is still unexplained, monomials in one or two variables of one degree more are tried, and |x| and
-        x*|x| of each variable.
+        equation is still unexplained, monomials in one or two variables of one degree more are tried, and ``|x|``
+        and ``x*|x|`` of each variable.
     regressors
         Name -> further term that an equation may lack: a function of a namespace of the model's states and inputs
         that returns a CasADi expression.
