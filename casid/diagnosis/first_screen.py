@@ -276,7 +276,7 @@ def _with_trim(aircraft: Aircraft | None) -> str:
 _MEASURED: Mapping[str, str] = MappingProxyType(
     {
         "control": "Record the position of the {label} beside its command: it shows this cause directly.",
-        "input": "Record what acts of {label} beside its command: it shows this cause directly.",
+        "input": "Record {label} where it acts, beside its command: it shows this cause directly.",
         "rotors": "Run {label} on a thrust stand: it shows this cause directly.",
         "instrument": "Calibrate the reading of {label} on the ground, or record a second instrument beside it.",
         "mass": "Weigh the aircraft as it was flown, and measure its centre of gravity.",

@@ -41,6 +41,13 @@ def required_gain(effect: Effect, criteria: Criteria) -> float:
     return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
+def _name_of_required(effect: Effect) -> str:
+    """Name of the criterion of `required_gain`."""
+    if effect.size.stated:
+        return "significance.chance"
+    return "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
+
+
 def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:
     """Likelihood-ratio statistic at which a cause of the smallest size that matters counts as clear.
 
@@ -60,7 +67,7 @@ def gain(effect: Effect, decisive: float, left_by_others: float, required: float
     (`required`), has only an approximate shape is no evidence for another cause.
     """
     prices = {
-        "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain": required_gain(effect, criteria),
+        _name_of_required(effect): required_gain(effect, criteria),
         "naming.approximate": required,
         "naming.left_to_others": criteria.naming.left_to_others * left_by_others,
     }
@@ -74,10 +81,9 @@ def probable(effect: Effect, decisive: float, inflation: float, criteria: Criter
     At the statistic that a name takes, the odds are those at which a wrong name costs as much as a missed one. A cause
     with less is not probable enough for a name.
     """
-    name = "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
-    return ask.GAIN.of(
-        decisive / inflation, required_gain(effect, criteria), name, where=", correlated residuals counted"
-    )
+    required = required_gain(effect, criteria)
+    where = ", correlated residuals counted"
+    return ask.GAIN.of(decisive / inflation, required, _name_of_required(effect), where=where)
 
 
 def possible(one: Attached, part: float = 1.0) -> tuple[Gate, ...]:

@@ -97,8 +97,7 @@ class System:
         there = fault is not None and (not fault.records or name in fault.records)
         one = fault if there else None
         p = _shifted(p, one)
-        acts = {n: np.interp(fine, t, u) for n, u in commanded.items()}
-        acts = {n: _operated(one, n, fine, u) for n, u in acts.items()}
+        acts = {n: _operated(one, n, fine, np.interp(fine, t, u)) for n, u in commanded.items()}
 
         def rates(now: float, state: np.ndarray) -> list[float]:
             u = {n: np.interp(now, fine, series) for n, series in acts.items()}

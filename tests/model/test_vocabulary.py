@@ -113,7 +113,8 @@ def named_kinds(source: str) -> list[str]:
 
     "mass", "inertia" and "damping" are words of other things too.
     """
-    kinds, found = PUBLIC - {"mass", "inertia", "damping"}, []
+    kinds = PUBLIC - {"mass", "inertia", "damping"}
+    found = []
     for node in ast.walk(ast.parse(source)):
         parts = []
         if isinstance(node, ast.Compare):
