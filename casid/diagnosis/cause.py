@@ -283,8 +283,8 @@ class Cause:
     share
         Its size, in units of the smallest size that matters.
     on_readings
-        Sum over all fitted readings of the squared change by the cause, in units of their noise; infinite where it was
-        not computed.
+        Largest r.m.s. change of a reading by the cause in a simulation, in units of its noise as recorded; infinite
+        where it was not computed.
     gates
         Its acceptance gates beside all other causes and on the held-out records.
     probability

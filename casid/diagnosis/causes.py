@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -12,12 +13,13 @@ from casid.diagnosis import comparisons as ask
 from casid.diagnosis import gates
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace, merged
 from casid.diagnosis.comparisons import FINAL, Gate, all_passed
-from casid.diagnosis.engine.acceptance import sine
+from casid.diagnosis.engine.acceptance import concerned, sine, sure_beside_all
 from casid.diagnosis.engine.baseline import is_induced_drag, is_usual
 from casid.diagnosis.engine.held_out import Kept
 from casid.diagnosis.engine.search import State
 from casid.diagnosis.engine.trial import Round, Trial
 from casid.diagnosis.evidence.evidence import Evidence, deviation, sure, unlike_derivatives, variation
+from casid.diagnosis.evidence.fingerprints import largest_change
 from casid.diagnosis.evidence.missing_input import MissingInput, missing_oscillation
 from casid.diagnosis.evidence.onsets import Intervals, end_intervals
 from casid.diagnosis.evidence.size import meaningful_share, missing_size
@@ -94,8 +96,9 @@ def _of_round(round_: Round, state: State, kept: Kept, alone: tuple[Gate, ...]) 
             return noted(cause_of(leader, state, (), held, asked), NOT_CONFIRMED), False
         asked = (*asked, ask.STILL_NEEDED.failed())
         return noted(cause_of(leader, state, (), held, asked), NOT_NEEDED), False
-    final = (*sure(evidence, name, _concerned(evidence, name)), *still_matters(evidence.fit, name, alone))
-    asked = (*asked, *(replace(gate, gate=gate.gate + FINAL) for gate in final))
+    size = still_matters(evidence.fit, name, alone)
+    final = (*sure_beside_all(evidence, name), *(replace(gate, gate=gate.gate + FINAL) for gate in size))
+    asked = (*asked, *final)
     present = _as_in(evidence, leader)
     if not all_passed(final):
         refused = cause_of(present, state, (), held, asked)
@@ -141,12 +144,6 @@ def trace_of_search(
     return Trace(decisions=merged([*put_in, *found]))
 
 
-def _concerned(evidence: Evidence, name: str) -> list[int]:
-    """Indices of the fitted records in which a named cause acts."""
-    one = next(a for a in evidence.fit.attached if a.name == name)
-    return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
-
-
 def still_matters(fit: FlightFit, name: str, alone: tuple[Gate, ...] = ()) -> tuple[Gate, ...]:
     """The gates on the size of a named cause beside the causes named after it: it is possible, and it matters, or what
     values leave `alone` does."""
@@ -177,7 +174,7 @@ def minor_trials(state: State, seen: Sequence[Cause]) -> list[Trial]:
     known = {c.key for c in seen}
     found = []
     last = max((at for at, one in enumerate(state.rounds, 1) if one.named), default=0)
-    for round_ in state.rounds[last:][:1]:
+    for round_ in state.rounds[last:]:
         for trial in sorted(round_.trials, key=lambda t: -t.gain.net):
             effect = trial.effect
             if (
@@ -201,7 +198,7 @@ def _as_in(evidence: Evidence, trial: Trial) -> Trial:
     one = next(a for a in evidence.fit.attached if a.name == trial.candidate.name)
     candidate = replace(trial.candidate, attached=one)
     share = meaningful_share(evidence.fit, one)
-    std = deviation(evidence, one.name, _concerned(evidence, one.name))
+    std = deviation(evidence, one.name, concerned(evidence, one.name))
     return replace(trial, candidate=candidate, std=std, share=share)
 
 
@@ -238,7 +235,7 @@ def cause_of(
         parameters={k: v for k, v in values.items() if k != "value" and v != effect.further.defaults.get(k)},
         meaningful=trial.meaningful,
         share=trial.share,
-        on_readings=trial.gain.raw / max(trial.candidate.surviving, 1e-3) ** 2,
+        on_readings=math.inf if one.name in {a.name for a in fit.attached} else largest_change(fit, one),
         gates=asked,
     )
 
@@ -367,7 +364,7 @@ def _small_terms(evidence: Evidence, known: set) -> list[Cause]:
                 statistic=(mean / std) ** 2,
                 meaningful=False,
                 share=share / matter,
-                on_readings=mean**2 * float(evidence.sums.gram[k + i, k + i]),
+                on_readings=largest_change(fit, Attached(effect=effect, values={"value": mean * factor})),
                 sentence=f"Real, but too small to matter ({100 * share:.1f} % of {coefficient}): {sentence}",
             )
         )

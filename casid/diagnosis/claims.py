@@ -142,13 +142,9 @@ def explanations(
     return tuple((names, probability(p, facts)) for names, p in found if names or not left_over(facts))
 
 
-def visible(cause: Cause, facts: Facts) -> bool:
-    """Return whether a cause may change a reading by more than its noise.
-
-    The sum of squares of its changes of all readings, in units of their noise, may all be in the channel that is
-    read least. A cause that does not reach one per reading even there is not visible on any.
-    """
-    return cause.on_readings >= facts.fewest_readings
+def visible(cause: Cause) -> bool:
+    """Return whether a cause changes some reading by more than its noise."""
+    return cause.on_readings >= 1.0
 
 
 def account(facts: Facts) -> tuple[AccountStep, ...]:

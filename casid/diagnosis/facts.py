@@ -99,7 +99,6 @@ class Facts:
     changed: tuple[ChangedValue, ...] = ()
     combinations: tuple[Combination, ...] = ()
     not_judged: tuple[NotJudged, ...] = ()  # what the records leave open
-    fewest_readings: int = 1  # number of fitted readings of the channel that is read least
     turbulent: tuple[str, ...] = ()  # records in turbulence
     listed: int = 3  # largest number of items that a sentence lists
 
@@ -214,12 +213,6 @@ def _combined(
         told = f"{what}: {digits(before)} as given, {by_records} by the records"
     sentence = f"{one.parameter} and {name} cannot be told apart; the records determine {told}."
     return Combination(parameters=(one.parameter, name), sentence=sentence)
-
-
-def fewest_readings(fit: FlightFit) -> int:
-    """Number of readings of the channel that is read least, of those that are read at all."""
-    counts = fit.seen.sum(axis=(0, 1))
-    return int(min((count for count in counts if count), default=1))
 
 
 @dataclass(frozen=True, kw_only=True)

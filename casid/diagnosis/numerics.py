@@ -138,7 +138,9 @@ class NamingNumerics:
     """Number and kind of the causes that are fitted in each round."""
 
     rounds: int = number(6, "largest number of rounds")
-    tentative: int = number(2, "rounds that may be refused until the named causes together explain what is missing")
+    tentative: int = number(
+        2, "rounds in turn that may name nothing, or be refused until the named causes together explain what is missing"
+    )
     trials: int = number(
         4, "candidates of the first ranking that are fitted, and terms of one coefficient if they predict the same"
     )

@@ -15,7 +15,7 @@ from casid.diagnosis import comparisons as ask
 from casid.diagnosis.cause import IN_A_SET, MINOR, NAMED, REFUSED, Cause, Decision, Trace
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.evidence.size import missing_share
-from casid.diagnosis.facts import Facts, changed_values, determined_pairs, fewest_readings
+from casid.diagnosis.facts import Facts, changed_values, determined_pairs
 from casid.diagnosis.flight.noise import Following
 from casid.diagnosis.given.contradicted import Contradiction, impossible
 from casid.diagnosis.given.factors import Factor
@@ -131,11 +131,10 @@ def facts_of(
         changed=changed,
         combinations=determined_pairs(fit, changed, given, criteria.given),
         not_judged=(*found.not_tried, *not_judged),
-        fewest_readings=fewest_readings(fit),
         turbulent=found.turbulence.records if found.turbulence.named else (),
     )
     attached = {one.effect.key for one in fit.attached}
-    minor = tuple(one for one in found.minor if one.key in attached or claims.visible(one, facts))
+    minor = tuple(one for one in found.minor if one.key in attached or claims.visible(one))
     return replace(facts, causes=tuple(claims.stated(one, facts) for one in found.causes), minor=minor)
 
 

@@ -45,6 +45,15 @@ class Filter:
         """Filter that makes innovations white where the noise model gives them a colour."""
         return colouring(self.linear, self.noise.colour)
 
+    @property
+    def in_free_flight(self) -> Filter:
+        """The same without the updates by readings: its innovations are those of a simulation that no reading corrects,
+        in units of the noise of a reading."""
+        sigma = np.array([self.noise.measurement[name] for name in self.linear.model.outputs])
+        alone = replace(self.noise, colour={})
+        root = np.broadcast_to(np.diag(1.0 / sigma), self.inverse_root.shape).copy()
+        return replace(self, noise=alone, gain=np.zeros_like(self.gain), inverse_root=root)
+
     def of_records(self, some: slice | list[int]) -> Filter:
         """The same of some records: copies, for every compiled recursion would make its own of views."""
         arrays = {name: of[:, some].copy() for name, of in vars(self).items() if isinstance(of, np.ndarray)}

@@ -183,6 +183,18 @@ class _Seen:
         return found
 
 
+def concerned(evidence: Evidence, name: str) -> list[int]:
+    """Return the indices of the fitted records in which an effect acts."""
+    one = next(a for a in evidence.fit.attached if a.name == name)
+    return [r for r, record in enumerate(evidence.fit.batch.names) if one.concerns(record)]
+
+
+def sure_beside_all(evidence: Evidence, name: str) -> tuple[Gate, ...]:
+    """Ask that the size of a named cause differs from zero beside all others, whichever record is left out."""
+    asked = sure(evidence, name, concerned(evidence, name))
+    return tuple(replace(gate, gate=gate.gate + ask.FINAL) for gate in asked)
+
+
 def _makes_nothing_worse(seen: _Seen) -> list[Gate]:
     """The gate on ports where a latent input has more statistic than before the cause: its share must not matter."""
     criteria = seen.criteria

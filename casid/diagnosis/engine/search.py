@@ -1,7 +1,7 @@
 """Search for a set of causes that explains the records.
 
-Causes are added one at a time and the model is fitted again with each. Causes that are no longer needed beside the new
-one are dropped, and causes are exchanged for alternatives that explain the records better.
+Causes are added one at a time and the model is fitted again with each. Causes are exchanged for alternatives that
+explain the records better, and what is not probable or not sure beside all others is left out.
 
 One round works as follows. The causes of the catalogue are screened with a linearisation about the present model. The
 best of them are fitted, and the best fitted one is added. The new set is accepted if its last cause explains what was
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from types import MappingProxyType
 
 import numpy as np
@@ -33,14 +34,13 @@ from casid.diagnosis.engine.acceptance import (
     near_rivals,
     ranked,
     ranked_behind,
-    sine,
+    sure_beside_all,
     tempered,
 )
-from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of
+from casid.diagnosis.engine.baseline import Baseline, baseline_from, baseline_of, is_usual
 from casid.diagnosis.engine.candidates import (
     checked,
     given_up,
-    is_same,
     settled,
     try_cause,
     with_look_alikes,
@@ -58,7 +58,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.fit import fit, from_elsewhere, relaxed, without
 from casid.diagnosis.flight.flight import with_inputs_held
 from casid.diagnosis.flight.hypothesis import Attached
-from casid.diagnosis.flight.noise import as_inputs_run, in_colour, is_far, unread
+from casid.diagnosis.flight.noise import as_inputs_run, beyond_air, in_colour, is_far, unread
 from casid.diagnosis.gates import promises_enough, required_gain
 from casid.diagnosis.kinematics import kinematics
 from casid.diagnosis.kinematics.check import without_turbulence, worth_fitting
@@ -170,7 +170,8 @@ def _grown(state: State, say: Say) -> State:
 
 
 def without_improbable(state: State) -> State:
-    """The state without the causes that are not probable enough for a name, beside all others or as they were named.
+    """The state without the causes that are not probable or not sure enough for a name, beside all others or as they
+    were named.
 
     The statistic of a cause beside all others is what the fit without it loses, all else estimated again. The weakest
     is left out first, and the others are judged anew.
@@ -183,9 +184,10 @@ def without_improbable(state: State) -> State:
         others = weigh(without(evidence.fit, {last.candidate.name}))
         beside = last.decisive_gain - last.gain.raw + others.deviance - evidence.deviance
         least = min(beside, last.decisive_gain)
-        gate = gates.probable(last.effect, least, last.inflation, state.criteria)
-        if not gate.passed:
-            refused = replace(state.rounds[at], named=False, refused_by=(gate,))
+        probable = gates.probable(last.effect, least, last.inflation, state.criteria)
+        asked = (probable, *([] if is_usual(last.effect) else sure_beside_all(evidence, last.candidate.name)))
+        if not all_passed(asked):
+            refused = replace(state.rounds[at], named=False, refused_by=asked)
             changed = replace(state, rounds=_replaced(state.rounds, at, refused))
             return without_improbable(_settled_in(changed, others.fit, last.effect))
     return state
@@ -205,10 +207,12 @@ def _with_accepted(state: State, catalogue: Sequence[Effect], say: Say) -> tuple
         say(f"naming, round {len(state.rounds) + 1}")
         state = _after_round(accepted, added(state, catalogue))
         if not state.rounds[-1].named:
+            if state.rounds[-1].waiting and len(_in_vain(state)) < numerics.tentative:
+                continue
             break
         if _passes(accepted, state):
             accepted = state
-        elif len(state.rounds) - len(accepted.rounds) >= numerics.tentative:
+        elif len(state.named) - len(accepted.named) >= numerics.tentative:
             break
         if state.missing[0].gain < state.criteria.significance.search:  # no event either, but where terms may hide one
             nonlinear = state.evidence.nonlinear
@@ -277,10 +281,11 @@ def _passes(accepted: State, state: State) -> bool:
 def added(state: State, catalogue: Sequence[Effect]) -> State:
     """The state after one more round.
 
-    The best cause that can be named is added, and causes that are not needed beside it are dropped. If no cause can be
-    named, only the round is recorded.
+    The best cause that can be named is added. If there is none, only the round is recorded, and the next one tries
+    others.
     """
     taken = {one.effect.key for one in state.fit.attached}
+    taken |= {trial.effect.key for one in _in_vain(state) for trial in one.trials}
     effects = [one for one in catalogue if one.key not in taken]
     if (kinematic := state.kinematic) is not None:
         seen = [one for one in state.fit.flight.effects if one.kinematic and one.key not in taken]
@@ -296,6 +301,7 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
         trials=tuple(trials),
         equivalents=equivalents,
         named=named,
+        waiting=screened.waiting if trials else frozenset(),
         screened=screened.refused,
         ranked=ranked_behind(trials[0], trials, state.criteria) if trials else {},
     )
@@ -304,7 +310,12 @@ def added(state: State, catalogue: Sequence[Effect]) -> State:
     best, fitted, moved = settled(trials[0], fits[trials[0]], state.evidence)
     this = replace(this, trials=(best, *this.rivals))
     grown = replace(state, rounds=(*state.rounds, this), intervals={**state.intervals, **intervals, **moved})
-    return _settled_in(grown, _without_needless(fitted, state, best), best.effect)
+    return _settled_in(grown, fitted, best.effect)
+
+
+def _in_vain(state: State) -> list[Round]:
+    """List the last rounds, which named nothing beside the present causes."""
+    return list(takewhile(lambda one: not one.named, reversed(state.rounds)))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -313,6 +324,7 @@ class _Screening:
 
     chosen: Sequence[Candidate]  # causes to be fitted
     refused: Mapping[str, tuple[Gate, ...]]  # gates of the causes that are not fitted, by name
+    waiting: frozenset[str]  # names of those that are predicted to reach a name, and for which no place was left
     candidates: tuple[Candidate, ...]  # all causes, by net score statistic
     detectable: Mapping[str, float]  # smallest detectable sizes by name; only in the first round
     likely: Mapping[Candidate, np.ndarray]  # predicted statistics of a candidate in the full model
@@ -334,17 +346,24 @@ def _screened(state: State, effects: Sequence[Effect]) -> _Screening:
     switching = any(one.timed for one in effects) and not any(one.effect.members for one in state.fit.attached)
     switches = configuration_changes(state.evidence) if switching else []
     rankings = (candidates, cautious, observed)
-    chosen, refused = worth_trying(state.fit, state.kinematic, rankings, switches, state.baseline.required)
-    apart = state.criteria.numerics.events.apart
+    misfit = 0.0 if beyond_air(state.fit) else state.baseline.required
+    chosen, refused = worth_trying(state.fit, state.kinematic, rankings, switches, misfit)
     sigmas = state.criteria.significance.detectable
     if unbalanced := _unbalanced(state, candidates, names):
         chosen = unbalanced
-    left = [] if unbalanced else _left_behind(state)
-    more = [c for c in left if not any(is_same(c.attached, one.attached, apart) for one in chosen)]
+
+    def waits(one: Candidate) -> bool:
+        """Return True if a cause is predicted to reach a name, and no place is left for it."""
+        effect = one.attached.effect
+        least = max(required_gain(effect, state.criteria), 0.0 if effect.kinematic else misfit)
+        full = (gate.gate.startswith(ask.PLACES.name) for gate in refused.get(one.name, ()))
+        return one.net >= least and any(full)
+
     return _Screening(
-        chosen=[*chosen, *more],
+        chosen=chosen,
         likely=predicted_statistics(rankings),
         refused=refused,
+        waiting=frozenset(one.name for one in (*cautious, *observed) if waits(one)),
         candidates=tuple(sorted([*candidates, *switches], key=lambda one: -one.net)),
         detectable={} if state.rounds else smallest_sizes(exactly, prints, candidates, sigmas),
     )
@@ -402,6 +421,7 @@ def _tried(
     least = np.zeros(2)
     earlier = [one.leader for one in state.named]
     required = state.baseline.required
+    no_air = beyond_air(state.fit)
     seen = [(one, worth_fitting(state.kinematic, one.attached)) for one in candidates]
 
     def run(one: tuple[Candidate, Gate | None]) -> tuple[Trial, FlightFit, Intervals]:
@@ -426,7 +446,10 @@ def _tried(
             results = side_by_side(run, seen[first : first + at_once])
         together = [checked(trial, fitted, state.evidence, state.kinematic) for trial, fitted, _ in results]
         for tried, (_, fitted, interval) in zip(together, results, strict=True):
-            enough = gains_enough(tried, earlier, required, state.criteria) if tried.given_up is None else None
+            enough = None
+            if tried.given_up is None:
+                by_air = not no_air or not gates.still_missing(no_air, beyond_air(fitted), state.criteria).passed
+                enough = gains_enough(tried, earlier, required if by_air else 0.0, state.criteria)
             trial = replace(tried, enough=enough)
             trials.append(trial)
             if not trial.refuted:
@@ -438,52 +461,6 @@ def _tried(
                 if trial.meaningful and (trial.confirmed or not trial.check.judges):  # no other can take its place
                     least = np.maximum(least, by.rival * np.array([trial.gain.exact, trial.gain.raw]))
     return trials, fits, intervals
-
-
-def _left_behind(state: State) -> list[Candidate]:
-    """The best trial of the previous round that is unrelated to the cause named there, if it is still not in the model.
-
-    It was found once and its effect is still present. A new screening may attribute that effect to another cause,
-    because of what else is missing.
-    """
-    if not state.rounds:
-        return []
-    best, *others = state.rounds[-1].trials
-    by = state.criteria.naming
-    taken = {one.effect.key for one in state.fit.attached}
-    apart = [t for t in others if t.meaningful and not t.refuted and t.effect.key not in taken]
-    return [
-        t.candidate for t in apart if t.gain.total > (1.0 - by.rival) * best.gain.total and sine(best, t) > by.unrelated
-    ][:1]
-
-
-def _without_needless(fitted: FlightFit, state: State, last: Trial) -> FlightFit:
-    """The fit without the causes whose likelihood-ratio statistic beside the others is too small for a name.
-
-    Those are examined that had the `last` cause as an alternative when they were named: what was missing at that time
-    may have led to the wrong choice.
-    """
-    doubted = [one.leader for one in state.standing if last.effect.key in {trial.effect.key for trial in one.trials}]
-    if not doubted:
-        return fitted
-    evidence = weigh(fitted)
-    for one in doubted:
-        name = one.candidate.name
-        if _is_needed(evidence, name):
-            continue
-        others = weigh(without(evidence.fit, {name}))
-        if others.deviance < evidence.deviance + required_gain(one.effect, evidence.criteria):
-            evidence, others = others, evidence
-    return evidence.fit
-
-
-def _is_needed(evidence: Evidence, name: str) -> bool:
-    """Return True if a cause is so many standard deviations from zero that no fit without it can be comparable."""
-    if name not in {slot.name for slot in evidence.fit.slots}:
-        return False
-    index = [slot.name for slot in evidence.fit.slots].index(name)
-    clear = evidence.criteria.size.clear
-    return evidence.fit[name] ** 2 > clear * evidence.covariance[index, index]
 
 
 def swapped(state: State) -> State:

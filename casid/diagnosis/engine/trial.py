@@ -126,6 +126,8 @@ class Round:
     refused_by: tuple[Gate, ...] = ()  # the gates by which the first trial was refused for good, after it was named
     # name of an alternative -> its gate for being in one ambiguity set with the first trial
     ranked: Mapping[str, Gate] = field(default_factory=dict)
+    # names of causes that are predicted to reach a name, and for which no place was left
+    waiting: frozenset[str] = frozenset()
     # name -> smallest detectable size; only in the first round
     detectable: Mapping[str, float] = field(default_factory=dict)
 

@@ -17,6 +17,7 @@ from casid.diagnosis.evidence.evidence import Evidence
 from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached, disturbance_series, readings, station_series
 from casid.diagnosis.flight.terms import term_along
+from casid.filtering.innovations import inject
 from casid.filtering.kernel import COLUMNS
 from casid.model.effect import Effect, with_grid
 from casid.model.operators import CYCLES
@@ -281,9 +282,39 @@ def _unit_history(base: FlightFit, effect: Effect, values: Mapping[str, float], 
     return _by_port([reading(name) for name in base.model.outputs], np.where(base.linear.seen, change, 0.0))
 
 
+def largest_change(base: FlightFit, one: Attached) -> float:
+    """Return the largest r.m.s. change of a reading by an effect, in units of its noise as recorded, along a simulation
+    that no reading corrects; of an aircraft that only a controller keeps in the air, of its prediction."""
+    ports = base.model.disturbances
+    acts = _acts_on(one.effect)
+    if acts == "equations":
+        size = np.array([one.values["value"] * one.concerns(name) for name in base.batch.names])
+        Y, F = (size[:, None] * column for column in _symbolic_columns(base, [one.effect])[one.name])
+    elif acts == "disturbances":
+        Y, F = (column.sum(axis=3) for column in inject(base.linear, range(len(ports)), history(base, one)))
+    else:
+        here = base.batch.names, base.batch.t
+        Y = readings([one], *here, base.read, base.model.outputs, base.known) - base.read
+        F = np.zeros(base.linear.defect.shape)
+    kalman = base.filter if base.flight.by_innovations else base.filter.in_free_flight
+    with np.errstate(over="ignore", invalid="ignore"):
+        change = kalman.whiten(Y[..., None], F[..., None])[..., 0]
+        square = np.sum(np.where(base.seen, change, 0.0) ** 2, axis=(0, 1))
+    mean = square / np.maximum(base.seen.sum(axis=(0, 1)), 1) / base.flight.every
+    return float(np.sqrt(np.max(np.where(np.isfinite(mean), mean, np.inf))))
+
+
 def history(base: FlightFit, one: Attached) -> np.ndarray:
     """(N, R, nw) Time histories that an effect adds at the disturbances of a fit."""
-    return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
+    effect = one.effect
+    if not effect.quasi_steady:
+        return disturbance_series([one], base.batch.names, base.batch.t, base.known, base.model.disturbances)
+    found = np.zeros((*base.batch.live.shape, len(base.model.disturbances)))
+    size = np.array([one.values["value"] * one.concerns(name) for name in base.batch.names])
+    found[..., base.model.disturbances.index(str(effect.enters))] = size * term_along(
+        effect.regressor or "", base.regressors
+    )
+    return found
 
 
 def _by_port(ports: Sequence[str], series: np.ndarray) -> _History:

@@ -190,6 +190,13 @@ def following(fit: FlightFit) -> Following | None:
     return max(found, key=lambda one: one.statistic, default=None)
 
 
+def beyond_air(fit: FlightFit) -> float:
+    """Return the statistic with which innovations in moving air follow earlier changes of the inputs, which no air
+    does; 0 in calm air, and where it may be chance."""
+    found = following(fit) if fit.noise.coloured else None
+    return found.statistic if found and found.statistic > fit.criteria.verdict.missing else 0.0
+
+
 def _explained(regressors: np.ndarray, series: np.ndarray) -> float:
     """The part of the sum of squares of a series (N,) that regressors (N, k) and a constant explain beyond its mean."""
     varying = regressors - regressors.mean(axis=0)

@@ -5,20 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from diagnosis_flights import NOISE, flights
 
 from casid.diagnosis.criteria import Criteria
 from casid.diagnosis.engine.baseline import is_induced_drag
+from casid.diagnosis.evidence.fingerprints import largest_change
 from casid.diagnosis.evidence.size import meaningful_share
+from casid.diagnosis.flight.evaluation import Work, evaluate
 from casid.diagnosis.flight.fit import fit
 from casid.diagnosis.flight.flight import prepare
 from casid.diagnosis.flight.hypothesis import Attached
+from casid.diagnosis.flight.noise import free_simulation
 from casid.diagnosis.gates import is_possible
 from casid.model.causes import (
     actuator_lag,
     aero_term,
     input_delay,
+    mass,
     rate_limit,
     sensor_bias,
     sensor_lag,
@@ -87,3 +92,22 @@ def test_drag_that_lift_induces_is_no_fault() -> None:
     found = [is_induced_drag(polar, value, fit) for value in (1.7, 1.8, -0.1)]  # pyright: ignore
     assert found == [True, False, False]
     assert not is_induced_drag(aero_term("CD", "beta^2"), 0.1, fit)  # pyright: ignore
+
+
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [(mass(), 20.0), (input_delay("delta_e"), 0.01), (sensor_bias("alpha"), 1e-4), (aero_term("Cm", "alpha^2"), 0.05)],
+    ids=lambda one: getattr(one, "kind", ""),
+)
+def test_the_change_of_readings_is_that_of_a_simulation(effect: Effect, value: float) -> None:
+    """A filter that corrects its states by readings would see a part of it. The truth are two simulations, with and
+    without the effect, from one initial state."""
+    flight = prepare(do328(), flights(seed=1, count=2))
+    base = fit(flight, [], flight.noise(), free="states")
+    one = Attached(effect=effect, values={"value": value}, records=flight.names[:1])
+    with_it = evaluate(Work(flight, [one], flight.noise(), "states"), [one], np.zeros(0), base.motion)
+    change = free_simulation(with_it).output - free_simulation(base).output
+    noise = np.array([flight.sigma[name] for name in flight.outputs])
+    expected = np.sqrt(np.mean((change / noise) ** 2, axis=(0, 1), where=base.seen)).max() / flight.every**0.5
+    assert largest_change(base, one) == pytest.approx(expected, rel=0.05)
+    assert largest_change(base, one.with_values({"value": 2.0 * value})) == pytest.approx(2.0 * expected, rel=0.1)

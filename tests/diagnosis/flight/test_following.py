@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import coherence
 
 from casid.diagnosis.criteria import Criteria
-from casid.diagnosis.flight.noise import following
+from casid.diagnosis.flight.noise import beyond_air, following
 
 LENGTH = 3000
 
@@ -31,6 +31,7 @@ def flown(seed: int, late: int) -> tuple[SimpleNamespace, np.ndarray, np.ndarray
     live = np.ones((LENGTH, 1), dtype=bool)
     fit = SimpleNamespace(
         criteria=Criteria(),
+        noise=SimpleNamespace(coloured={"wind_y": (1.0, 2.0)}),
         batch=SimpleNamespace(live=live, U=np.stack([aileron, np.full(LENGTH, 1.2)], axis=-1)[:, None]),
         model=SimpleNamespace(inputs=("delta_a", "rho"), outputs=("p",)),
         white=white[:, None, None] / white.std(),
@@ -46,6 +47,7 @@ def test_air_that_an_autopilot_answers_follows_no_input(seed: int) -> None:
     assert coherence(air, aileron, nperseg=256)[1][1:30].max() > 0.3
     found = following(fit)  # pyright: ignore
     assert found is not None and found.statistic < fit.criteria.verdict.missing
+    assert beyond_air(fit) == 0.0  # pyright: ignore
     assert abs(found.statistic) < 5.0 * np.sqrt(2.0 * fit.criteria.numerics.fit.whiteness_lags)  # of chi-square
 
 
@@ -54,7 +56,9 @@ def test_a_late_aileron_that_is_taken_for_air_follows_the_aileron(seed: int) -> 
     fit, _, _ = flown(seed, late=5)
     found = following(fit)  # pyright: ignore
     assert found is not None and (found.output, found.input) == ("p", "delta_a")
-    assert found.statistic > fit.criteria.verdict.missing
+    assert beyond_air(fit) == found.statistic > fit.criteria.verdict.missing  # pyright: ignore
+    fit.noise.coloured = {}
+    assert beyond_air(fit) == 0.0  # pyright: ignore
 
 
 def test_inputs_that_rest_are_followed_by_nothing() -> None:
