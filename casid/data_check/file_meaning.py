@@ -13,7 +13,7 @@ from typing import Protocol
 from casid.model.aircraft import Aircraft
 from casid.model.airframe import INERTIAS, Inertia
 from casid.model.plausible import from_usual
-from casid.model.terms import parse_term
+from casid.model.terms import bare, parse_term
 from casid.signals import DEGREE, FOOT, POUND, SLUG, TONNE
 
 
@@ -81,7 +81,7 @@ class FileUnit:
         """Factor on a derivative by a monomial."""
         if self.angle == 1.0 or term == "0":
             return 1.0
-        return math.prod(self.angle**-power for name, power in parse_term(term).factors if name in _ANGLES)
+        return math.prod(self.angle**-power for name, power in parse_term(term).factors if bare(name) in _ANGLES)
 
 
 FILE_UNITS: tuple[FileUnit, ...] = (

@@ -366,7 +366,7 @@ class Response:
         columns.append((alpha - alpha.mean()) ** 2)
         y = (plane.mass * c.made("ax", plane.mass) - c.value("thrust")) / _pressure_area(c, plane)
         every = max(1, round(len(alpha) / c.independent))
-        entering = {n for _, t, *_ in values for n, _ in parse_term(t).factors}
+        entering = {n for _, t, *_ in values for n in parse_term(t).variables}
         return squares_of(y, np.stack(columns, axis=1), np.flatnonzero(c.known("V", "ax", "alpha", *entering))[::every])
 
     def opposite(self, records: Sequence[Read]) -> Iterator[tuple[str, float, float, float]]:
@@ -448,7 +448,7 @@ class Response:
         every = max(1, round(len(record.value("V")) / record.independent))
         found = {}
         for coefficient, row in self._rows.items():
-            entering = {n for term in row.terms for n, _ in parse_term(term).factors}
+            entering = {n for term in row.terms for n in parse_term(term).variables}
             if not record.has(*_NEEDED[coefficient], *(entering & {*there, *_MOTION})):
                 continue
             at = np.flatnonzero(record.known("V", *_NEEDED[coefficient], *entering))[::every]

@@ -117,5 +117,5 @@ def level_rivals(
 
 def _named_by(value: EffectValue) -> tuple[str, ...]:
     """The surface, channel or coefficients that an effect is of, and the variables of its term."""
-    variables = tuple(name for name, _ in parse_term(value.term).factors) if value.term else ()
+    variables = tuple(sorted(parse_term(value.term).variables)) if value.term else ()
     return (*KINDS[value.kind].parts(value.target), *variables)

@@ -200,7 +200,7 @@ class Aircraft:
         for name in derivatives:
             coefficient, term = derivative_term(name, "derivatives")
             self._check_coefficient(coefficient, f"derivatives: '{name}'")
-            if term.degree > 1:
+            if not term.linear:
                 raise InputError(
                     f"derivatives: '{name}' is not linear; write it under terms as {coefficient} = "
                     f'{{ "{term.name}" = {derivatives[name]} }}'

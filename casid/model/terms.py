@@ -1,4 +1,5 @@
-"""Monomials of aerodynamic regressors: `alpha^2`, `alpha*beta`, `q`, ...; read by a small parser, never as code.
+"""Monomials of aerodynamic regressors: `alpha^2`, `alpha*beta`, `beta*|beta|`, ...; read by a small parser, never as
+code.
 
 Variables and their meaning inside a term (all dimensionless or in rad):
     alpha, beta                  angle of attack, sideslip angle [rad]
@@ -8,7 +9,7 @@ Variables and their meaning inside a term (all dimensionless or in rad):
     alphadot, betadot            made dimensionless like q and r
     V                            the relative speed change (V - V_trim) / V_trim
     Tc                           the thrust coefficient, thrust over dynamic pressure and reference area
-The constant term is written `0`, as in `CL_0`.
+The constant term is written `0`, as in `CL_0`. `|beta|` is the magnitude of a variable.
 
 A stretch of a variable, `alpha[0.1,0.14,0.24,0.28]`, is a factor too: 1 between the inner two numbers, 0 beyond the
 outer ones, straight in between; `-inf` or `inf` twice where it has no end. It is what breakpoints of a table change.
@@ -32,7 +33,7 @@ OUT_OF_PLANE = ("beta", "p", "r", "delta_a", "delta_r", "betadot")
 COEFFICIENTS = ("CL", "CD", "CY", "CX", "CZ", "Cl", "Cm", "Cn")
 _PURE_NUMBERS = ("mach", "V", "Tc")
 _MAX_POWER = 9
-_FACTOR = re.compile(r"\s*([A-Za-z_]\w*)\s*(?:\^\s*([1-9]))?\s*", re.ASCII)
+_FACTOR = re.compile(r"\s*(?:([A-Za-z_]\w*)\s*(?:\^\s*([1-9]))?|\|\s*([A-Za-z_]\w*)\s*\|)\s*", re.ASCII)
 _STRETCH = re.compile(r"\s*([A-Za-z_]\w*)\s*\[([^\[\]]*)\]\s*", re.ASCII)
 
 
@@ -75,15 +76,16 @@ def _passed(part: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A monomial: `factors` are (variable, power) in the order of VARIABLES, powers from 1; empty is the constant.
-    `stretches` multiply it, in the same order."""
+    """A monomial: `factors` are (variable, power) in the order of VARIABLES, powers from 1; empty is the constant. The
+    magnitude of a variable, |beta|, is a factor of power 1. `stretches` multiply it, in the same order."""
 
     factors: tuple[tuple[str, int], ...]
     stretches: tuple[Stretch, ...] = ()
 
     @property
     def name(self) -> str:
-        """Canonical spelling, one per monomial: `beta*alpha` is `alpha*beta`, `alpha*alpha` is `alpha^2`."""
+        """Canonical spelling, one per monomial: `beta*alpha` is `alpha*beta`, `alpha*alpha` and `|alpha|*|alpha|` are
+        `alpha^2`."""
         monomial = [v if power == 1 else f"{v}^{power}" for v, power in self.factors]
         return "*".join([*monomial, *(one.name for one in self.stretches)]) or "0"
 
@@ -92,8 +94,8 @@ class Term:
 
     @property
     def variables(self) -> frozenset[str]:
-        """Names of the factors."""
-        return frozenset(variable for variable, _ in self.factors)
+        """Names of the variables of its factors."""
+        return frozenset(bare(variable) for variable, _ in self.factors)
 
     @property
     def degree(self) -> int:
@@ -101,9 +103,14 @@ class Term:
         return sum(power for _, power in self.factors)
 
     @property
+    def linear(self) -> bool:
+        """Return True for the constant and for one variable alone."""
+        return self.degree <= 1 and not any(is_magnitude(variable) for variable, _ in self.factors)
+
+    @property
     def unit(self) -> str:
         """Unit of the term's coefficient: "1", "1/rad", "1/rad2", ...; the Mach number, V and Tc are pure numbers."""
-        angles = sum(power for variable, power in self.factors if variable not in _PURE_NUMBERS)
+        angles = sum(power for variable, power in self.factors if bare(variable) not in _PURE_NUMBERS)
         return "1" if angles == 0 else "1/rad" if angles == 1 else f"1/rad{angles}"
 
     def evaluate(self, values: Mapping[str, Any]) -> Any:
@@ -111,9 +118,10 @@ class Term:
         variable, or InputError is raised."""
         product: Any = 1.0
         for index, (variable, power) in enumerate(self.factors):
-            if variable not in values:
-                raise InputError(f"term '{self.name}': no value for '{variable}'; given are {sorted(values)}")
-            factor = values[variable] if power == 1 else values[variable] ** power
+            if bare(variable) not in values:
+                raise InputError(f"term '{self.name}': no value for '{bare(variable)}'; given are {sorted(values)}")
+            factor = values[bare(variable)] if power == 1 else values[variable] ** power
+            factor = abs(factor) if is_magnitude(variable) else factor
             product = factor if index == 0 else product * factor
         for one in self.stretches:
             if one.variable not in values:
@@ -123,12 +131,24 @@ class Term:
 
     def slope(self, variable: str, values: Mapping[str, float]) -> float:
         """Its derivative with respect to a variable, at these values; stretches are taken as constant there."""
-        power = dict(self.factors).get(variable, 0)
-        if not power:
-            return 0.0
-        lowered = tuple((v, p - (v == variable)) for v, p in self.factors)
-        rest = Term(factors=tuple((v, p) for v, p in lowered if p), stretches=self.stretches)
-        return power * float(rest.evaluate(values))
+        total = 0.0
+        for one, power in self.factors:
+            if bare(one) == variable:
+                lowered = tuple((v, p - (v == one)) for v, p in self.factors)
+                rest = Term(factors=tuple((v, p) for v, p in lowered if p), stretches=self.stretches)
+                sign = math.copysign(1.0, values[variable]) if is_magnitude(one) else 1.0
+                total += power * sign * float(rest.evaluate(values))
+        return total
+
+
+def bare(variable: str) -> str:
+    """Return the name of a variable from that of its magnitude, |beta|; its own as it is."""
+    return variable.strip("|")
+
+
+def is_magnitude(variable: str) -> bool:
+    """Return True for the magnitude of a variable, |beta|."""
+    return variable.startswith("|")
 
 
 @cache
@@ -151,16 +171,19 @@ def parse_term(text: str, where: str = "") -> Term:
         if not match:
             raise InputError(
                 f"{prefix}'{text}' is not a monomial; expected variables with powers 1 to {_MAX_POWER}, "
-                "like 'alpha^2' or 'alpha*delta_e'"
+                "like 'alpha^2', 'alpha*delta_e' or '|beta|'"
             )
-        variable = match[1]
-        power = int(match[2] or 1)
+        variable = match[1] or match[3]
         check_known("variable", (variable,), VARIABLES, f"{prefix}term '{text}'")
-        powers[variable] = powers.get(variable, 0) + power
-        if powers[variable] > _MAX_POWER:
+        name = variable if match[1] else f"|{variable}|"
+        powers[name] = powers.get(name, 0) + int(match[2] or 1)
+        if powers.get(f"|{variable}|", 0) == 2:
+            powers[variable] = powers.get(variable, 0) + powers.pop(f"|{variable}|")
+        if powers.get(variable, 0) > _MAX_POWER:
             raise InputError(f"{prefix}term '{text}': '{variable}' has a power above {_MAX_POWER}")
+    order = [name for variable in VARIABLES for name in (variable, f"|{variable}|")]
     return Term(
-        factors=tuple((v, powers[v]) for v in VARIABLES if v in powers),
+        factors=tuple((v, powers[v]) for v in order if v in powers),
         stretches=tuple(stretches[v] for v in VARIABLES if v in stretches),
     )
 
@@ -200,7 +223,7 @@ def derivative_term(name: str, where: str = "", coefficients: Iterable[str] = CO
     allowed = tuple(coefficients)
     coefficient, _, regressor = name.partition("_")
     plain = ("0", *VARIABLES)
-    if coefficient not in allowed or (regressor not in plain and not set(regressor) & set("*^[")):
+    if coefficient not in allowed or (regressor not in plain and not set(regressor) & set("*^[|")):
         likely = [c for c in allowed if name.startswith(c)] or allowed
         raise unknown("derivative", name, [f"{c}_{v}" for c in likely for v in plain], where)
     return coefficient, parse_term(regressor, f"{where}: '{name}'" if where else f"'{name}'")

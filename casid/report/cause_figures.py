@@ -11,7 +11,7 @@ from casid.diagnosis.document import Document, History, ReportedCause
 from casid.diagnosis.given.shape import Shape
 from casid.frequency.response import FrequencyResponse
 from casid.model.station import Station
-from casid.model.terms import parse_term
+from casid.model.terms import bare, parse_term
 from casid.report.figure import (
     BLUE,
     DEVIATION,
@@ -196,7 +196,7 @@ def _abscissa(variable: str) -> tuple[str, float]:
         return f"{pretty_term(term.name)} [rad{'²³'[term.degree - 2]}]", 1.0
     if variable.endswith("dot"):
         return f"dimensionless rate of {variable[:-3]} [1]", 1.0
-    factor, shown = shown_unit(unit_of(variable) if variable not in ("p", "q", "r") else "1")
+    factor, shown = shown_unit("1" if bare(variable) in ("p", "q", "r") else unit_of(bare(variable)))
     return f"{variable} [{shown}]", factor
 
 

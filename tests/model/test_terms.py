@@ -23,7 +23,7 @@ def test_parameter_name_is_read_back(coefficient, term):
     assert derivative_term(derivative_name(coefficient, term)) == (coefficient, term)
 
 
-@given(st.text("alphbetq_dr0^*123456789 ()+.[],", max_size=12))
+@given(st.text("alphbetq_dr0^*123456789 ()+.[],|", max_size=12))
 def test_any_text_is_a_term_or_an_input_error(text):
     try:
         term = parse_term(text)
@@ -43,6 +43,9 @@ def test_any_text_is_a_term_or_an_input_error(text):
         ("mach", "mach", 1, "1"),
         ("V*alpha", "alpha*V", 2, "1/rad"),
         ("0", "0", 0, "1"),
+        ("|beta|", "|beta|", 1, "1/rad"),
+        ("| beta | * beta", "beta*|beta|", 2, "1/rad2"),
+        ("|alpha|*|alpha|*|alpha|", "alpha^2*|alpha|", 3, "1/rad3"),
     ],
 )
 def test_canonical_form(text, name, degree, unit):
@@ -51,10 +54,10 @@ def test_canonical_form(text, name, degree, unit):
 
 
 def test_evaluates_alike_for_numbers_arrays_and_casadi():
-    term = parse_term("alpha^3*beta*delta_e^2")
+    term = parse_term("alpha^3*beta*|beta|*delta_e^2")
     rng = np.random.default_rng(1)
     values = {v: rng.normal(size=7) for v in VARIABLES}
-    truth = values["alpha"] ** 3 * values["beta"] * values["delta_e"] ** 2
+    truth = values["alpha"] ** 3 * values["beta"] * np.abs(values["beta"]) * values["delta_e"] ** 2
     np.testing.assert_allclose(term.evaluate(values), truth, rtol=1e-14)
     symbols = {v: ca.SX.sym(v) for v in VARIABLES}
     function = ca.Function("f", list(symbols.values()), [term.evaluate(symbols)])
@@ -85,6 +88,8 @@ def test_missing_value_is_named():
         ("__import__('os')", "not a monomial"),
         ("", "not a monomial"),
         ("alpha^9*alpha", "power above 9"),
+        ("|alpha|^2", "not a monomial"),
+        ("|alpha", "not a monomial"),
     ],
 )
 def test_what_is_no_term_is_an_error(text, message):
@@ -101,7 +106,7 @@ def test_a_wrong_derivative_gets_the_nearest_name(name, suggestion):
         derivative_term(name)
 
 
-@pytest.mark.parametrize("term", ["alpha", "alpha^2", "alpha*beta^2", "q*delta_e"])
+@pytest.mark.parametrize("term", ["alpha", "alpha^2", "alpha*beta^2", "q*delta_e", "alpha*|beta|", "beta*|beta|"])
 def test_the_slope_of_a_term_is_its_derivative(term: str) -> None:
     """Central differences, which are exact to rounding for these powers."""
     at = {"alpha": 0.1, "beta": -0.05, "q": 0.02, "delta_e": 0.2}

@@ -37,7 +37,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
-from casid.model.terms import COEFFICIENTS
+from casid.model.terms import COEFFICIENTS, parse_term
 
 
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
@@ -262,10 +262,11 @@ def ranked(
 ) -> tuple[list[Trial], tuple[Trial, ...]]:
     """Order the trials and find those that are equivalent to the first.
 
-    The first is the trial that explains most, with three exceptions. A special case comes before an equivalent general
-    one: a constant delay comes before a drifting clock. The same cause in fewer records with the opposite sign comes
-    first if it explains as much. A hardware fault that is too small to matter comes first if it explains clearly more;
-    without it, another cause would be named for its effect.
+    The first is the trial that explains most, with four exceptions. A special case comes before an equivalent general
+    one: a constant delay comes before a drifting clock. Of equivalent terms of one coefficient the simplest comes
+    first. The same cause in fewer records with the opposite sign comes first if it explains as much. A hardware fault
+    that is too small to matter comes first if it explains clearly more; without it, another cause would be named for
+    its effect.
 
     nameable     those that can be named, or are too small for that
     equivalents  the trials equivalent to the first; empty if no trial that matters is `nameable`
@@ -280,11 +281,24 @@ def ranked(
         return _moved_first(small, ordered), ()
     alike = equivalents_of(first, ordered, criteria)
     simpler = [t for t in alike if t in matter and t.effect.kind in first.effect.traits.includes]
+    simpler = simpler or _of_lower_order(first, [t for t in alike if t in matter])
     simpler = simpler or _in_fewer_records(first, [t for t in matter if t in ordered], criteria)
     if simpler:
         ordered = _moved_first(simpler[0], ordered)
         alike = equivalents_of(simpler[0], ordered, criteria)
     return ordered, alike
+
+
+def _of_lower_order(first: Trial, trials: Sequence[Trial]) -> list[Trial]:
+    """List the trials of simpler terms of the same coefficient, the simplest first."""
+
+    def order(one: Trial) -> tuple[int, int]:
+        term = parse_term(one.effect.regressor or "0")
+        return term.degree, len(term.factors)
+
+    same = (t for t in trials if t.effect.kind == first.effect.kind and t.effect.target == first.effect.target)
+    lower = [t for t in same if t.effect.regressor and order(t) < order(first)]
+    return sorted(lower, key=lambda t: (order(t), -t.gain.total))
 
 
 def _in_fewer_records(first: Trial, trials: Sequence[Trial], criteria: Criteria) -> list[Trial]:

@@ -21,7 +21,7 @@ from casid.formats.jsbsim.functions import with_changed_table
 from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
-from casid.model.terms import Stretch, parse_term
+from casid.model.terms import Stretch, bare, is_magnitude, parse_term
 from casid.signals import FOOT, SLUG
 
 _PROPERTIES: Mapping[str, tuple[str, ...]] = {
@@ -99,9 +99,10 @@ def _factors(term: str) -> list[str] | None:
     """Properties and tables whose product is the term; None when there is none for a variable."""
     names: list[str] = []
     for variable, power in parse_term(term).factors:
-        if variable not in _PROPERTIES:
+        if bare(variable) not in _PROPERTIES:
             return None
-        names += [_property(name) for name in _PROPERTIES[variable]] * power
+        own = [_property(name) for name in _PROPERTIES[bare(variable)]]
+        names += [f"<abs>{name}</abs>" for name in own] if is_magnitude(variable) else own * power
     for one in parse_term(term).stretches:
         if len(_PROPERTIES.get(one.variable, ())) != 1:
             return None

@@ -18,19 +18,21 @@ from casid.signals import SURFACES
 
 _VARIABLES = ("alpha", "beta", "p", "q", "r", *SURFACES)
 _TOGETHER = 2  # variables of one term
+_BENT = tuple(term for v in ("beta", *SURFACES) for term in (f"|{v}|", f"{v}*|{v}|"))
 _LATERAL = ("CY", "Cl", "Cn")
 # Behind a propeller, power makes a tail stronger, and drag on what is washed.
 _IN_THE_SLIPSTREAM = {"CD": ("Tc",), "CX": ("Tc",), "Cm": ("delta_e*Tc",), "Cn": ("delta_r*Tc",)}
 
 
 def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
-    """Terms of second and third order in two variables at most, of first order, and Mach, that the file lacks.
+    """Terms of second and third order in two variables at most, of first order, and Mach, that the file lacks; and
+    what grows with the magnitude of a surface or of sideslip, as one side unlike the other.
 
     What three variables make together, wind tunnels do not measure. Rates do not act across the plane of symmetry: yaw
     rate on the pitching moment is the gyroscopic moment of a rotor. A slipstream at the tail at a constant deflection
     looks like another thrust line.
     """
-    terms = [*_VARIABLES, "mach"]
+    terms = [*_VARIABLES, "mach", *_BENT]
     for degree in (2, 3):
         products = combinations_with_replacement(_VARIABLES, degree)
         terms += [parse_term("*".join(v)).name for v in products if len(set(v)) <= _TOGETHER]
@@ -40,12 +42,12 @@ def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
         aero_term(c, term)
         for c in coefficients
         for term in (*terms, *_IN_THE_SLIPSTREAM.get(c, ()))
-        if (c, term) not in present and not (_across_symmetry(c, term) and _has_a_rate(term))
+        if (c, term) not in present and not (_across_symmetry(c, term) and (_has_a_rate(term) or term in _BENT))
     )
 
 
 def _has_a_rate(term: str) -> bool:
-    return any(variable in ("p", "q", "r") for variable, _ in parse_term(term).factors)
+    return bool(parse_term(term).variables & {"p", "q", "r"})
 
 
 def _across_symmetry(coefficient: str, term: str) -> bool:

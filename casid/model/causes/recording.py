@@ -84,7 +84,7 @@ def position_error(channel: str, term: str) -> Effect:
     matters, limit = _POSITION_ERRORS.get((channel, dependence.name), (0.0, np.inf))
 
     def change(path: SignalPath, values: Symbols) -> None:
-        at_trim = {name: path.aircraft.trim.get(name, 0.0) for name, _ in dependence.factors}
+        at_trim = {name: path.aircraft.trim.get(name, 0.0) for name in dependence.variables}
         off = dependence.evaluate(path.regressor) - dependence.evaluate(at_trim)
         path.output[channel] += values["value"] * off
 

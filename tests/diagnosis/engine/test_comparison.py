@@ -175,3 +175,22 @@ def test_a_winner_has_the_statistics_of_its_final_fit(late: FlightFit) -> None:
     assert winner.candidate.attached.values != tried.candidate.attached.values
     assert winner.gain.raw == pytest.approx(weigh(late).deviance - weigh(fitted).deviance)
     assert winner.gain.exact == pytest.approx(late.deviance - fitted.deviance)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 9.0, 400.0])
+def test_of_equivalent_terms_the_simplest_comes_first(ahead: float) -> None:
+    """A cube and a square of one deflection, and its magnitude, that records do not tell apart; a term of another
+    coefficient that explains less stays behind. A cube that explains 400 more in 2 ln L is told apart."""
+    cube, square, magnitude, other = (
+        trial_of(Attached(effect=aero_term(c, term), values={"value": 1.0}), gain, fingerprint=print_)
+        for c, term, gain, print_ in (
+            ("CD", "delta_e^3", 2400.0 + ahead, [1.0, 0.3, 0.0]),
+            ("CD", "delta_e^2", 2399.0, [1.0, 0.0, 0.0]),
+            ("CD", "|delta_e|", 2398.0, [1.0, 0.0, 0.0]),
+            ("CL", "alpha^2", 300.0, [0.0, 0.0, 1.0]),
+        )
+    )
+    trials = [cube, square, magnitude, other]
+    ordered, alike = ranked(trials, trials, Criteria())
+    assert ordered[0] is (magnitude if ahead < 10.0 else cube)
+    assert other not in alike and (square in alike) is (ahead < 10.0)

@@ -133,7 +133,11 @@ def test_what_was_written_is_read_again(tmp_path: Path, model: str) -> None:
                 "Cn_delta_r": 0.02,
             }
         ).with_terms(
-            {"Cm": {"alpha^2": 3.0, "alpha[0.05,0.09,0.2,0.3]": 0.1}, "CD": {"beta^2": 0.5}, "Cl": {"alpha*beta": 0.4}}
+            {
+                "Cm": {"alpha^2": 3.0, "alpha[0.05,0.09,0.2,0.3]": 0.1},
+                "CD": {"beta^2": 0.5, "|delta_e|": 0.4},
+                "Cl": {"alpha*beta": 0.4},
+            }
         ),
         effects=(EffectValue(kind="unsteady_aero", target="Cm", value=-4.0),),
     )
