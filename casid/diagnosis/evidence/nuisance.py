@@ -21,7 +21,7 @@ from casid.model.effect import Effect
 
 _UNIT = ("inertial",)
 _ATTITUDES = ("phi", "theta", "psi")
-SKEWED = (*_UNIT, *_ATTITUDES)  # groups that may be milliseconds late without a fault
+SKEWED = (*_UNIT, "attitude", *_ATTITUDES)  # groups that may be milliseconds late without a fault
 
 
 def demanded_offsets(base: FlightFit) -> list[Attached]:
@@ -35,17 +35,17 @@ def demanded_skews(reconstructed: FlightFit) -> tuple[list[Attached], float]:
     """Delays of a few milliseconds of the inertial unit, or of the attitudes, that the kinematics find.
 
     The inertial unit may be late against all other channels, or the attitudes against the rates that they are the
-    integrals of. The group that explains more is returned. Without attitudes such a delay cannot be separated from
-    another position of the vanes, and nothing is returned.
+    integrals of, together or each by a time of its own. The group that explains more is returned. Without attitudes
+    such a delay cannot be separated from another position of the vanes, and nothing is returned.
 
-    gain  decrease of the deviance
+    gain  decrease of the deviance, less what each delay of the group must gain
     """
     fit = reconstructed
     outputs = reconstructed.model.outputs
     attitudes = [c for c in _ATTITUDES if c in outputs]
     step = float(np.median(fit.batch.dt))  # readings are linear between samples
     found = [(list[Attached](), 0.0)]
-    for group in (_UNIT, attitudes) if attitudes else ():
+    for group in (_UNIT, ("attitude",), attitudes) if attitudes else ():
         late = [Attached(effect=sensor_delay(target), values={"value": step}) for target in group]
         read = [readings([a], fit.batch.names, fit.batch.t, fit.output, outputs, fit.known) for a in late]
         enter = (np.stack(read, axis=3) - fit.output[..., None]) / step
@@ -61,7 +61,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
 
     enter   (N, R, ny, effects) What a unit of each effect adds to the readings
     small   the chosen effects that are too small to matter, with predicted values
-    gained  decrease of the deviance by all chosen effects
+    gained  decrease of the deviance by all chosen effects, less what each of them must gain
     """
     taken = {a.effect.key for a in base.attached}
     offered = [i for i, e in enumerate(effects) if e.key not in taken]
@@ -89,7 +89,7 @@ def _demanded(base: FlightFit, effects: Sequence[Effect], enter: np.ndarray) -> 
     ]
     matters = base.flight.smallest_that_matters
     small = [one for one in found if abs(one.values["value"]) < (matters(one.effect) or 0.0)]
-    return small, gained
+    return small, gained - base.criteria.naming.gain * len(chosen)
 
 
 def _projected(base: FlightFit, enter: np.ndarray) -> Projection:

@@ -23,7 +23,7 @@ from casid.estimation.fitted import channel_fit
 from casid.filtering.colour import most_likely
 from casid.filtering.free_flight import chance_error, free_flight_sigma
 from casid.filtering.slow import usual_offset, white_and_slow
-from casid.model.causes import sensor_bias
+from casid.model.causes import sensor_bias, sensor_delay
 from casid.model.station import control
 from casid.records.noise import isolated
 from casid.records.record import Record
@@ -496,7 +496,11 @@ def _moving(fitted: FlightFit) -> np.ndarray:
 
 
 def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
-    """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better."""
+    """The fit with the behaviour of the inputs between samples that the surfaces agree on, if it is clearly better.
+
+    Surfaces that all seem to act late, and an inertial unit that is late against them, are much alike: the fit stays as
+    it is where the unit explains more.
+    """
     share = held_share(fitted, named=named)
     if abs(share - fitted.flight.held) < fitted.criteria.input_timing.step:
         doubted = fitted.flight.noise_by_fit or is_far(fitted, fitted.criteria.given.fails)
@@ -505,7 +509,14 @@ def as_inputs_run(fitted: FlightFit, *, named: bool = False) -> FlightFit:
         share = 1.0  # a simulator that holds its inputs: tried before anything else is called wrong
     flight = with_inputs_held(fitted.flight, share)
     other = fit(flight, fitted.attached, fitted.noise, fitted, extent="first")
-    return other if other.deviance < fitted.deviance - fitted.criteria.verdict.missing else fitted
+    if other.deviance >= fitted.deviance - fitted.criteria.verdict.missing:
+        return fitted
+    by = 0.5 * (share - fitted.flight.held) * float(np.median(fitted.batch.dt)) / fitted.flight.every
+    if by <= 0.0 or named:
+        return other
+    late = Attached(effect=sensor_delay("inertial"), values={"value": by})
+    unit = fit(fitted.flight, [*fitted.attached, late], fitted.noise, fitted, extent="first")
+    return fitted if unit.deviance < other.deviance - fitted.criteria.verdict.missing else other
 
 
 def held_share(fitted: FlightFit, *, named: bool = False) -> float:
