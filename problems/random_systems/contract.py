@@ -148,9 +148,8 @@ def _words(found: Diagnosis) -> Iterator[str]:
 def _small(found: Diagnosis) -> Iterator[str]:
     """A minor cause that is no part of the extended model changes a reading by more than its noise."""
     fit = found.extended.fit
-    fewest = min(int(count) for count in fit.seen.sum(axis=(0, 1)) if count)
     within = {one.effect.key for one in fit.attached}
     doubted = found.verdict == "data at fault" or "fails on" in found.headline
     for one in found.minor:
-        if one.key not in within and one.on_readings < fewest and not doubted:
+        if one.key not in within and one.on_readings < 1.0 and not doubted:
             yield f"minor and not visible: {one.name}"

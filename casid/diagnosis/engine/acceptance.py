@@ -37,7 +37,7 @@ from casid.diagnosis.flight.evaluation import FlightFit
 from casid.diagnosis.flight.hypothesis import Attached
 from casid.model.effect import Effect
 from casid.model.station import Station, coefficient, reading
-from casid.model.terms import COEFFICIENTS, parse_term
+from casid.model.terms import COEFFICIENTS
 
 
 def gains_enough(trial: Trial, earlier: Sequence[Trial], required: float, criteria: Criteria) -> Gate:
@@ -293,8 +293,9 @@ def _of_lower_order(first: Trial, trials: Sequence[Trial]) -> list[Trial]:
     """List the trials of simpler terms of the same coefficient, the simplest first."""
 
     def order(one: Trial) -> tuple[int, int]:
-        term = parse_term(one.effect.regressor or "0")
-        return term.degree, len(term.factors)
+        factors = (one.effect.regressor or "").split("*")
+        powers = [int(power) for _, _, power in (factor.partition("^") for factor in factors) if power.isdigit()]
+        return len(factors) + sum(power - 1 for power in powers), len(factors)
 
     same = (t for t in trials if t.effect.kind == first.effect.kind and t.effect.target == first.effect.target)
     lower = [t for t in same if t.effect.regressor and order(t) < order(first)]
