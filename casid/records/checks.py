@@ -41,7 +41,7 @@ _TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
 _PITOT = ("V", "qbar")
 _JITTER = 0.01
-_GAP = 1.5
+GAP = 1.5  # sampling intervals: a longer step of time is a gap
 _MANY_MISSING = 0.2
 _SLOW = 0.5  # s
 _USUAL_STEP = 0.02  # s
@@ -173,8 +173,8 @@ def time_notes(t: np.ndarray) -> list[str]:
     """Remarks on the sampling: dropped rows, jitter."""
     steps = np.diff(t)
     dt = float(np.median(steps))
-    gaps = np.flatnonzero(steps > _GAP * dt)
-    regular = steps[steps <= _GAP * dt]
+    gaps = np.flatnonzero(steps > GAP * dt)
+    regular = steps[steps <= GAP * dt]
     notes = []
     if dt > _SLOW:
         notes.append(f"time: one sample every {dt:.4g} s; if the time is in ms, write the header as 't [ms]'")

@@ -20,7 +20,7 @@ _BEAT = 1.0  # samples by which an update may miss the beat
 _IN_STEP = 0.9  # part of the updates that keep to it
 _ONE_STEP = 1.5  # smallest changes below which a change is one step of the converter
 _FEWEST = 64  # samples from which a spectrum is judged
-_CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
+CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
 _BESIDE = 12  # readings on either side that show what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
@@ -173,7 +173,7 @@ def isolated(values: np.ndarray, sigmas: float) -> np.ndarray:
     at = np.zeros(len(values), dtype=bool)
     if len(values) < _FEWEST:
         return at
-    off = values[2:-2] - np.convolve(values, _CUBIC, mode="valid")
+    off = values[2:-2] - np.convolve(values, CUBIC, mode="valid")
     size = np.abs(off)
     usual = scipy.ndimage.median_filter(size, 2 * _BESIDE + 1, mode="nearest")
     scatter = max(float(np.median(size)), 0.3 * resolution(values)) / _MEDIAN_OF_NORMAL
