@@ -40,7 +40,7 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
     the autopilot and what is lost."""
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, list[dict[str, Any]]], dict[str, str]]:
         if path.stat().st_size == 0:
             raise ValueError("the file is empty")
         with path.open("rb") as file:
@@ -63,10 +63,9 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
             for opened in ("data_map", "filehandle"):
                 if hasattr(log, opened):
                     getattr(log, opened).close()
-        return {"rows": rows, "unread": unread}
+        return rows, unread
 
-    read = loaded(path, load)
-    return table_of_messages(path, read["rows"], read["unread"])
+    return table_of_messages(path, *loaded(path, load))
 
 
 def _of_no_channel(log: Any) -> dict[str, str]:

@@ -59,9 +59,7 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
     top = []
     count = 0
     for record in records:
-        values = record[channel]
-        values = values[np.isfinite(values)]
-        values = values[~isolated(values, _OUTLYING)]
+        values = _readings(record, channel)
         frequency, _, power = scipy.signal.spectrogram(values, 2.0, "hann", _STRETCH, _STRETCH // 2, detrend="linear")
         share = frequency * step / _own_step(record, channel)
         bands = (share >= 0.5) & (share < 0.75), (share >= 0.75) & (share < 1.0)
@@ -119,20 +117,24 @@ def _own_step(record: Record, channel: str) -> float:
 def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
     Missing samples and outliers are left out."""
-    values = record[channel]
-    values = values[np.isfinite(values)]
-    values = values[~isolated(values, _OUTLYING)]
-    frequency, power = scipy.signal.periodogram(values, 2.0, "hann", detrend="linear")
+    frequency, power = scipy.signal.periodogram(_readings(record, channel), 2.0, "hann", detrend="linear")
     return frequency[1:], power[1:]
 
 
-def _spectrum(records: Sequence[Record], channel: str, step: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Periodograms of all records as one; with `step` [s] over half of that rate, power as of samples at that rate."""
+def _readings(record: Record, channel: str) -> np.ndarray:
+    """Samples of a channel that are there and are no outliers."""
+    values = record[channel][np.isfinite(record[channel])]
+    return values[~isolated(values, _OUTLYING)]
+
+
+def _spectrum(records: Sequence[Record], channel: str, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Periodograms of all records as one, over half the sampling rate of `step` [s]: power as of samples at that
+    rate."""
     shares = []
     powers = []
     for record in records:
         share, power = _periodogram(record, channel)
-        ratio = 1.0 if step is None else step / _own_step(record, channel)
+        ratio = step / _own_step(record, channel)
         shares.append(share * ratio)
         powers.append(power / ratio)
     return np.concatenate(shares), np.concatenate(powers)

@@ -18,9 +18,7 @@ from casid.records.ardupilot import TEXT as DATAFLASH_TEXT
 from casid.records.ardupilot import read_ardupilot
 from casid.records.betaflight import MAGIC as BETAFLIGHT
 from casid.records.betaflight import read_betaflight
-from casid.records.checks import (
-    checked_fields,
-)
+from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import FORMULA, split_header
 from casid.records.crazyflie import MAGICS as CRAZYFLIE
@@ -48,9 +46,8 @@ class Format:
     endings: tuple[str, ...]
     read: Callable[[Path, str | None, str], RawTable]
     begins: tuple[bytes, ...] = ()
-    library: tuple[str, str] | None = (
-        None  # module and extra, slow to import: once, and not in the process of each file
-    )
+    # module and extra, slow to import: once, and not in the process of each file
+    library: tuple[str, str] | None = None
 
 
 FORMATS = (

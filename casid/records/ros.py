@@ -44,7 +44,7 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
     readers = library("mcap.reader", path, "ros")
     decoders = library("mcap_ros2.decoder", path, "ros")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, Any], tuple[str, ...]]:
         with path.open("rb") as file:
             for make in (readers.make_reader, readers.NonSeekingReader):  # the second one needs no summary at the end
                 file.seek(0)
@@ -54,13 +54,12 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
                     topics = {}
                     fault = error
                 if fault is None:
-                    return {"topics": topics, "notes": ()}
+                    return topics, ("a ROS 2 bag",)
         if not topics:
             raise fault
-        return {"topics": topics, "notes": ("the bag is cut off or damaged: what comes after that is left out",)}
+        return topics, ("a ROS 2 bag", "the bag is cut off or damaged: what comes after that is left out")
 
-    read = loaded(path, load)
-    return table_of_topics(path, read["topics"], ("a ROS 2 bag", *read["notes"]), {})
+    return table_of_topics(path, *loaded(path, load), {})
 
 
 def table_of_topics(

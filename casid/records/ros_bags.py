@@ -19,7 +19,7 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
     highlevel = library("rosbags.highlevel", path, "rosbags")
     typesys = library("rosbags.typesys", path, "rosbags")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
         topics: dict[str, Any] = {}
         unread: dict[str, str] = {}
         notes = ("a ROS 1 bag" if path.read_bytes()[: len(MAGIC)] == MAGIC else "a ROS 2 bag",)
@@ -31,11 +31,10 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
                         continue
                     try:
                         message = reader.deserialize(raw, connection.msgtype)
-                    except KeyError:
-                        unread[connection.topic] = f"a message of {connection.msgtype}, which the bag does not define"
-                        continue
                     except Exception as error:  # of the library, whatever the damage makes of it
-                        unread[connection.topic] = f"a message of {connection.msgtype}: {type(error).__name__}"
+                        undefined = isinstance(error, KeyError)
+                        why = ", which the bag does not define" if undefined else f": {type(error).__name__}"
+                        unread[connection.topic] = f"a message of {connection.msgtype}{why}"
                         continue
                     rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]
                     rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})
@@ -43,10 +42,10 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
                 if not topics:
                     raise
                 notes = (*notes, "the bag is damaged: what comes after that is left out")
-        return {"topics": topics, "unread": unread, "notes": notes}
+        return topics, notes, unread
 
-    read = loaded(path, load)
-    if not read["topics"]:
-        said = ", ".join(f"{topic} ({why})" for topic, why in read["unread"].items())
+    topics, notes, unread = loaded(path, load)
+    if not topics:
+        said = ", ".join(f"{topic} ({why})" for topic, why in unread.items())
         raise InputError(f"{path}: no message is read; the bag has {said or 'nothing'}")
-    return table_of_topics(path, read["topics"], read["notes"], read["unread"])
+    return table_of_topics(path, topics, notes, unread)
