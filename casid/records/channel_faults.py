@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from casid.records.checks import GAP, INPUTS
-from casid.records.noise import CUBIC
+from casid.records.noise import CUBIC, ROUNDING
 from casid.records.record import Record
 from casid.signals import CHANNELS, SURFACES, unit_of
 
@@ -25,7 +25,6 @@ _SLOWER = 1.5
 _STAIRCASE = 0.4
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
-_ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _BESIDE = 5  # samples on either side of a plateau that show how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _MOVES_WITH = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
@@ -110,7 +109,7 @@ def channel_faults(
                 wild &= ~commanded | _spikes(clean, parts, least=_ANSWER)
             if wild.any() and answers is not None and name in answers:
                 wild &= ~_answered(clean, answers[name])
-            faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
+            faults["data_spikes"] = faults["data_spikes"] | wild
             faults["data_steps"] = _stepped(record, name, np.where(wild, np.nan, clean))
         for kind, at in faults.items():
             if at.any():
@@ -233,8 +232,8 @@ def _held(record: Record, name: str, values: np.ndarray) -> tuple[np.ndarray, np
         end = begin + count
         seconds = (count - 1) * record.dt
         ends = end >= len(values)
-        jumps = ends or not np.isfinite(values[end]) or abs(values[end] - values[begin]) > 3.0 * step
-        jumps = jumps or repeats < _NEVER
+        jumps = ends or repeats < _NEVER or not np.isfinite(values[end])
+        jumps = jumps or abs(values[end] - values[begin]) > 3.0 * step
         if count < needed or not jumps or (begin == 0 and _all_rest(record, name, end)):
             continue
         if seconds >= _FROZEN or (ends and seconds >= 1.0):
@@ -275,7 +274,7 @@ def _rails(values: np.ndarray) -> np.ndarray:
     if len(levels) < _LEVELS:
         return at
     gaps = np.diff(levels)
-    quantum = float(gaps[gaps > _ROUNDING * (levels[-1] - levels[0])].min())
+    quantum = float(gaps[gaps > ROUNDING * (levels[-1] - levels[0])].min())
     for edge, near in ((0, slice(1, 8)), (-1, slice(-8, -1))):
         here = values == levels[edge]
         inside = [(a, b) for a, b in stretches(here) if a > 0 and b < len(values) - 1]  # at an end it may be frozen
@@ -330,7 +329,7 @@ def _stepped(record: Record, name: str, values: np.ndarray) -> np.ndarray:
     series = np.interp(record.t, record.t[good], np.unwrap(values[good]) if unit_of(name) == "rad" else values[good])
     change = np.diff(series)
     kink = np.abs(change[1:-1] - 0.5 * (change[:-2] + change[2:]))
-    kink[kink < _ROUNDING * np.ptp(series)] = 0.0
+    kink[kink < ROUNDING * np.ptp(series)] = 0.0
     most = _STEPS
     for every in range(_EVERY[0], min(_EVERY[1], len(kink) // _EVERY[1]) + 1):
         usual = np.array([np.median(kink[phase::every]) for phase in range(every)])

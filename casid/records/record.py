@@ -13,7 +13,7 @@ import numpy as np
 from casid.arguments import given, listed, one_line, require, table_of
 from casid.arguments import names as argument_names
 from casid.errors import InputError, check_known, nearest, unknown
-from casid.records.checks import checked_fields
+from casid.records.checks import TURNS, checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.contents import Contents
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _HOLDS = ("linear", "held", "cubic")
 _ALSO = {"zoh": "held", "foh": "linear"}  # as control engineers call them
-_TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -374,7 +373,7 @@ def check_radians(record: Record, least: float = 0.0) -> None:
     does, and above `least`."""
     for name, values in record.channels.items():
         limit = max(RADIAN_LIMITS.get(name, np.inf), least)
-        if name in _TURNS or name in record.stated:
+        if name in TURNS or name in record.stated:
             continue
         beyond = np.flatnonzero(np.abs(values) > limit)
         if len(beyond):

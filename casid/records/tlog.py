@@ -11,7 +11,6 @@ from contextlib import redirect_stderr, redirect_stdout
 from functools import partial
 from io import StringIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -51,23 +50,21 @@ def _angles(m: Mapping[str, Any]) -> Row:
 
 
 # message of MAVLink -> that of DataFlash, and its fields; of several for one the first that the log has counts
-_MEANING: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Row]]] = MappingProxyType(
-    {
-        "HIGHRES_IMU": ("IMU", _inertial),
-        "SCALED_IMU": ("IMU", _in_thousandths),
-        "RAW_IMU": ("IMU", _in_thousandths),  # of ArduPilot alone
-        "ATTITUDE": ("ATT", _angles),
-        "ATTITUDE_QUATERNION": ("XKQ", lambda m: {f"Q{i}": m[f"q{i}"] for i in range(1, 5)}),
-        "SCALED_PRESSURE": ("BARO", lambda m: {"Press": m["press_abs"] * 100.0}),
-        "GLOBAL_POSITION_INT": ("GPS", _over_ground),
-        "VFR_HUD": ("ARSP", lambda m: {"Airspeed": m["airspeed"]}),
-        "AOA_SSA": ("AOA", lambda m: {"AOA": m["AOA"], "SSA": m["SSA"]}),
-        "SYS_STATUS": ("BAT", lambda m: {"Volt": m["voltage_battery"] * 1e-3}),
-        "SERVO_OUTPUT_RAW": ("RCOU", lambda m: {f"C{i}": m.get(f"servo{i}_raw", 0) for i in range(1, 17)}),
-        "PARAM_VALUE": ("PARM", lambda m: {"Name": m["param_id"], "Value": m["param_value"]}),
-        "EXTENDED_SYS_STATE": ("STAT", lambda m: {"isFlying": float(m["landed_state"] > _ON_GROUND)}),
-    }
-)
+_MEANING: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Row]]] = {
+    "HIGHRES_IMU": ("IMU", _inertial),
+    "SCALED_IMU": ("IMU", _in_thousandths),
+    "RAW_IMU": ("IMU", _in_thousandths),  # of ArduPilot alone
+    "ATTITUDE": ("ATT", _angles),
+    "ATTITUDE_QUATERNION": ("XKQ", lambda m: {f"Q{i}": m[f"q{i}"] for i in range(1, 5)}),
+    "SCALED_PRESSURE": ("BARO", lambda m: {"Press": m["press_abs"] * 100.0}),
+    "GLOBAL_POSITION_INT": ("GPS", _over_ground),
+    "VFR_HUD": ("ARSP", lambda m: {"Airspeed": m["airspeed"]}),
+    "AOA_SSA": ("AOA", lambda m: {"AOA": m["AOA"], "SSA": m["SSA"]}),
+    "SYS_STATUS": ("BAT", lambda m: {"Volt": m["voltage_battery"] * 1e-3}),
+    "SERVO_OUTPUT_RAW": ("RCOU", lambda m: {f"C{i}": m.get(f"servo{i}_raw", 0) for i in range(1, 17)}),
+    "PARAM_VALUE": ("PARM", lambda m: {"Name": m["param_id"], "Value": m["param_value"]}),
+    "EXTENDED_SYS_STATE": ("STAT", lambda m: {"isFlying": float(m["landed_state"] > _ON_GROUND)}),
+}
 _OF_THE_LINK = ("HEARTBEAT", "BAD_DATA", "STATUSTEXT", "TIMESYNC", "SYSTEM_TIME")
 
 
