@@ -14,7 +14,7 @@ from casid.model.effects import effect_of
 from casid.model.terms import derivative_term, parse_term
 from casid.model.trim import trim
 
-_RATE = {"CY": "betadot", "Cl": "betadot", "Cn": "betadot"}  # of the flow angle that unsteady aerodynamics are of
+RATE_OF = {"CY": "betadot", "Cl": "betadot", "Cn": "betadot"}  # of the flow angle that unsteady aerodynamics are of
 _RANGE = 0.1  # rad about the trim, in which a parabola replaces the drag of a file
 _ROUNDING = 1e-12
 _POWERS = ("0", "alpha", "alpha^2", "alpha^3")
@@ -50,10 +50,10 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
     rows: dict[str, dict[str, float]] = {}
     for name, value in aircraft.derivatives.items():
         coefficient, term = derivative_term(name)
-        _add(rows, coefficient, term.name, value)
+        add_term(rows, coefficient, term.name, value)
     for coefficient, terms in aircraft.terms.items():
         for term, value in terms.items():
-            _add(rows, coefficient, term, value)
+            add_term(rows, coefficient, term, value)
     left: list[str] = []
     rotors = aircraft.rotors
     # where hover is, is asked of the mass: effects of loading first
@@ -61,9 +61,9 @@ def absorbed(aircraft: Aircraft) -> Absorbed:
         if effect.records or effect.onset_s:
             left.append(said(effect, "is not in all records, or not always"))
         elif effect.kind == "aero_term" and effect.term:
-            _add(rows, effect.target, parse_term(effect.term).name, effect.value)
+            add_term(rows, effect.target, parse_term(effect.term).name, effect.value)
         elif effect.kind == "unsteady_aero" and not effect.parameters:
-            _add(rows, effect.target, _RATE.get(effect.target, "alphadot"), effect.value)
+            add_term(rows, effect.target, RATE_OF.get(effect.target, "alphadot"), effect.value)
         elif effect.kind == "mass":
             mass += effect.value
         elif effect.kind == "inertia":
@@ -148,13 +148,8 @@ def polar_of(plain: Absorbed) -> Polar:
     parasitic = float(drag(at)) - factor * float(CL(at)) ** 2
     alpha = at + np.linspace(-_RANGE, _RANGE, 41)
     off = float(np.abs(drag(alpha) - parasitic - factor * CL(alpha) ** 2).max())
-    if off <= 1e-9 * max(1.0, abs(parasitic)):
-        return Polar(parasitic=parasitic, factor=factor, note="")
-    return Polar(
-        parasitic=parasitic,
-        factor=factor,
-        note=f"CD by alpha: value and slope at alpha = {at:.4f} rad; within {_RANGE:g} rad of it up to {off:.2g} off",
-    )
+    note = f"CD by alpha: value and slope at alpha = {at:.4f} rad; within {_RANGE:g} rad of it up to {off:.2g} off"
+    return Polar(parasitic=parasitic, factor=factor, note="" if off <= 1e-9 * max(1.0, abs(parasitic)) else note)
 
 
 def _trim_alpha(aircraft: Aircraft) -> float:
@@ -170,6 +165,7 @@ def _trim_alpha(aircraft: Aircraft) -> float:
         return 0.0
 
 
-def _add(rows: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
+def add_term(rows: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
+    """Add a value to a term of a coefficient."""
     row = rows.setdefault(coefficient, {})
     row[term] = row.get(term, 0.0) + value

@@ -53,7 +53,7 @@ def ardupilot_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     b = 2.0 * a.rate_length_lateral
     c = 2.0 * a.rate_length_pitch
     s = a.area * _MASS / a.mass
-    size = {n: _sign(plain.value(*row)) * _TRAVEL for n, row in _MAIN.items()}
+    size = {n: math.copysign(_TRAVEL, plain.value(*row)) for n, row in _MAIN.items()}
     scale = {term: size.get(term, 1.0) for term in (*_LATERAL, "alpha", "q", "delta_e")}
     J = a.inertia
     inverse = np.linalg.inv(np.array([[J.Ixx, -J.Ixz], [-J.Ixz, J.Izz]]))
@@ -89,10 +89,6 @@ def ardupilot_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
 _MAIN = {"delta_e": ("Cm", "delta_e"), "delta_a": ("Cl", "delta_a"), "delta_r": ("Cn", "delta_r")}
 
 
-def _sign(value: float) -> float:
-    return -1.0 if value < 0.0 else 1.0
-
-
 def _with_head(aircraft: Aircraft, size: dict[str, float], left: list[str]) -> str:
     """Comments, which ArduPilot's reader skips: the meaning of the numbers, and what is not in them."""
     inputs = ", ".join(f"{surface} = {value:+.4f} rad" for surface, value in size.items())
@@ -103,8 +99,5 @@ def _with_head(aircraft: Aircraft, size: dict[str, float], left: list[str]) -> s
         f"A full input stands for {inputs}.",
         "Not held:",
     ]
-    return "".join([*(f"# {_in_comment(line)}\n" for line in lines), *(f"#   {_in_comment(line)}\n" for line in left)])
-
-
-def _in_comment(text: str) -> str:
-    return " ".join(text.split())
+    head = [f"# {' '.join(line.split())}\n" for line in lines]
+    return "".join([*head, *(f"#   {' '.join(line.split())}\n" for line in left)])

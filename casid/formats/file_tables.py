@@ -10,9 +10,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, partial, reduce
 from itertools import combinations
-from types import MappingProxyType, SimpleNamespace
+from types import SimpleNamespace
 from typing import Any
 
 import casadi as ca
@@ -27,10 +27,8 @@ from casid.model.terms import COEFFICIENTS, VARIABLES, parse_term
 
 QUANTITIES = (*VARIABLES, *FURTHER)
 # where in flight it is tried: well above the ground, and far enough from zero that no factor is lost
-_TRIED: Mapping[str, tuple[float, float]] = MappingProxyType(
-    {"mach": (0.3, 0.8), "V": (-0.1, 0.1), "Tc": (0.01, 0.1), "airspeed": (60.0, 250.0), "rho": (0.4, 0.8)}
-    | {"qbar": (2e3, 2e4), "thrust": (1e3, 1e5)}
-)
+_TRIED = {"mach": (0.3, 0.8), "V": (-0.1, 0.1), "Tc": (0.01, 0.1), "airspeed": (60.0, 250.0), "rho": (0.4, 0.8)}
+_TRIED |= {"qbar": (2e3, 2e4), "thrust": (1e3, 1e5)}
 _POINTS = 8
 _SAME = 1e-6  # relative: what differs by less is rounding of the evaluation
 _FACTORS = [v for v in VARIABLES if "dot" not in v]
@@ -105,8 +103,14 @@ class Tried:
         of = ca.Function("of", [ca.vertcat(*self._s.values())], [ca.SX(self._look(name))])
         return of.map(_POINTS)(self.at).full()[0]
 
-    def of_table(self, own: FileTable, s: Mapping[str, Any]) -> dict[str, Any]:
+    @cached_property
+    def tables(self) -> tuple[FileTable, ...]:
+        """The tables that are over regressors, and enter a coefficient as they are or times a term."""
+        return tuple(file_tables(self))
+
+    def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
         """Coefficient -> by how much it grows with a table's part of its own: forces have moments about the c.g."""
+        own = next(each for each in self.tables if each.table == one)
         slopes = self.slopes(ca.vertcat(*(s.get(name, 0.0) for name in QUANTITIES)))[:, own.index] / own.gain
         return dict(zip(self.names, ca.vertsplit(slopes), strict=True))
 
@@ -167,7 +171,8 @@ def _table(index: int, entered: tuple[str, str, float], axes: Sequence[_Axis], e
     values = np.reshape(grid.values, grid.shape)
     for place in reversed(range(len(axes))):
         if not axes[place][0]:
-            values = _at_held(values, grid.breakpoints[place], axes[place][2], place)
+            at_held = partial(np.interp, axes[place][2], grid.breakpoints[place])
+            values = np.apply_along_axis(at_held, place, values)
     free = [place for place, axis in enumerate(axes) if axis[0]]
     names = [axes[place][0] for place in free]
     if not free or len(set(names)) < len(names):
@@ -179,10 +184,6 @@ def _table(index: int, entered: tuple[str, str, float], axes: Sequence[_Axis], e
         coefficient, names, rounded, gain * values, name=called, times=term, outside=grid.outside, method=grid.method
     )
     return FileTable(index=index, table=made, gain=gain, shape=grid.shape, places=tuple(free))
-
-
-def _at_held(values: np.ndarray, points: Sequence[float], at: float, place: int) -> np.ndarray:
-    return np.apply_along_axis(lambda column: np.interp(at, points, column), place, values)
 
 
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)

@@ -191,18 +191,14 @@ class _Running:
         self.of_u, self.of_y = _references(own.inputs), _references(own.outputs)
 
     def rates(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        unit = self.unit
-        n = len(self.own.states)
-        return self._by_point(
-            v, self.own.states, self.xdot, lambda: unit.fmi2GetDerivatives(unit.component, self.xdot.pointer, n)
-        )
+        own = self.own.states
+        call = partial(self.unit.fmi2GetDerivatives, self.unit.component, self.xdot.pointer, len(own))
+        return self._by_point(v, own, self.xdot, call)
 
     def outputs(self, v: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-        unit = self.unit
-        n = len(self.own.outputs)
-        return self._by_point(
-            v, self.own.outputs, self.y, lambda: unit.fmi2GetReal(unit.component, self.of_y, n, self.y.pointer)
-        )
+        own = self.own.outputs
+        call = partial(self.unit.fmi2GetReal, self.unit.component, self.of_y, len(own), self.y.pointer)
+        return self._by_point(v, own, self.y, call)
 
     def depends_on_time(self) -> bool:
         """Return True if rates or outputs at the start differ between two later times."""

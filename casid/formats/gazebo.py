@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 
 from casid.formats.absorbed import Absorbed, absorbed, in_wind_axes, need_derivatives, polar_of
 from casid.formats.file_tables import in_comment
@@ -17,25 +18,9 @@ SURFACES = {"delta_e": "elevator_joint", "delta_a": "aileron_joint", "delta_r": 
 # coefficient of a file -> that of the plugin
 _NAMES = {"CL": "CL", "CD": "CD", "CY": "CY", "Cl": "Cell", "Cm": "Cem", "Cn": "Cen"}
 _RATES = ("p", "q", "r")
-_BY_ANGLE = {
-    "CL": ("alpha", "beta"),
-    "CD": (),
-    "CY": ("alpha", "beta"),
-    "Cl": ("alpha", "beta"),
-    "Cm": ("alpha", "beta"),
-    "Cn": ("alpha", "beta"),
-}
-_CONSTANT = ("CL", "Cm")
-_HELD = {
-    c: (
-        *angles,
-        *_RATES,
-        *SURFACES,
-        *(("0",) if c in _CONSTANT else ()),
-        *(("0", "alpha", "alpha^2", "alpha^3") * (c == "CD")),
-    )
-    for c, angles in _BY_ANGLE.items()
-}
+_BY_ANGLE: Mapping[str, tuple[str, ...]] = dict.fromkeys(_NAMES, ("alpha", "beta")) | {"CD": ()}
+_FURTHER = {"CL": ("0",), "CD": ("0", "alpha", "alpha^2", "alpha^3"), "Cm": ("0",)}
+_HELD = {c: (*angles, *_RATES, *SURFACES, *_FURTHER.get(c, ())) for c, angles in _BY_ANGLE.items()}
 _STALL = math.pi / 2.0  # the plugin's own default: no stall
 _ALWAYS = (
     "lift, drag and moments by dynamic pressure of the whole airspeed: the plugin leaves sideways velocity out",
@@ -58,10 +43,7 @@ def gazebo_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
     if any(plain.value("CL", term) for term in ("beta", *SURFACES)):
         left.append("drag of the lift by sideslip and surfaces, which the plugin adds to the polar")
     left += [f"thrust line {a.thrust_line_z:.4g} m below the centre of gravity"] if a.thrust_line_z else []
-    root = ET.Element("sdf", version="1.9")
-    model = ET.SubElement(root, "model", name="".join(ch if ch.isalnum() else "_" for ch in a.name))
-    link = ET.SubElement(model, "link", name="base_link")
-    _inertial(link, a)
+    root, model = sdf_model(a)
     plugin = ET.SubElement(
         model, "plugin", filename="gz-sim-advanced-lift-drag-system", name="gz::sim::systems::AdvancedLiftDrag"
     )
@@ -82,11 +64,9 @@ def gazebo_text(aircraft: Aircraft) -> tuple[str, tuple[str, ...]]:
         factor = _length(a, c, chord if c == "Cm" else span)
         values |= {f"{_NAMES[c]}{angle[0]}": plain.value(c, angle) * factor for angle in angles}
         values |= {f"{_NAMES[c]}{rate}": plain.value(c, rate) * factor for rate in _RATES}
-    for name, value in values.items():
-        ET.SubElement(plugin, name).text = repr(float(value))
-    for name, text in (("link_name", "base_link"), ("forward", "1 0 0"), ("upward", "0 0 1"), ("cp", "0 0 0")):
-        ET.SubElement(plugin, name).text = text
-    ET.SubElement(plugin, "num_ctrl_surfaces").text = str(len(SURFACES))
+    add_texts(plugin, {name: repr(float(value)) for name, value in values.items()})
+    add_texts(plugin, {"link_name": "base_link", "forward": "1 0 0", "upward": "0 0 1", "cp": "0 0 0"})
+    add_texts(plugin, {"num_ctrl_surfaces": str(len(SURFACES))})
     for surface, joint in SURFACES.items():
         _surface(plugin, plain, surface, joint)
     ET.indent(root)
@@ -103,24 +83,30 @@ def _length(aircraft: Aircraft, coefficient: str, own: float) -> float:
 def _surface(plugin: ET.Element, plain: Absorbed, surface: str, joint: str) -> None:
     a = plain.aircraft
     node = ET.SubElement(plugin, "control_surface")
-    ET.SubElement(node, "name").text = joint
-    ET.SubElement(node, "index").text = str(list(SURFACES).index(surface))
-    ET.SubElement(node, "direction").text = "1"
+    add_texts(node, {"name": joint, "index": str(list(SURFACES).index(surface)), "direction": "1"})
     for c, name in _NAMES.items():
         own = 2.0 * (a.rate_length_pitch if c == "Cm" else a.rate_length_lateral)
         per_degree = math.radians(plain.value(c, surface) * _length(a, c, own))
         ET.SubElement(node, f"{name}_ctrl").text = repr(per_degree)
 
 
-def _inertial(link: ET.Element, aircraft: Aircraft) -> None:
-    """Mass and tensor in the axes of the link, whose y and z are turned about."""
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "mass").text = repr(aircraft.mass)
-    node = ET.SubElement(inertial, "inertia")
+def sdf_model(aircraft: Aircraft) -> tuple[ET.Element, ET.Element]:
+    """The root of an SDF file and the model in it. Its link has mass and tensor in axes whose y and z are turned about,
+    x forward, y left, z up."""
+    root = ET.Element("sdf", version="1.9")
+    model = ET.SubElement(root, "model", name="".join(ch if ch.isalnum() else "_" for ch in aircraft.name))
+    inertial = ET.SubElement(ET.SubElement(model, "link", name="base_link"), "inertial")
     J = aircraft.inertia
     tensor = {"ixx": J.Ixx, "iyy": J.Iyy, "izz": J.Izz, "ixy": J.Ixy, "ixz": J.Ixz, "iyz": -J.Iyz}
-    for name, value in tensor.items():
-        ET.SubElement(node, name).text = repr(float(value))
+    add_texts(inertial, {"mass": repr(aircraft.mass)})
+    add_texts(ET.SubElement(inertial, "inertia"), {name: repr(float(value)) for name, value in tensor.items()})
+    return root, model
+
+
+def add_texts(node: ET.Element, texts: Mapping[str, str]) -> None:
+    """Add elements of a text each to a node."""
+    for name, text in texts.items():
+        ET.SubElement(node, name).text = text
 
 
 def _head(aircraft: Aircraft, left: list[str]) -> str:

@@ -11,18 +11,9 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.model.terms import derivative_term
 
-_SCALARS = (
-    "name",
-    "mass",
-    "gravity",
-    "area",
-    "moment_length_lateral",
-    "moment_length_pitch",
-    "rate_length_lateral",
-    "rate_length_pitch",
-    "thrust_line_z",
-    "force_axes",
-)
+_SCALARS = ("name", "mass", "gravity", "area", "moment_length_lateral", "moment_length_pitch")
+_SCALARS += ("rate_length_lateral", "rate_length_pitch", "thrust_line_z", "force_axes")
+_OF_EFFECTS = ("kind", "target", "term", "value", "std", "unit")
 _POSITIONS = ("engine_y", "accelerometer", "alpha_vane", "beta_vane")
 
 
@@ -58,15 +49,7 @@ def struct_of(aircraft: Aircraft) -> dict[str, Any]:
         for one in aircraft.tables
     ]
     found["effects"] = [
-        {
-            "kind": one.kind,
-            "target": one.target,
-            "term": one.term or "",
-            "value": one.value,
-            "std": one.std,
-            "unit": one.unit,
-            "parameters": dict(one.parameters),
-        }
+        {n: getattr(one, n) for n in _OF_EFFECTS} | {"term": one.term or "", "parameters": dict(one.parameters)}
         for one in aircraft.effects
     ]
     return found

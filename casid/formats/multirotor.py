@@ -10,7 +10,6 @@ import json
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from casid.errors import InputError
 from casid.formats.absorbed import absorbed
 from casid.formats.file_tables import in_comment
+from casid.formats.gazebo import add_texts, sdf_model
 from casid.model.aircraft import Aircraft
 from casid.model.rotors import Rotor, Rotors, hover_thrusts
 
@@ -46,18 +46,16 @@ def motor_constant(rotor: Rotor, to: str) -> float:
     return rotor.effectiveness * rotor.thrust[2]
 
 
-def _left_of(rotors: Rotors, *, lag: bool, delay: bool = False, air: bool = False) -> list[str]:
-    """List what a target does not hold of the rotors."""
-    left = []
-    if not lag and any(one.lag for one in rotors.each):
-        left.append("lag of the rotors")
-    if not delay and any(one.delay for one in rotors.each):
-        left.append("delay of the rotors")
-    if not air and any(rotors.drag):
-        left.append("drag of the rotors")
-    left += ["loss of thrust with axial speed"] if rotors.inflow and not air else []
-    left += ["thrust by the voltage of the battery"] if rotors.voltage else []
-    return left
+def _left_of(rotors: Rotors, *, lag: bool, air: bool = False) -> list[str]:
+    """List what a target does not hold of the rotors; some hold a `lag`, or forces of the `air`."""
+    lost = {
+        "lag of the rotors": not lag and any(one.lag for one in rotors.each),
+        "delay of the rotors": any(one.delay for one in rotors.each),
+        "drag of the rotors": not air and any(rotors.drag),
+        "loss of thrust with axial speed": not air and rotors.inflow,
+        "thrust by the voltage of the battery": rotors.voltage,
+    }
+    return [what for what, is_lost in lost.items() if is_lost]
 
 
 def _hover(aircraft: Aircraft, rotors: Rotors) -> float:
@@ -79,25 +77,15 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
     for a wing, and a rotor whose input is no speed."""
     aircraft, rotors, left = in_numbers(aircraft, "gazebo")
     left += _left_of(rotors, lag=True)
-    root = ET.Element("sdf", version="1.9")
-    model = ET.SubElement(root, "model", name="".join(ch if ch.isalnum() else "_" for ch in aircraft.name))
-    base = ET.SubElement(model, "link", name="base_link")
-    J = aircraft.inertia
-    inertial = ET.SubElement(base, "inertial")
-    ET.SubElement(inertial, "mass").text = repr(aircraft.mass)
-    tensor = {"ixx": J.Ixx, "iyy": J.Iyy, "izz": J.Izz, "ixy": J.Ixy, "ixz": J.Ixz, "iyz": -J.Iyz}
-    node = ET.SubElement(inertial, "inertia")
-    for name, value in tensor.items():
-        ET.SubElement(node, name).text = repr(float(value))
+    root, model = sdf_model(aircraft)
     fastest = _FASTEST * _hover(aircraft, rotors)
     for number, one in enumerate(rotors.each):
         place = " ".join(repr(float(x)) for x in _FLIP @ np.array(one.position))
         rotor = ET.SubElement(model, "link", name=f"rotor_{number}")
-        ET.SubElement(rotor, "pose").text = f"{place} 0 0 0"
+        add_texts(rotor, {"pose": f"{place} 0 0 0"})
         joint = ET.SubElement(model, "joint", name=f"rotor_{number}_joint", type="revolute")
-        ET.SubElement(joint, "parent").text = "base_link"
-        ET.SubElement(joint, "child").text = f"rotor_{number}"
-        ET.SubElement(ET.SubElement(joint, "axis"), "xyz").text = "0 0 1"
+        add_texts(joint, {"parent": "base_link", "child": f"rotor_{number}"})
+        add_texts(ET.SubElement(joint, "axis"), {"xyz": "0 0 1"})
         plugin = ET.SubElement(
             model,
             "plugin",
@@ -119,8 +107,7 @@ def gazebo_rotors_text(aircraft: Aircraft) -> Made:
             "rollingMomentCoefficient": "0",
             "motorType": "velocity",
         }
-        for name, value in values.items():
-            ET.SubElement(plugin, name).text = value
+        add_texts(plugin, values)
     left.append("the largest speed, here twice that of hover")
     ET.indent(root)
     head = [f"{aircraft.name}, written by casid for gz::sim::systems::MulticopterMotorModel. Not held:", *left]
@@ -227,6 +214,7 @@ def table_text(aircraft: Aircraft) -> Made:
     return json.dumps(document, indent=1) + "\n", tuple(left)
 
 
-MULTIROTOR: Mapping[str, Callable[[Aircraft], Made]] = MappingProxyType(
-    {"gazebo": gazebo_rotors_text, "ardupilot-json": ardupilot_frame_text}
-)
+MULTIROTOR: Mapping[str, Callable[[Aircraft], Made]] = {
+    "gazebo": gazebo_rotors_text,
+    "ardupilot-json": ardupilot_frame_text,
+}

@@ -82,14 +82,15 @@ _ESTIMATED = ("1", "1.0", "true", "True")
 _SCALES = ("lin", "log", "log10", "")
 _SHAPES = ("normal", "laplace", "uniform", "logNormal", "logLaplace")
 _SHAPES += ("parameterScaleNormal", "parameterScaleLaplace", "parameterScaleUniform")
-# column -> the words that PEtab 1 has for it
-_OF_PARAMETERS = {
-    "estimate": (*_ESTIMATED, "0", "0.0", "false", "False"),
-    "parameterScale": _SCALES,
-    "objectivePriorType": (*_SHAPES, ""),
-    "initializationPriorType": (*_SHAPES, ""),
+# table and column -> the words that PEtab 1 has for it
+_WORDS = {
+    ("parameters", "estimate"): (*_ESTIMATED, "0", "0.0", "false", "False"),
+    ("parameters", "parameterScale"): _SCALES,
+    ("parameters", "objectivePriorType"): (*_SHAPES, ""),
+    ("parameters", "initializationPriorType"): (*_SHAPES, ""),
+    ("observables", "observableTransformation"): _SCALES,
+    ("observables", "noiseDistribution"): ("normal", "laplace", ""),
 }
-_OF_OBSERVABLES = {"observableTransformation": _SCALES, "noiseDistribution": ("normal", "laplace", "")}
 
 
 class _Reading:
@@ -127,15 +128,9 @@ class _Reading:
 
     def _check_words(self) -> None:
         """Every word of a table is one of PEtab."""
-        tables = self.tables
-        for name, rows, columns in (
-            ("parameters", tables.parameters, _OF_PARAMETERS),
-            ("observables", tables.observables, _OF_OBSERVABLES),
-        ):
-            for column, words in columns.items():
-                for word in {row.get(column, words[0]) for row in rows}:
-                    if word not in words:
-                        raise unknown(f"{column} of {name}", word, [one for one in words if one], self.where)
+        for (name, column), words in _WORDS.items():
+            for word in {row.get(column, words[0]) for row in getattr(self.tables, name)} - {*words}:
+                raise unknown(f"{column} of {name}", word, [one for one in words if one], self.where)
 
     def _check_measurement(self, row: Row, observables: Collection[str]) -> None:
         where = f"{self.where}: measurements"
@@ -155,8 +150,7 @@ class _Reading:
     # ---- what stands for what
 
     def _placeholders(self, kind: str, observable: str) -> None:
-        rows = [row for row in self.tables.measurements if row["observableId"] == observable]
-        entries = [_entries(row, kind) for row in rows]
+        entries = [_entries(row, kind) for row in _of_observable(self.tables.measurements, observable)]
         for i in range(max(map(len, entries), default=0)):
             name = f"{kind}Parameter{i + 1}_{observable}"
             if any(len(entry) <= i for entry in entries):
@@ -232,11 +226,11 @@ class _Reading:
                 continue
             own = [column, *(f"{column} is {n}" for n in names)]
             changing = self.changing.get(column, own)
-            value, *weights = (plain[n] for n in (changing if changing[0] in plain else own))
-            symbols[column] = value + sum((w * plain[n] for w, n in zip(weights, names, strict=True)), ca.SX(0))
+            value, *weights = changing if changing[0] in plain else own
+            symbols[column] = _weighed(plain, value, weights, names)
         for name, parts in self.sampled.items():
             if name in plain:
-                symbols[name] = plain[name] + sum((plain[f"{name} is {n}"] * plain[n] for n in parts), ca.SX(0))
+                symbols[name] = _weighed(plain, name, [f"{name} is {n}" for n in parts], parts)
         rules = {**self.tables.sbml.rules, **{n: parsed(text, self.where) for n, text in self.literal.items()}}
         inputs = {n: plain[n] for n in self.switches if n in plain}
         return Scope(where=self.where, known=symbols, rules=rules, inputs=inputs)
@@ -252,8 +246,8 @@ class _Reading:
         if self.reset:
             found[_BEGIN] = {}
         for state in self.reset:
-            parts = (known[f"later {state} is {n}"] * known[n] for n in self.named[state])
-            later = known[f"later {state}"] + sum(parts, ca.SX(0))
+            names = self.named[state]
+            later = _weighed(known, f"later {state}", [f"later {state} is {n}" for n in names], names)
             found[_BEGIN][state] = known[state] + known[f"{state} jumps"] * (later - known[state])
         return found
 
@@ -270,8 +264,8 @@ class _Reading:
         for state in sbml.states:
             found[state] = translated(sbml.initial[state], scope)
             if state in self.named:
-                parts = (known[f"{state} is {n}"] * known[n] for n in self.named[state])
-                found[state] = known[f"initial {state}"] + sum(parts, ca.SX(0))
+                names = self.named[state]
+                found[state] = _weighed(known, f"initial {state}", [f"{state} is {n}" for n in names], names)
         return found
 
     def _discover(self) -> None:
@@ -445,12 +439,8 @@ class _Reading:
         for name, parts in self.sampled.items():
             head, _, observable = name.partition("_")
             kind, index = head.split("Parameter")
-
-            def entries_of(some: Sequence[Row], own: str = observable, kind: str = kind, k: int = int(index) - 1):
-                chosen = [row for row in some if row["observableId"] == own]
-                return sorted((_value(row, "time", self.where), _entries(row, kind)[k]) for row in chosen)
-
-            own = entries_of(rows) or entries_of(self.tables.measurements)
+            read = _of_observable(rows, observable) or _of_observable(self.tables.measurements, observable)
+            own = sorted((_value(row, "time", self.where), _entries(row, kind)[int(index) - 1]) for row in read)
             which = np.minimum(np.searchsorted([t for t, _ in own], grid), len(own) - 1)
             entries = [own[k][1] for k in which]
             channels[name] = np.array([_number(e) or 0.0 for e in entries])
@@ -482,18 +472,17 @@ class _Reading:
             for n, value in (self._fixed(before or after) | self._jumps(before, after)).items()
         }
         log = [n for n in self.free if self.table[n].get("parameterScale", "lin") in ("log", "log10")]
-        found = Problem(
+        return Problem(
             _sized(model, records, fixed),
             records,
             free=self.free,
-            fixed={**fixed},
+            fixed=fixed,
             log=log,
             start={n: self.nominal[n] for n in self.free},
             noise={name: self._noise(name) for name in self.observables},
             constraints=list(self._bounds()),
             prior=bool(model.prior_std),
         )
-        return found
 
     def _bounds(self) -> Iterable[Any]:
         for name in self.free:
@@ -526,6 +515,15 @@ class _Reading:
             self.values[name] = value
             found[name] = std * base * value if base else std
         return found
+
+
+def _weighed(known: Mapping[str, Any], value: str, weights: Sequence[str], names: Sequence[str]) -> ca.SX:
+    """A value and, each times its weight, what the names stand for."""
+    return known[value] + sum((known[w] * known[n] for w, n in zip(weights, names, strict=True)), ca.SX(0))
+
+
+def _of_observable(rows: Sequence[Row], observable: str) -> list[Row]:
+    return [row for row in rows if row["observableId"] == observable]
 
 
 def _without_nan(row: Row) -> Row:

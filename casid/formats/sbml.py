@@ -17,6 +17,7 @@ from typing import Any
 import casadi as ca
 
 from casid.errors import InputError, unknown
+from casid.formats.operators import ONE, REDUCED
 from casid.records.limits import MOST_BYTES_OF_A_MODEL, MOST_DEPTH, apart, read_bytes
 
 
@@ -229,29 +230,16 @@ def parsed(formula: str, where: str) -> Formula:
     return _tree(tree, where)
 
 
-# type of libsbml, after AST_ -> operation; any other one has a name of its own
-_TYPES = {
-    "NAME_TIME": "time",
-    "CONSTANT_PI": "pi",
-    "CONSTANT_E": "e",
-    "CONSTANT_TRUE": "true",
-    "CONSTANT_FALSE": "false",
-    "NAME": "name",
-    "PLUS": "plus",
-    "TIMES": "times",
-    "MINUS": "minus",
-    "DIVIDE": "divide",
-    "POWER": "power",
-    "FUNCTION_POWER": "power",
-    "FUNCTION_ROOT": "root",
-    "FUNCTION_LOG": "log",
-    "FUNCTION_PIECEWISE": "piecewise",
-    "LOGICAL_NOT": "not",
-    "LOGICAL_AND": "and",
-    "LOGICAL_OR": "or",
-    "LOGICAL_XOR": "xor",
-    **{f"RELATIONAL_{name}": name.lower() for name in ("EQ", "NEQ", "GT", "GEQ", "LT", "LEQ")},
+# types of libsbml, after AST_ and what precedes their names -> operation; any other one has a name of its own
+_FAMILIES = {
+    "": ("NAME", "PLUS", "TIMES", "MINUS", "DIVIDE", "POWER"),
+    "CONSTANT_": ("PI", "E", "TRUE", "FALSE"),
+    "FUNCTION_": ("POWER", "ROOT", "LOG", "PIECEWISE"),
+    "LOGICAL_": ("NOT", "AND", "OR", "XOR"),
+    "RELATIONAL_": ("EQ", "NEQ", "GT", "GEQ", "LT", "LEQ"),
 }
+_TYPES = {f"{family}{name}": name.lower() for family, names in _FAMILIES.items() for name in names}
+_TYPES |= {"NAME_TIME": "time"}
 
 
 def _tree(node: Any, where: str, depth: int = 0) -> Formula:
@@ -273,15 +261,8 @@ def _tree(node: Any, where: str, depth: int = 0) -> Formula:
 
 _CONSTANTS = {"pi": ca.pi, "e": math.e, "true": 1.0, "false": 0.0}
 _RELATIONS = ("eq", "neq", "gt", "geq", "lt", "leq")
-_ONE = {
-    "exp": ca.exp,
-    "ln": ca.log,
-    "abs": ca.fabs,
-    "floor": ca.floor,
-    "ceiling": ca.ceil,
-    **{name: getattr(ca, name) for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-    **{f"arc{name}": getattr(ca, f"a{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")},
-}
+_ONE = ONE | {name: getattr(ca, name) for name in ("sinh", "cosh", "tanh")} | {"ceiling": ca.ceil}
+_ONE |= {f"arc{name}": getattr(ca, f"a{name}") for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
 
 
 def translated(tree: Formula | float, scope: Scope) -> ca.SX:
@@ -331,13 +312,7 @@ def _operation(name: str, parts: list[ca.SX], where: str) -> ca.SX:
 
 
 _FEWEST = {"plus": 0, "times": 0, "divide": 2, "power": 2}  # arguments
-_REDUCED = {
-    "and": ca.logic_and,
-    "or": ca.logic_or,
-    "xor": lambda a, b: a + b - 2.0 * a * b,
-    "min": ca.fmin,
-    "max": ca.fmax,
-}
+_REDUCED = REDUCED | {"xor": lambda a, b: a + b - 2.0 * a * b}
 
 
 def _relation(tree: Formula, scope: Scope) -> ca.SX:

@@ -40,7 +40,7 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
     the autopilot and what is lost."""
     reader = library("pymavlink.DFReader", path, "ardupilot")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, list[dict[str, Any]]], dict[str, str]]:
         if path.stat().st_size == 0:
             raise ValueError("the file is empty")
         with path.open("rb") as file:
@@ -63,10 +63,9 @@ def read_ardupilot(path: Path, variable: str | None, time: str) -> RawTable:
             for opened in ("data_map", "filehandle"):
                 if hasattr(log, opened):
                     getattr(log, opened).close()
-        return {"rows": rows, "unread": unread}
+        return rows, unread
 
-    read = loaded(path, load)
-    return table_of_messages(path, read["rows"], read["unread"])
+    return table_of_messages(path, *loaded(path, load))
 
 
 def _of_no_channel(log: Any) -> dict[str, str]:
@@ -95,10 +94,12 @@ def table_of_messages(
     return of_log(path, found, _flying(rows), (f"{log} of a {said[0]}", *said[1:], *notes, *lost(found)), unread)
 
 
-def _columns(rows: Mapping[str, list[dict[str, Any]]], message: str, *fields: str) -> tuple[np.ndarray, ...] | None:
-    """Stamps [s] and the fields of a message, or None where it is not there."""
-    kept = [row for row in rows.get(message, ()) if "TimeUS" in row and all(name in row for name in fields)]
-    if len(kept) < 2:
+def _columns(rows: Mapping[str, list[dict[str, Any]]], messages: str, *fields: str) -> tuple[np.ndarray, ...] | None:
+    """Stamps [s] and the fields of a message, the first one there of `messages` with blanks between them, or None."""
+    wanted = ("TimeUS", *fields)
+    found = ([row for row in rows.get(one, ()) if all(name in row for name in wanted)] for one in messages.split())
+    kept = next((some for some in found if len(some) > 1), None)
+    if kept is None:
         return None
     table = np.array([[row["TimeUS"] * 1e-6, *(row[name] for name in fields)] for row in kept], dtype=float)
     later = np.concatenate([[True], np.diff(np.maximum.accumulate(table[:, 0])) > 0.0])
@@ -112,11 +113,9 @@ def _inertial(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series]
 
 
 def _attitude(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    for message in ("XKQ", "NKQ"):
-        if (read := _columns(rows, message, "Q1", "Q2", "Q3", "Q4")) is not None:
-            found |= attitude(read[0], np.stack(read[1:], axis=1))
-            return
-    if (read := _columns(rows, "ATT", "Roll", "Pitch", "Yaw")) is not None:
+    if (read := _columns(rows, "XKQ NKQ", "Q1", "Q2", "Q3", "Q4")) is not None:
+        found |= attitude(read[0], np.stack(read[1:], axis=1))
+    elif (read := _columns(rows, "ATT", "Roll", "Pitch", "Yaw")) is not None:
         phi, theta, psi = (np.radians(values) for values in read[1:])
         found |= {"phi": (read[0], phi), "theta": (read[0], theta), "psi": (read[0], np.unwrap(psi))}
 
@@ -138,10 +137,8 @@ def _ground(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
         longitude = np.radians(read[2])
         found["north"] = read[0], EARTH * (latitude - latitude[0])
         found["east"] = read[0], EARTH * np.cos(latitude[0]) * (longitude - longitude[0])
-    for message in ("XKF2", "NKF2"):
-        if (read := _columns(rows, message, "VWN", "VWE")) is not None:
-            found |= {"wind_north": (read[0], read[1]), "wind_east": (read[0], read[2])}
-            return
+    if (read := _columns(rows, "XKF2 NKF2", "VWN", "VWE")) is not None:
+        found |= {"wind_north": (read[0], read[1]), "wind_east": (read[0], read[2])}
 
 
 def _air(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
@@ -158,10 +155,8 @@ def _air(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], not
 
 
 def _battery(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
-    for message in ("BAT", "CURR"):
-        if (read := _columns(rows, message, "Volt")) is not None:
-            found["battery"] = read[0], read[1]
-            return
+    if (read := _columns(rows, "BAT CURR", "Volt")) is not None:
+        found["battery"] = read[0], read[1]
 
 
 def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], notes: list[str]) -> None:
@@ -169,14 +164,12 @@ def _inputs(rows: Mapping[str, list[dict[str, Any]]], found: dict[str, Series], 
     out = _servos(rows, notes)
     found |= out
     rotors = any(name[0] == "m" for name in out)
-    read = _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")
-    if read is not None:
+    if (read := _columns(rows, "AETR", "Ail", "Elev", "Thr", "Rudd")) is not None:
         t, aileron, elevator, throttle, rudder = read
         commands = {"delta_a_command": aileron, "delta_e_command": elevator, "delta_r_command": rudder}
         found |= {name: (t, values / _FULL) for name, values in commands.items()} | {"throttle": (t, throttle / 100.0)}
     surfaces = any(name.endswith("_command") for name in found)
-    kind = "VTOL" if rotors and surfaces else "multirotor" if rotors else "plane"
-    notes.insert(0, kind)
+    notes.insert(0, "VTOL" if rotors and surfaces else "multirotor" if rotors else "plane")
 
 
 def _servos(rows: Mapping[str, list[dict[str, Any]]], notes: list[str]) -> dict[str, Series]:

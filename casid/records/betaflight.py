@@ -28,7 +28,7 @@ def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:
     ``m2`` ..., as the firmware commands them; every other field keeps its name."""
     orangebox = library("orangebox", path, "betaflight")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         if MAGIC not in path.read_bytes():  # which the parser looks for in every byte
             raise ValueError(f"it has no line '{MAGIC.decode()}'")
         logging.getLogger("orangebox").setLevel(logging.CRITICAL)
@@ -38,11 +38,9 @@ def read_betaflight(path: Path, variable: str | None, time: str) -> RawTable:
         width = min(map(len, rows), default=0)
         kept = [[one if isinstance(one, (int, float)) else np.nan for one in row[:width]] for row in rows]
         table = np.array(kept, dtype=float)
-        return {"heads": dict(parser.headers), "fields": dict(zip(names, table.T, strict=False))}
+        return dict(parser.headers), dict(zip(names, table.T, strict=False))
 
-    read = loaded(path, load)
-    fields = read["fields"]
-    heads = read["heads"]
+    heads, fields = loaded(path, load)
     if "time" not in fields or "gyroADC[0]" not in fields:
         raise InputError(f"{path}: a blackbox without time or gyro; it has {', '.join(fields) or 'no frames'}")
     stamps = fields.pop("time") * 1e-6

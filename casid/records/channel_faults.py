@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from casid.records.checks import INPUTS
+from casid.records.checks import GAP, INPUTS
+from casid.records.noise import CUBIC, ROUNDING
 from casid.records.record import Record
 from casid.signals import CHANNELS, SURFACES, unit_of
 
@@ -24,7 +25,6 @@ _SLOWER = 1.5
 _STAIRCASE = 0.4
 _REPEATS = 0.1  # chance of a repeat that is allowed for at least: recorders differ
 _NEVER = 0.02  # chance of a repeat below which a channel has no levels, and a run of them needs no jump behind it
-_ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _BESIDE = 5  # samples on either side of a plateau that show how fast the channel moves there
 _EDGE = 8  # samples at either end of a part in which filters leave artefacts
 _MOVES_WITH = {"phi": ("p", "ay", "beta"), "beta": ("ay", "r", "phi"), "theta": ("q", "az"), "alpha": ("q", "az")}
@@ -36,86 +36,35 @@ _OF_ANSWER = (0.4, 2.5)  # of the answer by a file, whose derivatives are not ex
 # What instruments read. A command rests, jumps and has stops as it likes, and so may a column that nobody knows.
 _READ = frozenset(CHANNELS) - {"t", "rho", "throttle"}
 _SOON = 0.25  # s from a step of a surface within which an angular acceleration may peak; recorders are late by 0.2 s
-_GAP = 1.5  # sampling intervals that are a gap in time
 _OF_RANGE = 0.5  # of the range of an input: a smaller outlier may be a command
 _MATTERS = 0.03  # of the range of an output: one sample nearer to the others changes nothing
 _COMPANIONS: tuple[frozenset[str], ...] = (
     frozenset(("beta", "p", "r", "phi", "psi", "ay", "pdot", "rdot")),
     frozenset(("V", "alpha", "q", "theta", "ax", "az", "qdot", "altitude")),
 )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limits:
-    """Limits of the decisions, each with its reason in `evidence`."""
-
-    chance: float = field(
-        default=1e-4,
-        metadata={
-            "unit": "1",
-            "meaning": "expected number of runs as long, or longer, in a healthy channel of this length",
-            "evidence": "derived: one false alarm in 10 000 channels, were repeats independent",
-        },
-    )
-    frozen_s: float = field(
-        default=3.0,
-        metadata={
-            "unit": "s",
-            "meaning": "a run as long, or one to the end of the record, is frozen; a shorter one a held value",
-            "evidence": "chosen: a recorder that loses messages holds the last one for shorter",
-        },
-    )
-    held_s: float = field(
-        default=0.15,
-        metadata={
-            "unit": "s",
-            "meaning": "shorter runs are left alone",
-            "evidence": "chosen: what is shorter passes for quantisation",
-        },
-    )
-    rail: int = field(
-        default=6,
-        metadata={
-            "unit": "samples",
-            "meaning": "fewest samples at exactly the largest (or smallest) value of a clipped channel",
-            "evidence": "chosen: the crest of a quantised motion has a few; see also `crowded`",
-        },
-    )
-    crowded: float = field(
-        default=10.0,
-        metadata={
-            "unit": "1",
-            "meaning": "samples at a rail over samples at a level near it",
-            "evidence": "derived: the crest of a sine in 16 levels has 3.3 times the mean of the next seven",
-        },
-    )
-    spike: float = field(
-        default=10.0,
-        metadata={
-            "unit": "sigma",
-            "meaning": "distance of an isolated outlier from the cubic through its neighbours, in scatters of that",
-            "evidence": "measured: none in 13 clean real records",
-        },
-    )
-    steps: float = field(
-        default=3.0,
-        metadata={
-            "unit": "1",
-            "meaning": "kinks of an attitude or a position at every n-th sample, over those at the others",
-            "evidence": "derived: medians of 32 samples of white noise scatter by a fifth",
-        },
-    )
-    code: float = field(
-        default=10.0,
-        metadata={
-            "unit": "1",
-            "meaning": "distance of a code from the median, over the range of nine tenths of the samples",
-            "evidence": "chosen: a quick manoeuvre in a long rest has no edges on both sides",
-        },
-    )
-
-
-LIMITS = Limits()
+# limits of the decisions, each with its reason
+# expected number of runs as long, or longer, in a healthy channel of this length; derived: one false alarm in 10 000
+# channels, were repeats independent
+_CHANCE = 1e-4
+# s: a run as long, or one to the end of the record, is frozen, a shorter one a held value; chosen: a recorder that
+# loses messages holds the last one for shorter
+_FROZEN = 3.0
+_HELD = 0.15  # s: shorter runs are left alone; chosen: what is shorter passes for quantisation
+# fewest samples at exactly the largest (or smallest) value of a clipped channel; chosen: the crest of a quantised
+# motion has a few, see also `_CROWDED`
+_RAIL = 6
+# samples at a rail over samples at a level near it; derived: the crest of a sine in 16 levels has 3.3 times the mean of
+# the next seven
+_CROWDED = 10.0
+# distance of an isolated outlier from the cubic through its neighbours, in scatters of that; measured: none in 13 clean
+# real records
+_SPIKE = 10.0
+# kinks of an attitude or a position at every n-th sample, over those at the others; derived: medians of 32 samples of
+# white noise scatter by a fifth
+_STEPS = 3.0
+# distance of a code from the median, over the range of nine tenths of the samples; chosen: a quick manoeuvre in a long
+# rest has no edges on both sides
+_CODE = 10.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -142,7 +91,6 @@ def stretches(at: np.ndarray) -> list[tuple[int, int]]:
 
 def channel_faults(
     record: Record,
-    limits: Limits = LIMITS,
     answers: Mapping[str, np.ndarray] | None = None,
     names: Collection[str] = _READ,
 ) -> list[ChannelFault]:
@@ -154,15 +102,15 @@ def channel_faults(
     for name, values in record.channels.items():
         if name not in names or np.isfinite(values).sum() < _FEWEST or _rests(values):
             continue
-        faults, clean = _of_levels(record, name, values, limits)
+        faults, clean = _of_levels(record, name, values)
         if not update_interval(record, name) > _SLOWER * record.dt:
-            wild = _spikes(clean, parts, limits, least=_OF_RANGE if name in INPUTS else _MATTERS)
+            wild = _spikes(clean, parts, least=_OF_RANGE if name in INPUTS else _MATTERS)
             if name in _QUICK and (wild & commanded).any():
-                wild &= ~commanded | _spikes(clean, parts, limits, least=_ANSWER)
+                wild &= ~commanded | _spikes(clean, parts, least=_ANSWER)
             if wild.any() and answers is not None and name in answers:
                 wild &= ~_answered(clean, answers[name])
-            faults["data_spikes"] = faults.get("data_spikes", np.zeros(len(values), dtype=bool)) | wild
-            faults["data_steps"] = _stepped(record, name, np.where(wild, np.nan, clean), limits)
+            faults["data_spikes"] = faults["data_spikes"] | wild
+            faults["data_steps"] = _stepped(record, name, np.where(wild, np.nan, clean))
         for kind, at in faults.items():
             if at.any():
                 level = float(values[at][0]) if kind in ("data_stuck", "data_clipped") else None
@@ -170,17 +118,15 @@ def channel_faults(
     return found
 
 
-def _of_levels(
-    record: Record, name: str, values: np.ndarray, limits: Limits
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
+def _of_levels(record: Record, name: str, values: np.ndarray) -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Kind -> samples of what an output repeats, and codes of any channel; and the values without these."""
-    codes = _codes(values, limits)
+    codes = _codes(values)
     clean = np.where(codes, np.nan, values)
     found = {"data_spikes": codes}
     if name in INPUTS:
         return found, clean  # a surface rests, and has stops
-    rail = _rails(clean, limits)
-    frozen, held = _held(record, name, np.where(rail, np.nan, clean), limits)
+    rail = _rails(clean)
+    frozen, held = _held(record, name, np.where(rail, np.nan, clean))
     if rail.any():
         edges = np.isin(clean, (np.nanmin(clean), np.nanmax(clean))) & (frozen | held)
         rail = rail | edges
@@ -206,7 +152,7 @@ def _commanded(record: Record) -> np.ndarray:
 
 def _unbroken(record: Record) -> list[slice]:
     """Parts of the record between gaps in its time."""
-    gaps = np.flatnonzero(np.diff(record.t) > _GAP * record.dt) + 1
+    gaps = np.flatnonzero(np.diff(record.t) > GAP * record.dt) + 1
     edges = [0, *gaps.tolist(), len(record)]
     return [slice(a, b) for a, b in pairwise(edges)]
 
@@ -266,7 +212,7 @@ def update_interval(record: Record, name: str) -> float:
     return float(np.median(np.diff(record.t[fresh]))) if len(fresh) > 10 else math.nan
 
 
-def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tuple[np.ndarray, np.ndarray]:
+def _held(record: Record, name: str, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Samples of runs of equal values that are too long to be chance: frozen, long or to the end; held, with a jump
     behind them."""
     first, length = runs(values)
@@ -274,23 +220,23 @@ def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tupl
     held = np.zeros(len(values), dtype=bool)
     if len(first) < 10:
         return frozen, held
-    shortest = max(5.0, 3.0 * float(np.median(length)), limits.held_s / record.dt)
+    shortest = max(5.0, 3.0 * float(np.median(length)), _HELD / record.dt)
     long_ones = length > shortest
     rest = length[~long_ones]
     repeats = (float(np.sum(rest - 1)) + 1.0) / (float(np.sum(rest)) + 2.0)
     many = length[long_ones] if repeats < _NEVER else length[long_ones][:0]
-    needed = max(shortest, _improbable(many, len(values), max(repeats, _REPEATS), limits.chance))
+    needed = max(shortest, _improbable(many, len(values), max(repeats, _REPEATS)))
     steps = np.abs(np.diff(values[np.isfinite(values)]))
     step = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     for begin, count in zip(first[long_ones].tolist(), length[long_ones].tolist(), strict=True):
         end = begin + count
         seconds = (count - 1) * record.dt
         ends = end >= len(values)
-        jumps = ends or not np.isfinite(values[end]) or abs(values[end] - values[begin]) > 3.0 * step
-        jumps = jumps or repeats < _NEVER
+        jumps = ends or repeats < _NEVER or not np.isfinite(values[end])
+        jumps = jumps or abs(values[end] - values[begin]) > 3.0 * step
         if count < needed or not jumps or (begin == 0 and _all_rest(record, name, end)):
             continue
-        if seconds >= limits.frozen_s or (ends and seconds >= 1.0):
+        if seconds >= _FROZEN or (ends and seconds >= 1.0):
             frozen[begin + 1 : end] = True
         elif not ends:
             held[begin + 1 : end] = True
@@ -299,13 +245,13 @@ def _held(record: Record, name: str, values: np.ndarray, limits: Limits) -> tupl
     return frozen, held
 
 
-def _improbable(many: np.ndarray, samples: int, repeats: float, chance: float) -> float:
-    """Length from which a run is less probable than `chance` when samples repeat by themselves with a probability of
+def _improbable(many: np.ndarray, samples: int, repeats: float) -> float:
+    """Length from which a run is less probable than `_CHANCE` when samples repeat by themselves with a probability of
     `repeats`; of `many` runs together each may be shorter. Long runs by chance are a Poisson process: n of them, of
     which m are expected, have a probability of m^n / n! at most."""
 
     def least(count: int) -> float:
-        each = (math.log(chance) + math.lgamma(count + 1)) / count  # the logarithm of m
+        each = (math.log(_CHANCE) + math.lgamma(count + 1)) / count  # the logarithm of m
         return 1.0 + (math.log(samples) - each) / -math.log(repeats)
 
     needed = least(1)
@@ -321,19 +267,19 @@ def _all_rest(record: Record, name: str, end: int) -> bool:
     return bool(resting) and float(np.mean(resting)) > 0.5
 
 
-def _rails(values: np.ndarray, limits: Limits) -> np.ndarray:
+def _rails(values: np.ndarray) -> np.ndarray:
     """Samples at which a channel sticks to its largest, its smallest or both values."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     at = np.zeros(len(values), dtype=bool)
     if len(levels) < _LEVELS:
         return at
     gaps = np.diff(levels)
-    quantum = float(gaps[gaps > _ROUNDING * (levels[-1] - levels[0])].min())
+    quantum = float(gaps[gaps > ROUNDING * (levels[-1] - levels[0])].min())
     for edge, near in ((0, slice(1, 8)), (-1, slice(-8, -1))):
         here = values == levels[edge]
         inside = [(a, b) for a, b in stretches(here) if a > 0 and b < len(values) - 1]  # at an end it may be frozen
         samples = sum(b - a + 1 for a, b in inside)
-        crowded = samples >= max(limits.rail, limits.crowded * counts[near].mean())
+        crowded = samples >= max(_RAIL, _CROWDED * counts[near].mean())
         if crowded and _has_corners(values, inside, quantum):
             at |= here
     return at
@@ -343,7 +289,7 @@ def _has_corners(values: np.ndarray, plateaus: list[tuple[int, int]], quantum: f
     """Return True if a channel leaves its longest plateau faster than a parabola with such a crest in its
     resolution."""
     first, last = max(plateaus, key=lambda plateau: plateau[1] - plateau[0])
-    if last - first < 1 and len(plateaus) < 3 * LIMITS.rail:
+    if last - first < 1 and len(plateaus) < 3 * _RAIL:
         return False
     exits = [ratio for ratio in (_exit(values, *plateau) for plateau in plateaus) if np.isfinite(ratio)]
     if exits and float(np.median(exits)) > 2.0:
@@ -366,17 +312,14 @@ def _exit(values: np.ndarray, first: int, last: int) -> float:
     return float(steps[at] / near.max())
 
 
-_CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0
-
-
 def _answered(values: np.ndarray, answer: np.ndarray) -> np.ndarray:
     """(N,) whether a sample is off the cubic through its neighbours as the answer to a surface is there."""
-    off, expected = (x - np.convolve(x, _CUBIC, mode="same") for x in (values, answer))
+    off, expected = (x - np.convolve(x, CUBIC, mode="same") for x in (values, answer))
     least, most = _OF_ANSWER
     return (off * expected > 0.0) & (np.abs(off) > least * np.abs(expected)) & (np.abs(off) < most * np.abs(expected))
 
 
-def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> np.ndarray:
+def _stepped(record: Record, name: str, values: np.ndarray) -> np.ndarray:
     """Samples at which an attitude or a position jumps at every n-th sample and goes on from there: a filter that is
     corrected in steps. A channel of a slower recorder rests between, and is none."""
     at = np.zeros(len(values), dtype=bool)
@@ -386,8 +329,8 @@ def _stepped(record: Record, name: str, values: np.ndarray, limits: Limits) -> n
     series = np.interp(record.t, record.t[good], np.unwrap(values[good]) if unit_of(name) == "rad" else values[good])
     change = np.diff(series)
     kink = np.abs(change[1:-1] - 0.5 * (change[:-2] + change[2:]))
-    kink[kink < _ROUNDING * np.ptp(series)] = 0.0
-    most = limits.steps
+    kink[kink < ROUNDING * np.ptp(series)] = 0.0
+    most = _STEPS
     for every in range(_EVERY[0], min(_EVERY[1], len(kink) // _EVERY[1]) + 1):
         usual = np.array([np.median(kink[phase::every]) for phase in range(every)])
         phase = int(np.argmax(usual))
@@ -403,7 +346,7 @@ _WINDOW = 25
 _NEAR = 12
 
 
-def _spikes(values: np.ndarray, parts: Sequence[slice], limits: Limits, least: float) -> np.ndarray:
+def _spikes(values: np.ndarray, parts: Sequence[slice], least: float) -> np.ndarray:
     """Single samples far from the cubic through their neighbours, which agree among each other, and farther than what
     is usual near them; `least` as a part of the range of nine tenths of the samples."""
     low, high = np.nanquantile(values, (0.05, 0.95))
@@ -412,11 +355,11 @@ def _spikes(values: np.ndarray, parts: Sequence[slice], limits: Limits, least: f
         good = np.arange(len(values))[part]
         good = good[np.isfinite(values[good])]
         if len(good) >= _FEWEST:
-            at[good] = _isolated(good, values[good], limits.spike, least * (high - low))
+            at[good] = _isolated(good, values[good], least * (high - low))
     return at
 
 
-def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: float) -> np.ndarray:
+def _isolated(sample: np.ndarray, series: np.ndarray, least: float) -> np.ndarray:
     """(N,) outliers of a series of which `sample` numbers the samples: neighbours must be in it."""
     at = np.zeros(len(series), dtype=bool)
     series = series.copy()
@@ -424,13 +367,13 @@ def _isolated(sample: np.ndarray, series: np.ndarray, sigmas: float, least: floa
     resolution = float(steps[steps > 0.0].min()) if (steps > 0.0).any() else 0.0
     together = sample[4:] - sample[:-4] == 4
     for _ in range(len(series) // 10):
-        off = series[2:-2] - np.convolve(series, _CUBIC, mode="valid")
+        off = series[2:-2] - np.convolve(series, CUBIC, mode="valid")
         size = np.abs(off)
         floor = max(0.5 * 1.4826 * float(np.median(size)), 0.3 * resolution)
-        far = size > max(sigmas * floor, least)
+        far = size > max(_SPIKE * floor, least)
         if not far.any():
             break
-        far &= size > sigmas * 1.4826 * _local_median(size)
+        far &= size > _SPIKE * 1.4826 * _local_median(size)
         before = series[2:-2] - series[1:-3]
         after = series[2:-2] - series[3:-1]
         far &= together & (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) > 0.6 * size)
@@ -460,18 +403,18 @@ def _local_median(size: np.ndarray) -> np.ndarray:
     return np.interp(np.arange(len(size)), middle, medians)
 
 
-def _codes(values: np.ndarray, limits: Limits) -> np.ndarray:
+def _codes(values: np.ndarray) -> np.ndarray:
     """Values far from all others with an edge on both sides: -999, 9999 and the like."""
     once = values[runs(values)[0]]  # a rest counts once, however long
     low, middle, high = np.quantile(once[np.isfinite(once)], (0.05, 0.5, 0.95))
-    far = np.abs(values - middle) > limits.code * max(high - low, 1e-300)
+    far = np.abs(values - middle) > _CODE * max(high - low, 1e-300)
     at = np.zeros(len(values), dtype=bool)
     if high == low or not far.any():
         return at
     for first, last in stretches(far):
         inside = values[first : last + 1]
         sides = [values[k] for k in (first - 1, last + 1) if 0 <= k < len(values) and np.isfinite(values[k])]
-        edges = all(abs(inside[0] - side) > 0.5 * limits.code * (high - low) for side in sides)
+        edges = all(abs(inside[0] - side) > 0.5 * _CODE * (high - low) for side in sides)
         at[first : last + 1] = edges and np.ptp(inside) <= 1e-9 * abs(inside[0])
     return at
 

@@ -10,11 +10,10 @@ import numpy as np
 
 from casid.keeping import by_fields
 from casid.records.channel_faults import update_interval
+from casid.records.checks import GAP
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 from casid.signals import CHANNELS, for_a_person, unit_of
-
-_GAP = 1.5  # sampling intervals
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,4 +64,4 @@ def _row(name: str, records: Sequence[Record]) -> ChannelRow:
 def gaps(record: Record) -> list[tuple[float, float]]:
     """Stretches [s] in which rows are missing."""
     steps = np.diff(record.t)
-    return [(float(record.t[k]), float(record.t[k + 1])) for k in np.flatnonzero(steps > _GAP * record.dt)]
+    return [(float(record.t[k]), float(record.t[k + 1])) for k in np.flatnonzero(steps > GAP * record.dt)]

@@ -37,31 +37,31 @@ LONG_GAP = 1.0  # s: a longer pause parts a record
 _MOVING = ("p", "q", "r", "alpha", "beta", "phi", "theta", "ay", "az")  # channels that show the motion's time scale
 _NINES = (99.0, 999.0, 9999.0, 99999.0)  # usual marks of a missing sample, of either sign
 
-_TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn
+TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 _DOUBTFUL = 0.7  # rad: 40 deg of alpha, beta or a surface
 _PITOT = ("V", "qbar")
 _JITTER = 0.01
-_GAP = 1.5
+GAP = 1.5  # sampling intervals: a longer step of time is a gap
 _MANY_MISSING = 0.2
 _SLOW = 0.5  # s
 _USUAL_STEP = 0.02  # s
 
 _OF_WINGS = (*SURFACES, *(f"{surface}_command" for surface in SURFACES))
 
-Place = Callable[[int], str]  # sample -> file and row, for a message
+Place = Callable[[int], str]  # sample -> file, row and column, for a message
 
 
-def check_time(t: np.ndarray, place: Place, column: str, source: str, *, aircraft: bool = True) -> None:
+def check_time(t: np.ndarray, place: Place, source: str, *, aircraft: bool) -> None:
     """Time must be complete, strictly increasing and, of an aircraft, of 50 samples at least; else InputError."""
     missing = np.flatnonzero(np.isnan(t))
     if len(missing):
-        raise InputError(f"{place(missing[0])}, {column}: the time stamp is missing; fill it in or remove the row")
+        raise InputError(f"{place(missing[0])}: the time stamp is missing; fill it in or remove the row")
     wrong = np.flatnonzero(np.diff(t) <= 0.0)
     if len(wrong):
         row = int(wrong[0]) + 1
         fault = "repeats" if t[row] == t[row - 1] else "runs back"
         raise InputError(
-            f"{place(row)}, {column}: time {fault}, {t[row]:.10g} s after {t[row - 1]:.10g} s; "
+            f"{place(row)}: time {fault}, {t[row]:.10g} s after {t[row - 1]:.10g} s; "
             "remove the row, or split the file there"
         )
     if aircraft and len(t) < MIN_SAMPLES:
@@ -101,18 +101,18 @@ def check_length(t: np.ndarray, channels: Mapping[str, np.ndarray], source: str)
     )
 
 
-def check_channel(name: str, values: np.ndarray, place: Place, column: str, limited: bool = True) -> None:
+def check_channel(name: str, values: np.ndarray, place: Place, limited: bool) -> None:
     """Refuse values that cannot be, with the row: an input with gaps, degrees in a radian column, no airspeed.
     `limited`: sizes are judged by what aircraft do; not where the unit is stated, which is accepted."""
     missing = np.flatnonzero(np.isnan(values))
     if name in INPUTS and len(missing):
         raise InputError(
-            f"{place(missing[0])}, {column}: the sample of an input is missing (nan), {len(missing)} in all; "
+            f"{place(missing[0])}: the sample of an input is missing (nan), {len(missing)} in all; "
             "an input must be complete: fill the gaps, or cut the record there"
         )
     too_large = np.flatnonzero(~(np.abs(values) < 1e150) & ~np.isnan(values))
     if len(too_large):
-        raise InputError(f"{place(too_large[0])}, {column}: {values[too_large[0]]:.6g} is too large; repair it")
+        raise InputError(f"{place(too_large[0])}: {values[too_large[0]]:.6g} is too large; repair it")
     beyond = np.flatnonzero(np.abs(values) > RADIAN_LIMITS.get(name, np.inf))
     if len(beyond):
         value = values[beyond[0]]
@@ -120,15 +120,13 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str, limi
         degrees = unit.replace("rad", "deg")
         code = next((v for v in values[beyond] if _is_code(v, RADIAN_LIMITS[name])), None)
         if code is not None:
-            at = int(np.flatnonzero(values == code)[0])
+            at = np.flatnonzero(values == code)
             number = code if _is_nines(code) else code / DEGREE
-            raise InputError(
-                f"{place(at)}, {column}: {number:.6g} marks a missing sample, {int(np.sum(values == code))} in all; "
-                + ("fill the gaps, or cut the record there" if name in INPUTS else "leave the cells empty")
-            )
+            remedy = "fill the gaps, or cut the record there" if name in INPUTS else "leave the cells empty"
+            raise InputError(f"{place(at[0])}: {number:.6g} marks a missing sample, {len(at)} in all; {remedy}")
         if limited:
             raise InputError(
-                f"{place(beyond[0])}, {column}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
+                f"{place(beyond[0])}: {value:.6g} {unit} is {np.degrees(value):.4g} {degrees}, too large for "
                 f"{label_of(name)}; if the file has {degrees}, write the header as '{name} [{degrees}]' or map the "
                 f"column with --map {name}=COLUMN:{degrees}; if it has {unit}, as '{name} [{unit}]'; else repair the "
                 "value"
@@ -137,15 +135,13 @@ def check_channel(name: str, values: np.ndarray, place: Place, column: str, limi
     if limited and len(absurd):
         missing_sample = "repair the value" if name in INPUTS else "leave the cell empty if the sample is missing"
         raise InputError(
-            f"{place(absurd[0])}, {column}: {values[absurd[0]]:.6g} {unit_of(name)} is no {label_of(name)} of an "
+            f"{place(absurd[0])}: {values[absurd[0]]:.6g} {unit_of(name)} is no {label_of(name)} of an "
             f"aircraft; {missing_sample}, or write the header as '{name} [UNIT]' if the unit is another"
         )
     not_positive = np.flatnonzero(values <= 0.0)
     if name == "rho" and len(not_positive):
         first = not_positive[0]
-        raise InputError(
-            f"{place(first)}, {column}: {label_of(name)} must be positive, got {values[first]:.6g}; fill the gap"
-        )
+        raise InputError(f"{place(first)}: {label_of(name)} must be positive, got {values[first]:.6g}; fill the gap")
 
 
 def airborne(name: str, values: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -173,8 +169,8 @@ def time_notes(t: np.ndarray) -> list[str]:
     """Remarks on the sampling: dropped rows, jitter."""
     steps = np.diff(t)
     dt = float(np.median(steps))
-    gaps = np.flatnonzero(steps > _GAP * dt)
-    regular = steps[steps <= _GAP * dt]
+    gaps = np.flatnonzero(steps > GAP * dt)
+    regular = steps[steps <= GAP * dt]
     notes = []
     if dt > _SLOW:
         notes.append(f"time: one sample every {dt:.4g} s; if the time is in ms, write the header as 't [ms]'")
@@ -201,7 +197,7 @@ def channel_notes(name: str, values: np.ndarray, stated: bool) -> list[str]:
     largest = float(np.max(np.abs(good)))
     if not stated and name in ("alpha", "beta", *SURFACES) and largest > _DOUBTFUL:
         notes.append(f"{name}: reaches {largest:.3g} rad ({np.degrees(largest):.0f} deg); is the column in degrees?")
-    if stated and name not in _TURNS and largest > RADIAN_LIMITS.get(name, np.inf):
+    if stated and name not in TURNS and largest > RADIAN_LIMITS.get(name, np.inf):
         notes.append(f"{name}: reaches {largest:.3g} {unit_of(name)}, accepted since its unit is stated")
     middle = float(np.median(good))
     if name == "az" and 0.5 < abs(middle) < 2.0:
@@ -246,11 +242,11 @@ def checked_fields(
         table, t, channels = _part(table, t, channels, between)
     channels, slower = on_one_clock(t, channels, INPUTS)
     notes += [counted, *slower] if counted else slower
-    check_time(t, table.place, columns.places["t"], table.source, aircraft=not own)
+    check_time(t, _in_column(table, columns.places["t"]), table.source, aircraft=not own)
     channels, turned, said = with_attitude(t, channels) if not own else (channels, "", "")
     notes += [said] if said else []
-    places = {**columns.places, **(dict.fromkeys(ANGLES, turned) if turned else {})}
-    read = {**columns.contents.read, **(dict.fromkeys(ANGLES, turned) if turned else {})}
+    of_angles = dict.fromkeys(ANGLES, turned) if turned else {}
+    places = {**columns.places, **of_angles}
     empty = list[str]()
     still = table.grounded
     aircraft = any(map(is_control, channels)) and not own
@@ -258,7 +254,7 @@ def checked_fields(
     for name in list(channels):
         if name in CHANNELS and name not in own:
             limited = aircraft and name not in columns.stated
-            check_channel(name, channels[name], table.place, places[name], limited)
+            check_channel(name, channels[name], _in_column(table, places[name]), limited)
             channels[name], grounded = airborne(name, channels[name])
             notes += grounded
             still = still or (bool(grounded) and not hovers and np.isnan(channels[name]).all())
@@ -271,10 +267,8 @@ def checked_fields(
     elif not own:
         notes.append("no control surface: signs, units and kinematics can be checked, and no aerodynamics identified")
     notes += [*time_notes(t), *missing_notes(channels, own)]
-    for name, values in channels.items():
-        if name in own:
-            continue
-        notes += channel_notes(name, values, name in columns.stated)
+    for name in (one for one in channels if one not in own):
+        notes += channel_notes(name, channels[name], name in columns.stated)
     return {
         "name": record_name,
         "t": t,
@@ -285,8 +279,12 @@ def checked_fields(
         "empty": tuple(empty),
         "grounded": bool(still),
         "stated": {name: unit for name, unit in columns.stated.items() if name in channels},
-        "contents": replace(columns.contents, read=read),
+        "contents": replace(columns.contents, read={**columns.contents.read, **of_angles}),
     }
+
+
+def _in_column(table: RawTable, column: str) -> Place:
+    return lambda row: f"{table.place(row)}, {column}"
 
 
 def _part(

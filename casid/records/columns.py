@@ -32,6 +32,7 @@ class Header:
     name: str  # unlike that of every other column
     unit: str  # that the file states, or ""
     leaf: str  # the name, which other columns of the file may have too
+    place: str  # by which a map finds it, unlike that of every other column
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -83,24 +84,25 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     time = None if known & {"t", *own} else _time(table, headers, rest)
     unread = dict(table.unread)
     unread |= _of_one_name(table, headers, rest, known={*CHANNELS, *own}, time=time, taken=channels)
-    rest = [i for i in rest if _place(table, headers, i) not in unread]
+    rest = [i for i in rest if headers[i].place not in unread]
     slips: dict[str, str] = {}
     extras: list[int] = []
     leaves = [headers[i].leaf for i in rest]
     for index in rest:
-        name = headers[index].leaf if leaves.count(headers[index].leaf) == 1 else headers[index].name
+        header = headers[index]
+        name = header.leaf if leaves.count(header.leaf) == 1 else header.name
         if index == time:
             notes.append(f"{table.column(index)} is taken as t, the time")
             name = "t"
-        if headers[index].leaf in channels:
-            unread[_place(table, headers, index)] = f"the column map takes '{headers[index].leaf}' from elsewhere"
+        if header.leaf in channels:
+            unread[header.place] = f"the column map takes '{header.leaf}' from elsewhere"
         elif name in CHANNELS or name in own:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
-            stated |= {name: headers[index].unit} if headers[index].unit else {}
+            stated |= {name: header.unit} if header.unit else {}
             how[name] = _how(table, index, stated.get(name), name)
         elif not name:
             unread |= _nameless(table, index)
-        elif (near := near_channel(headers[index].leaf, absent)) and (
+        elif (near := near_channel(header.leaf, absent)) and (
             not column_map.columns or (logger is None and _same_letters(name, near))
         ):
             slips.setdefault(near, name)
@@ -110,14 +112,14 @@ def channels_of(table: RawTable, column_map: ColumnMap, own: Collection[str] = (
     for index in extras:
         name = headers[index].name
         if index in table.text and np.isnan(table.values[:, index]).all():
-            unread[_place(table, headers, index)] = "text"
+            unread[headers[index].place] = "text"
             continue
         try:
             channels[name], places[name] = _converted(table, headers, index, name), table.column(index)
             how[name] = _how(table, index, headers[index].unit, name)
         except InputError as error:
             why = str(error).removeprefix(f"{table.source}: ").removeprefix(f"{table.column(index)}: ")
-            unread[_place(table, headers, index)] = why
+            unread[headers[index].place] = why
     _check_unread(table, channels, {*CHANNELS, *own})
     notes += _of_extras(
         [name for i in extras if (name := headers[i].name) in channels and not is_control(name)], absent
@@ -197,11 +199,10 @@ def _of_one_name(
             continue
         one, *others = indices
         for other in others:
-            if headers[one].unit == headers[other].unit and np.array_equal(
-                *table.values.T[[one, other]], equal_nan=True
-            ):
-                same[_place(table, headers, other)] = f"the same as '{_place(table, headers, one)}'"
-        if any(_place(table, headers, other) not in same for other in others):
+            same_numbers = np.array_equal(*table.values.T[[one, other]], equal_nan=True)
+            if same_numbers and headers[one].unit == headers[other].unit:
+                same[headers[other].place] = f"the same as '{headers[one].place}'"
+        if any(headers[other].place not in same for other in others):
             asked.append(("t" if is_time else leaf, indices))
     if asked:
         named = [(leaf, [f"'{headers[i].name}'" for i in found]) for leaf, found in asked[:_ASKED]]
@@ -212,12 +213,6 @@ def _of_one_name(
         group = ', or variable = "GROUP" in a column map' if table.paths else ""
         raise InputError(f"{table.source}: {said}{more}; say which is meant: {write}, or {other}{group}")
     return same
-
-
-def _place(table: RawTable, headers: Sequence[Header], index: int) -> str:
-    """Return the name by which a map finds a column, unlike every other one."""
-    leaves = [header.leaf for header in headers]
-    return headers[index].name if leaves.count(headers[index].leaf) > 1 else table.path(index)
 
 
 def _listed(names: Iterable[str]) -> str:
@@ -306,7 +301,9 @@ def headers_of(table: RawTable) -> list[Header]:
             )
         named = time_named(leaf)
         unit = beside or unit or (named[1] if named else "")
-        found.append(Header(name=unlike[index] if leaves.count(leaf) > 1 else leaf, unit=unit, leaf=leaf))
+        alone = leaves.count(leaf) == 1
+        name, place = (leaf, table.path(index)) if alone else (unlike[index], unlike[index])
+        found.append(Header(name=name, unit=unit, leaf=leaf, place=place))
     return found
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from casid.records.limits import MOST_CELLS
 from casid.records.log import of_log
 from casid.records.table import RawTable, table_of_lines
 
+Made = TypeVar("Made")
 
-def loaded(path: Path, load: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+
+def loaded(path: Path, load: Callable[[], Made]) -> Made:
     """Return what `load` returns; whatever it raises becomes an InputError."""
     if not path.is_file():
         raise InputError(f"{path}: cannot be read: no such file")
@@ -38,19 +40,16 @@ def read_excel(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a sheet of an .xlsx file, by default the first; needs the extra `excel`."""
     openpyxl = library("openpyxl", path, "excel")
 
-    def load() -> dict[str, Any]:
-        names, name, rows = _sheet(openpyxl, path, variable, data_only=True)
+    def load() -> tuple[list[str], str, list[str]]:
+        sheets, name, rows = _sheet(openpyxl, path, variable, data_only=True)
         if any(None in row for row in rows):  # a formula that no program has evaluated has no value
             _, _, formulas = _sheet(openpyxl, path, variable, data_only=False)
             pairs = zip(rows, formulas, strict=True)
             rows = [[b if a is None else a for a, b in zip(*pair, strict=True)] for pair in pairs]
-        return {"names": names, "name": name, "lines": _lines(rows)}
+        return sheets, name, _lines(rows)
 
-    book = loaded(path, load)
-    name = book["name"]
-    sheets = book["names"]
+    sheets, name, lines = loaded(path, load)
     check_known("sheet", (name,), sheets, str(path))
-    lines = book["lines"]
     if sum(map(bool, lines)) < 2:
         raise InputError(f"{path}: sheet '{name}' is empty; expected a row of channel names and rows of numbers")
     unread = {f"sheet '{one}'": "another sheet; a map takes it by variable" for one in sheets if one != name}
@@ -98,20 +97,15 @@ def read_mdf(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an MDF4 measurement on the clock of its fastest channel; needs the extra `mdf`."""
     asammdf = library("asammdf", path, "mdf")
 
-    def load() -> dict[str, Any]:
+    def load() -> list[tuple[Any, Item]]:
         with asammdf.MDF(path) as file:
             signals = list(file.iter_channels(skip_master=True))
             names = numbered([f"{s.name} [{s.unit}]" if s.unit else s.name for s in signals])
-            items = {name: item_of(name, s.name, s.samples) for name, s in zip(names, signals, strict=True)}
-            stamps = {name: s.timestamps for name, s in zip(names, signals, strict=True)}
-        unread = {name: one.why for name, one in items.items() if one.why}
-        return {
-            "signals": {n: (stamps[n], one.values) for n, one in items.items() if n not in unread},
-            "unread": unread,
-        }
+            return [(s.timestamps, item_of(name, s.name, s.samples)) for name, s in zip(names, signals, strict=True)]
 
     read = loaded(path, load)
-    return of_log(path, read["signals"], unread=read["unread"])
+    series = {one.path: (stamps, one.values) for stamps, one in read if not one.why}
+    return of_log(path, series, unread={one.path: one.why for _, one in read if one.why})
 
 
 def library(module: str, path: Path, extra: str) -> Any:
@@ -127,18 +121,17 @@ def library(module: str, path: Path, extra: str) -> Any:
 
 def read_npz(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a .npz file: its one matrix, without names, or one vector per channel. Pickled objects are not read."""
+    return table_of(path, loaded(path, lambda: list(_entries(path))), variable, time)
 
-    def load() -> dict[str, Any]:
-        items = list[Item]()
-        with zipfile.ZipFile(path) as archive:  # numpy's own reader takes the last of two entries of one name
-            entries = archive.infolist()
-            names = [entry.filename.removesuffix(".npy") for entry in entries]
-            for entry, name, unlike in zip(entries, names, numbered(names), strict=True):
-                with archive.open(entry) as file:
-                    items += _entry(file, entry.filename, name, unlike)
-        return {"items": items}
 
-    return table_of(path, loaded(path, load)["items"], variable, time)
+def _entries(path: Path) -> Iterator[Item]:
+    """All arrays of a file; numpy's own reader takes the last of two entries of one name."""
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        names = [entry.filename.removesuffix(".npy") for entry in entries]
+        for entry, name, unlike in zip(entries, names, numbered(names), strict=True):
+            with archive.open(entry) as file:
+                yield from _entry(file, entry.filename, name, unlike)
 
 
 def _entry(file: Any, filename: str, name: str, path: str) -> list[Item]:
@@ -162,14 +155,12 @@ def read_parquet(path: Path, variable: str | None, time: str) -> RawTable:
     parquet = library("pyarrow.parquet", path, "parquet")
     arrow = library("pyarrow", path, "parquet")
 
-    def load() -> dict[str, Any]:
+    def load() -> list[Item]:
         content = parquet.read_table(path)
-        items = list[Item]()
-        for field, unlike, column in zip(content.schema, numbered(content.column_names), content.columns, strict=True):
-            items += _of_arrow(arrow.types, field, unlike, column)
-        return {"items": items}
+        named = zip(content.schema, numbered(content.column_names), content.columns, strict=True)
+        return [one for field, unlike, column in named for one in _of_arrow(arrow.types, field, unlike, column)]
 
-    return table_of(path, loaded(path, load)["items"], variable, time)
+    return table_of(path, loaded(path, load), variable, time)
 
 
 def _of_arrow(types: Any, field: Any, path: str, column: Any) -> list[Item]:

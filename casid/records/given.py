@@ -12,12 +12,12 @@ from casid.records.readers import read_record, read_records
 from casid.records.record import Record
 
 
-def given_record(value: Any, where: str, own: Sequence[str] = ()) -> Record:
-    """A record, or that of a file; InputError for anything else. `own`: channels of no aircraft."""
+def given_record(value: Any, where: str) -> Record:
+    """A record, or that of a file; InputError for anything else."""
     if isinstance(value, Record):
         return value
     if is_path(value):
-        return read_record(value, own=own)
+        return read_record(value)
     hint = "; data in memory are cs.Record.from_frame(df)" if hasattr(value, "columns") else ""
     raise InputError(f"{where}: record is {given(value)}; expected a cs.Record or a file name{hint}")
 

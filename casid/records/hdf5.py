@@ -19,11 +19,11 @@ def read_hdf5(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of an HDF5 file: one vector per channel, in groups or not, or one matrix; needs the extra `hdf5`."""
     h5py = library("h5py", path, "hdf5")
 
-    def load() -> dict[str, Any]:
+    def load() -> list[Item]:
         with h5py.File(path, "r") as file:
-            return {"items": list(_items(h5py, file, "", frozenset()))}
+            return list(_items(h5py, file, "", frozenset()))
 
-    return table_of(path, loaded(path, load)["items"], variable, time)
+    return table_of(path, loaded(path, load), variable, time)
 
 
 def _items(h5py: Any, group: Any, above: str, within: frozenset[int]) -> Iterator[Item]:

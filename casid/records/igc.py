@@ -30,7 +30,7 @@ _PARTS = {"LAD", "LOD", "TDS"}  # further digits of latitude, longitude and time
 
 def read_igc(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of the fixes of a flight recorder. Position is from the first fix; a fix without altitude (V) has none."""
-    lines = loaded(path, lambda: {"lines": read_bytes(path).decode("latin-1").splitlines()})["lines"]
+    lines = loaded(path, lambda: read_bytes(path).decode("latin-1").splitlines())
     added = {
         code: slice(int(first) - 1, int(last))
         for line in lines

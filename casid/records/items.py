@@ -102,7 +102,7 @@ def _by_attributes(item: Item, attributes: Mapping[str, Any]) -> Item:
                 return replace(item, why=f"its attribute {key} is no number")
             numbers = numbers * number if key == "scale_factor" else numbers + number
             how.append(f"{said} {number:.10g} ({key})")
-    unit = next((_text(attributes[key]) for key in _UNITS if key in attributes), "")
+    unit = next((text_of(attributes[key]) for key in _UNITS if key in attributes), "")
     if " since " in unit:  # of a time: "seconds since 1970-01-01"
         how.append(unit)
         unit = unit.partition(" since ")[0]
@@ -117,7 +117,7 @@ def _one_number(value: Any) -> float | None:
     return float(array.reshape(-1)[0]) if array.size == 1 else None
 
 
-def _text(value: Any) -> str:
+def text_of(value: Any) -> str:
     """The text of an attribute; "" where it is none."""
     array = np.asarray(value)
     one = array.reshape(-1)[0] if array.size == 1 else ""

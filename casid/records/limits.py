@@ -92,6 +92,15 @@ def sound(path: Path, expected: str) -> Iterator[None]:
         raise InputError(f"{path}: damaged: {type(error).__name__}: {fault}; expected {expected}") from None
 
 
+@contextmanager
+def of_file(path: str | Path) -> Iterator[None]:
+    """A block that reads the content of a file: its InputErrors name the file."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
+
+
 def xml_root(content: str | bytes) -> ET.Element:
     """Parse XML that is no deeper than `MOST_DEPTH`. Raises InputError."""
     parser = ET.XMLPullParser(("start", "end"))

@@ -7,7 +7,7 @@ straight lines.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -195,10 +195,9 @@ def nearest_rows(clock: np.ndarray, stamps: np.ndarray) -> np.ndarray:
     return at
 
 
-def first_of(sources: Iterable[Callable[[], dict[str, Series] | None]]) -> dict[str, Series]:
+def first_of(sources: Iterable[dict[str, Series] | None]) -> dict[str, Series]:
     """Return, of several sources of the same channels, the first of those with the most samples."""
-    found = [one for source in sources if (one := source())]
-    return max(found, key=lambda one: max(len(stamps) for stamps, _ in one.values()), default={})
+    return max(filter(None, sources), key=lambda one: max(len(stamps) for stamps, _ in one.values()), default={})
 
 
 def attitude(stamps: np.ndarray, quaternion: np.ndarray) -> dict[str, Series]:

@@ -118,18 +118,14 @@ def _likely(name: str, taken: Mapping[str, object], is_time: bool) -> str | None
 
 def _column(table: RawTable, index: int, channel: str, name: str, unit: str) -> tuple[list[str], str]:
     """Return how a map names a column, and a remark; an `az` that is positive in level flight is turned over."""
-    bare = name
-    remark = ""
-    if unit and not is_unit(unit):
-        remark = f"the unit [{unit}] is unknown"
+    remark = f"the unit [{unit}] is unknown" if unit and not is_unit(unit) else ""
     if channel == "az":
         middle = float(np.nanmedian(table.values[:, index])) if np.isfinite(table.values[:, index]).any() else np.nan
-        unit_here = "g" if not unit and 0.3 < abs(middle) < 3.0 else ""
-        bare += f":{unit_here}" if unit_here else ""
+        name += ":g" if not unit and 0.3 < abs(middle) < 3.0 else ""
         if middle > 0.0:
-            bare = f"{bare}*-1"
+            name += "*-1"
             remark = f"it is positive on average; az is about -{GRAVITY:.2f} m/s2 in level flight"
-    return [bare], remark
+    return [name], remark
 
 
 def _in_words(terms: tuple[ColumnTerm, ...]) -> list[str]:

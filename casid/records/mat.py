@@ -15,7 +15,7 @@ import numpy as np
 
 from casid.errors import InputError
 from casid.records.foreign import library, loaded
-from casid.records.items import Item, item_of, of_columns, table_of
+from casid.records.items import Item, item_of, of_columns, table_of, text_of
 from casid.records.limits import MOST_CELLS
 from casid.records.log import nearest_rows
 from casid.records.table import RawTable
@@ -64,7 +64,7 @@ def _items(value: Any, path: str, name: str, rates: dict[str, float]) -> list[It
     others = [one for key, one in lower.items() if key != data]
     if data is None or any(_fields(one) is not None or _is_series(one) for one in others):
         return [one for key, inner in fields.items() for one in _items(inner, f"{path}.{key}", key, rates)]
-    unit = next((text for key in _UNIT if (text := _text(lower.get(key)))), "")
+    unit = next((text for key in _UNIT if (text := text_of(lower.get(key)))), "")
     signal = replace(item_of(path, name, lower[data]), unit=unit)
     rate = next((_number(lower[key]) for key in _RATE if key in lower), None)
     if rate is not None and not signal.why:
@@ -86,11 +86,6 @@ def _fields(value: Any) -> Mapping[str, Any] | None:
 
 def _is_series(value: Any) -> bool:
     return isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and value.size > 1
-
-
-def _text(value: Any) -> str:
-    one = value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.size == 1 else value
-    return one.strip() if isinstance(one, str) else ""
 
 
 def _number(value: Any) -> float:

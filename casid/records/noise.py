@@ -13,14 +13,14 @@ import scipy
 
 _ORDER = 4
 _LEVELS = 30
-_ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
+ROUNDING = 1e-6  # of a channel's range: nearer levels are one, converted with rounding
 _UPDATES = 8  # updates from which a beat is judged
 _HELD = 3.0  # readings per update from which a channel is held
 _BEAT = 1.0  # samples by which an update may miss the beat
 _IN_STEP = 0.9  # part of the updates that keep to it
 _ONE_STEP = 1.5  # smallest changes below which a change is one step of the converter
-_FEWEST = 64  # samples from which a spectrum is judged
-_CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
+FEWEST = 64  # samples from which a spectrum is judged
+CUBIC = np.array([-1.0, 4.0, 0.0, 4.0, -1.0]) / 6.0  # through two neighbours on either side
 _BESIDE = 12  # readings on either side that show what scatter is usual
 _ALONE = 0.6  # part of its distance from the cubic by which an outlier is off each neighbour
 _MEDIAN_OF_NORMAL = 0.6745  # of the size, over 1-sigma
@@ -51,7 +51,7 @@ def resolution(values: np.ndarray, fewest: int = _LEVELS) -> float:
     if len(levels) < fewest:
         return 0.0
     steps = np.diff(levels)
-    steps = steps[steps > _ROUNDING * (levels[-1] - levels[0])]
+    steps = steps[steps > ROUNDING * (levels[-1] - levels[0])]
     return float(steps.min()) if len(steps) + 1 >= fewest else 0.0
 
 
@@ -61,7 +61,7 @@ def real_updates(t: np.ndarray, values: np.ndarray) -> np.ndarray:
     time, while a channel of coarse steps changes at any time, by one step."""
     there = np.isfinite(values)
     at = np.flatnonzero(there)
-    if len(at) < _FEWEST:
+    if len(at) < FEWEST:
         return there
     new = np.flatnonzero(np.diff(values[at]) != 0.0) + 1
     if len(new) < _UPDATES or not len(new) < len(at) / _HELD:
@@ -85,12 +85,8 @@ def pooled_sigma(series: list[np.ndarray], continuous: bool = False) -> float:
     sigmas = [s for s in map(high_band_sigma, series) if np.isfinite(s)]
     if not sigmas:
         return float("nan")
-    return max(float(np.median(sigmas)), _quantum(series, continuous) / np.sqrt(12.0))
-
-
-def _quantum(series: list[np.ndarray], continuous: bool) -> float:
-    """Resolution of a channel in most of its records."""
-    return float(np.median([resolution(values, 2 if continuous else _LEVELS) for values in series]))
+    quantum = float(np.median([resolution(values, 2 if continuous else _LEVELS) for values in series]))
+    return max(float(np.median(sigmas)), quantum / np.sqrt(12.0))
 
 
 _HALF_WIDTHS = (0, 1, 2, 4, 8, 16, 32)
@@ -171,9 +167,9 @@ def isolated(values: np.ndarray, sigmas: float) -> np.ndarray:
     """(N,) True at single readings of a series (N,) that are `sigmas` scatters or more from the cubic through their
     neighbours, and on the same side of both."""
     at = np.zeros(len(values), dtype=bool)
-    if len(values) < _FEWEST:
+    if len(values) < FEWEST:
         return at
-    off = values[2:-2] - np.convolve(values, _CUBIC, mode="valid")
+    off = values[2:-2] - np.convolve(values, CUBIC, mode="valid")
     size = np.abs(off)
     usual = scipy.ndimage.median_filter(size, 2 * _BESIDE + 1, mode="nearest")
     scatter = max(float(np.median(size)), 0.3 * resolution(values)) / _MEDIAN_OF_NORMAL
@@ -187,7 +183,7 @@ def time_scale(t: np.ndarray, values: np.ndarray) -> float:
     """Time scale [s] of a motion (N,): 1-sigma of the signal over that of its rate, 1/omega of a sine. White noise is
     taken off both; NaN where nothing but noise is left."""
     there = np.isfinite(values)
-    if there.sum() < _FEWEST // 2:
+    if there.sum() < FEWEST // 2:
         return math.nan
     t = t[there]
     series = scipy.signal.detrend(values[there])

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
-from casid.records.noise import isolated, pooled_sigma, resolution
+from casid.records.noise import FEWEST, isolated, pooled_sigma, resolution
 from casid.records.record import Record
 
 _COARSE = 2.0  # high band over quantisation noise below which the latter may be all that it shows
@@ -23,7 +23,6 @@ _ROLL_OFF = 1.2  # ratio of densities in power above which a spectrum is not fla
 _CLIFF = 16.0  # amplitude ratio of neighbouring octaves above that of any motion: fourth order
 _OUTLYING = 5.0  # scatters from which a reading is none of the noise whose spectrum is read
 _MOTION_SHARE = 0.9  # of the power of angular acceleration
-_FEWEST = 64  # samples from which a spectrum is judged
 _STRETCH = 32  # samples of a short stretch
 _QUIET = 0.25  # part of the stretches in which noise is judged
 _OF_QUANTILE = 1.36  # scatter of that quantile over that of the mean, Gaussian
@@ -38,7 +37,7 @@ def high_band_holds(records: Sequence[Record], channel: str, edge_hz: float) -> 
     """
     series = [record[channel] for record in records]
     sigma = pooled_sigma(series)
-    if not np.isfinite(sigma) or min(np.isfinite(values).sum() for values in series) < _FEWEST:
+    if not np.isfinite(sigma) or min(np.isfinite(values).sum() for values in series) < FEWEST:
         return True
     step = float(np.median([resolution(values) for values in series]))
     if sigma < _COARSE * step / math.sqrt(12.0):
@@ -59,9 +58,7 @@ def _quiet_levels(records: Sequence[Record], channel: str, step: float) -> tuple
     top = []
     count = 0
     for record in records:
-        values = record[channel]
-        values = values[np.isfinite(values)]
-        values = values[~isolated(values, _OUTLYING)]
+        values = _readings(record, channel)
         frequency, _, power = scipy.signal.spectrogram(values, 2.0, "hann", _STRETCH, _STRETCH // 2, detrend="linear")
         share = frequency * step / _own_step(record, channel)
         bands = (share >= 0.5) & (share < 0.75), (share >= 0.75) & (share < 1.0)
@@ -93,7 +90,7 @@ def motion_edge(records: Sequence[Record]) -> float:
     power = []
     for name in ("p", "q", "r"):
         there = [record[name][np.isfinite(record[name])] for record in records if name in record]
-        if len(there) < len(records) or min(map(len, there)) < _FEWEST or not any(np.ptp(one) > 0.0 for one in there):
+        if len(there) < len(records) or min(map(len, there)) < FEWEST or not any(np.ptp(one) > 0.0 for one in there):
             continue
         noise = np.nan_to_num(pooled_sigma([record[name] for record in records]))
         for record in records:
@@ -119,20 +116,24 @@ def _own_step(record: Record, channel: str) -> float:
 def _periodogram(record: Record, channel: str) -> tuple[np.ndarray, np.ndarray]:
     """(frequency over half the channel's own sampling rate, power); white noise of 1-sigma s has power s^2 throughout.
     Missing samples and outliers are left out."""
-    values = record[channel]
-    values = values[np.isfinite(values)]
-    values = values[~isolated(values, _OUTLYING)]
-    frequency, power = scipy.signal.periodogram(values, 2.0, "hann", detrend="linear")
+    frequency, power = scipy.signal.periodogram(_readings(record, channel), 2.0, "hann", detrend="linear")
     return frequency[1:], power[1:]
 
 
-def _spectrum(records: Sequence[Record], channel: str, step: float | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Periodograms of all records as one; with `step` [s] over half of that rate, power as of samples at that rate."""
+def _readings(record: Record, channel: str) -> np.ndarray:
+    """Samples of a channel that are there and are no outliers."""
+    values = record[channel][np.isfinite(record[channel])]
+    return values[~isolated(values, _OUTLYING)]
+
+
+def _spectrum(records: Sequence[Record], channel: str, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Periodograms of all records as one, over half the sampling rate of `step` [s]: power as of samples at that
+    rate."""
     shares = []
     powers = []
     for record in records:
         share, power = _periodogram(record, channel)
-        ratio = 1.0 if step is None else step / _own_step(record, channel)
+        ratio = step / _own_step(record, channel)
         shares.append(share * ratio)
         powers.append(power / ratio)
     return np.concatenate(shares), np.concatenate(powers)
@@ -143,7 +144,7 @@ def _falls_off(share: np.ndarray, power: np.ndarray, edge: float) -> bool:
     one."""
     while 2.0 * edge < 1.0:
         octave, next_one = (power[(share >= low) & (share < 2.0 * low)] for low in (edge, 2.0 * edge))
-        if len(next_one) >= _FEWEST // 8 and _median_level(octave) > _CLIFF**2 * _median_level(next_one):
+        if len(next_one) >= FEWEST // 8 and _median_level(octave) > _CLIFF**2 * _median_level(next_one):
             return True
         edge *= math.sqrt(2.0)
     return False

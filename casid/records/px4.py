@@ -7,7 +7,6 @@ Topics and fields as in the uORB messages of PX4 1.8 to 1.16; a channel has seve
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +24,14 @@ def _xyz(field: str) -> tuple[str, str, str]:
     return f"{field}[0]", f"{field}[1]", f"{field}[2]"
 
 
-_RATES = ("p", "q", "r")
-_SPECIFIC = ("ax", "ay", "az")
-_ACCELERATIONS = ("pdot", "qdot", "rdot")
-_GROUND = ("v_north", "v_east", "v_down")
-_PLACE = ("north", "east")
 # channels -> the topics that have them, with their fields
 _SOURCES: Mapping[tuple[str, ...], tuple[tuple[str, tuple[str, ...]], ...]] = {
-    _RATES: (("vehicle_angular_velocity", _xyz("xyz")), ("sensor_combined", _xyz("gyro_rad"))),
-    _ACCELERATIONS: (
+    ("p", "q", "r"): (("vehicle_angular_velocity", _xyz("xyz")), ("sensor_combined", _xyz("gyro_rad"))),
+    ("pdot", "qdot", "rdot"): (
         ("vehicle_angular_velocity", _xyz("xyz_derivative")),
         ("vehicle_angular_acceleration", _xyz("xyz")),
     ),
-    _SPECIFIC: (("vehicle_acceleration", _xyz("xyz")), ("sensor_combined", _xyz("accelerometer_m_s2"))),
+    ("ax", "ay", "az"): (("vehicle_acceleration", _xyz("xyz")), ("sensor_combined", _xyz("accelerometer_m_s2"))),
     ("V",): (("airspeed_validated", ("true_airspeed_m_s",)), ("airspeed", ("true_airspeed_m_s",))),
     ("altitude",): (
         ("vehicle_air_data", ("baro_alt_meter",)),
@@ -45,8 +39,8 @@ _SOURCES: Mapping[tuple[str, ...], tuple[tuple[str, tuple[str, ...]], ...]] = {
         ("vehicle_global_position", ("alt",)),
     ),
     ("rho",): (("vehicle_air_data", ("rho",)),),
-    _GROUND: (("vehicle_local_position", ("vx", "vy", "vz")),),
-    _PLACE: (("vehicle_local_position", ("x", "y")),),
+    ("v_north", "v_east", "v_down"): (("vehicle_local_position", ("vx", "vy", "vz")),),
+    ("north", "east"): (("vehicle_local_position", ("x", "y")),),
     ("wind_north", "wind_east"): (
         ("wind", ("windspeed_north", "windspeed_east")),
         ("wind_estimate", ("windspeed_north", "windspeed_east")),
@@ -95,7 +89,7 @@ def of_topics(topics: Topics) -> tuple[dict[str, Series], tuple[str, ...]]:
     kind = _kind(topics)
     series: dict[str, Series] = {}
     for channels, sources in _SOURCES.items():
-        series |= first_of([partial(_fields, topics, topic, channels, fields) for topic, fields in sources])
+        series |= first_of(_fields(topics, topic, channels, fields) for topic, fields in sources)
     series |= _attitude(topics)
     notes = (f"a PX4 log of a {kind}",)
     if kind != "multirotor":
@@ -148,18 +142,15 @@ def _attitude(topics: Topics) -> dict[str, Series]:
 def _surfaces(topics: Topics, instance: int) -> dict[str, Series]:
     """Commands of roll, pitch and yaw from -1 to 1, and the throttle; `instance` 1 is the wing of a VTOL."""
     old = f"actuator_controls_{instance}"
-    found = first_of(
-        [
-            partial(_fields, topics, "vehicle_torque_setpoint", _COMMANDS, _xyz("xyz"), instance),
-            partial(_fields, topics, old, _COMMANDS, _xyz("control")),
-        ]
+    turns = (
+        _fields(topics, "vehicle_torque_setpoint", _COMMANDS, _xyz("xyz"), instance),
+        _fields(topics, old, _COMMANDS, _xyz("control")),
     )
-    return found | first_of(
-        [
-            partial(_fields, topics, "vehicle_thrust_setpoint", ("throttle",), ("xyz[0]",), instance),
-            partial(_fields, topics, old, ("throttle",), ("control[3]",)),
-        ]
+    pushes = (
+        _fields(topics, "vehicle_thrust_setpoint", ("throttle",), ("xyz[0]",), instance),
+        _fields(topics, old, ("throttle",), ("control[3]",)),
     )
+    return first_of(turns) | first_of(pushes)
 
 
 def _motors(topics: Topics, kind: str) -> dict[str, Series]:

@@ -14,30 +14,13 @@ import numpy as np
 from casid.arguments import a_path, given, is_path, require
 from casid.errors import InputError
 from casid.keeping import whole_file
-from casid.records.ardupilot import TEXT as DATAFLASH_TEXT
-from casid.records.ardupilot import read_ardupilot
-from casid.records.betaflight import MAGIC as BETAFLIGHT
-from casid.records.betaflight import read_betaflight
-from casid.records.checks import (
-    checked_fields,
-)
+from casid.records import ardupilot, betaflight, crazyflie, foreign, hdf5, igc, mat, px4, ros, tlog
+from casid.records.checks import checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import FORMULA, split_header
-from casid.records.crazyflie import MAGICS as CRAZYFLIE
-from casid.records.crazyflie import read_crazyflie
-from casid.records.foreign import library, read_excel, read_mdf, read_npz, read_parquet
-from casid.records.hdf5 import read_hdf5
-from casid.records.igc import read_igc
 from casid.records.limits import apart
-from casid.records.mat import read_mat
-from casid.records.px4 import read_ulog
 from casid.records.record import Record
-from casid.records.ros import MAGIC as MCAP
-from casid.records.ros import read_mcap
-from casid.records.ros_bags import MAGIC as ROS1
-from casid.records.ros_bags import read_ros_bag
 from casid.records.table import RawTable, read_text
-from casid.records.tlog import read_tlog
 from casid.signals import RADIAN_LIMITS, unit_of
 
 
@@ -48,32 +31,33 @@ class Format:
     endings: tuple[str, ...]
     read: Callable[[Path, str | None, str], RawTable]
     begins: tuple[bytes, ...] = ()
-    library: tuple[str, str] | None = (
-        None  # module and extra, slow to import: once, and not in the process of each file
-    )
+    # module and extra, slow to import: once, and not in the process of each file
+    library: tuple[str, str] | None = None
 
 
 FORMATS = (
     Format(endings=(".csv", ".tsv", ".asc", ".txt", ".dat", ".log"), read=lambda path, variable, time: read_text(path)),
-    Format(endings=(".mat",), read=read_mat),
-    Format(endings=(".npz",), read=read_npz),
-    Format(endings=(".parquet",), read=read_parquet, begins=(b"PAR1",)),
-    Format(endings=(".h5", ".hdf5"), read=read_hdf5),
-    Format(endings=(".xlsx",), read=read_excel, library=("openpyxl", "excel")),
-    Format(endings=(".mf4",), read=read_mdf, begins=(b"MDF     4",)),
-    Format(endings=(".ulg",), read=read_ulog, begins=(b"ULog\x01",), library=("pyulog", "ulog")),
+    Format(endings=(".mat",), read=mat.read_mat),
+    Format(endings=(".npz",), read=foreign.read_npz),
+    Format(endings=(".parquet",), read=foreign.read_parquet, begins=(b"PAR1",)),
+    Format(endings=(".h5", ".hdf5"), read=hdf5.read_hdf5),
+    Format(endings=(".xlsx",), read=foreign.read_excel, library=("openpyxl", "excel")),
+    Format(endings=(".mf4",), read=foreign.read_mdf, begins=(b"MDF     4",)),
+    Format(endings=(".ulg",), read=px4.read_ulog, begins=(b"ULog\x01",), library=("pyulog", "ulog")),
     Format(
         endings=(".bin",),
-        read=read_ardupilot,
-        begins=(b"\xa3\x95", DATAFLASH_TEXT),
+        read=ardupilot.read_ardupilot,
+        begins=(b"\xa3\x95", ardupilot.TEXT),
         library=("pymavlink.DFReader", "ardupilot"),
     ),
-    Format(endings=(".tlog",), read=read_tlog, library=("pymavlink.mavutil", "ardupilot")),
-    Format(endings=(".bbl", ".bfl"), read=read_betaflight, begins=(BETAFLIGHT,)),
-    Format(endings=(".mcap",), read=read_mcap, begins=(MCAP,)),
-    Format(endings=(".bag", ".db3"), read=read_ros_bag, begins=(ROS1,), library=("rosbags.highlevel", "rosbags")),
-    Format(endings=(".igc",), read=read_igc),
-    Format(endings=(".usd",), read=read_crazyflie, begins=CRAZYFLIE),
+    Format(endings=(".tlog",), read=tlog.read_tlog, library=("pymavlink.mavutil", "ardupilot")),
+    Format(endings=(".bbl", ".bfl"), read=betaflight.read_betaflight, begins=(betaflight.MAGIC,)),
+    Format(endings=(".mcap",), read=ros.read_mcap, begins=(ros.MAGIC,)),
+    Format(
+        endings=(".bag", ".db3"), read=ros.read_ros_bag, begins=(ros.MAGIC_1,), library=("rosbags.highlevel", "rosbags")
+    ),
+    Format(endings=(".igc",), read=igc.read_igc),
+    Format(endings=(".usd",), read=crazyflie.read_crazyflie, begins=crazyflie.MAGICS),
 )
 
 # endings of files that are not read -> what makes one of them that is
@@ -81,15 +65,13 @@ _CONVERTED = {
     ".rlog": "convert it with logreader of openpilot, to CSV",
     ".xls": "save it as .xlsx",
     ".ods": "save it as .xlsx or CSV",
-    ".mf3": "convert it with asammdf: MDF('FILE').convert('4.10').save('FILE.mf4')",
-    ".mdf": "convert it with asammdf: MDF('FILE').convert('4.10').save('FILE.mf4')",
+    **dict.fromkeys((".mf3", ".mdf"), "convert it with asammdf: MDF('FILE').convert('4.10').save('FILE.mf4')"),
     ".tdms": "convert it with nptdms: TdmsFile.read('FILE').as_dataframe().to_csv('FILE.csv')",
     ".pkl": "a pickle may run code; write it with pandas: to_csv or to_parquet",
     ".feather": "write it with pandas: read_feather('FILE').to_parquet('FILE.parquet')",
     ".json": "write a table: pandas.read_json('FILE').to_csv('FILE.csv')",
     ".nc": "netCDF 4 is HDF5: rename it to .h5; of netCDF 3, nccopy -k nc4 FILE FILE.h5 makes one",
-    ".gpx": "convert it with gpsbabel, to unicsv",
-    ".kml": "convert it with gpsbabel, to unicsv",
+    **dict.fromkeys((".gpx", ".kml"), "convert it with gpsbabel, to unicsv"),
     ".px4log": "convert it with sdlog2_dump.py of PX4, to CSV",
     ".slx": "run the model, and save its signals as .mat",
     ".fig": "save its data as .mat",
@@ -328,7 +310,7 @@ def read_table(path: Path, column_map: ColumnMap) -> RawTable:
     terms = column_map.columns.get("t", ())
     arguments = column_map.variable, str(terms[0].column) if terms else "t"
     if found[0].library:
-        library(found[0].library[0], path, found[0].library[1])
+        foreign.library(found[0].library[0], path, found[0].library[1])
     return found[0].read(path, *arguments) if found[0] is FORMATS[0] else apart(found[0].read, path, *arguments)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from casid.arguments import given, listed, one_line, require, table_of
 from casid.arguments import names as argument_names
 from casid.errors import InputError, check_known, nearest, unknown
-from casid.records.checks import checked_fields
+from casid.records.checks import TURNS, checked_fields
 from casid.records.column_map import ColumnMap
 from casid.records.columns import split_header
 from casid.records.contents import Contents
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _HOLDS = ("linear", "held", "cubic")
 _ALSO = {"zoh": "held", "foh": "linear"}  # as control engineers call them
-_TURNS = ("phi", "theta", "psi")  # they may go on where they pass a full turn, or hang upside down
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -139,7 +138,14 @@ class Record:
         InputError
             As `read_record`.
         """
-        return record_of_arrays(name, t, channels, units or {}, hold)
+        where = f"record '{name}'"
+        if not isinstance(channels, Mapping):
+            raise InputError(f"{where}: channels is {given(channels)}; expected a table like {{'alpha': alpha}}")
+        if "t" in channels:
+            raise InputError(f"{where}: 't' is given twice, as the time and as a channel; leave one out")
+        plain = Record(name=name, t=t, channels={f"_{k}": v for k, v in channels.items()})  # shapes and kinds
+        columns = {"t": plain.t} | {k: plain[f"_{k}"] for k in channels}
+        return _checked(name, columns, units or {}, hold)
 
     @classmethod
     def from_frame(
@@ -165,7 +171,23 @@ class Record:
         hold
             As in `from_arrays`.
         """
-        return record_of_frame(name, frame, units or {}, hold)
+        where = f"record '{name}'"
+        if not hasattr(frame, "columns") or not hasattr(frame, "index"):
+            raise InputError(f"{where}: from_frame takes a pandas DataFrame, got {given(frame)}")
+        if frame.index.name is not None and split_header(str(frame.index.name))[0] == "t":
+            frame = frame.reset_index()
+        columns = {}
+        for header in frame.columns:
+            column = frame[header]
+            if getattr(column, "ndim", 1) != 1:
+                raise InputError(f"{where}: two columns are called '{header}'; rename or remove one")
+            try:
+                columns[str(header)] = column.to_numpy(dtype=float, na_value=np.nan)
+            except (TypeError, ValueError):
+                raise InputError(f"{where}: column '{header}' is of {column.dtype}; expected numbers") from None
+        if not len(frame):
+            raise InputError(f"{where}: the data frame has no rows")
+        return _checked(name, columns, units or {}, hold)
 
     def __getitem__(self, channel: str) -> np.ndarray:
         if channel == "t":
@@ -188,19 +210,15 @@ class Record:
 
     def __getstate__(self) -> dict[str, Any]:
         # a read-only view cannot be pickled
-        unlocked = {name: dict(getattr(self, name)) for name in ("channels", "stated", "events")}
-        return self.__dict__ | unlocked | {"hold": _unlocked(self.hold)}
+        return {name: dict(value) if isinstance(value, Mapping) else value for name, value in self.__dict__.items()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        hold = state["hold"]
-        hold = hold if isinstance(hold, str) else MappingProxyType(hold)
-        events = MappingProxyType(dict(state.get("events", {})))
-        stated = state.get("stated")
-        stated = MappingProxyType(dict(stated) if isinstance(stated, Mapping) else {})  # of before, without units
-        channels = MappingProxyType(state["channels"])
-        for array in (state["t"], *channels.values()):  # which pickle does not keep
+        stated = state.get("stated")  # of before, a record had no events, and names alone
+        state = {"events": {}} | state | {"stated": stated if isinstance(stated, Mapping) else {}}
+        for array in (state["t"], *state["channels"].values()):  # which pickle does not keep
             array.flags.writeable = False
-        self.__dict__.update(state, channels=channels, hold=hold, events=events, stated=stated)
+        tables = {name: MappingProxyType(dict(value)) for name, value in state.items() if isinstance(value, Mapping)}
+        self.__dict__.update(state | tables)
 
     def hold_of(self, channel: str) -> str:
         """Return how a channel runs between samples: "linear", "held" or "cubic". Time is linear."""
@@ -308,10 +326,6 @@ def _checked_events(events: Any, t: np.ndarray, where: str) -> Mapping[str, tupl
     return MappingProxyType(found)
 
 
-def _unlocked(hold: str | Mapping[str, str]) -> str | dict[str, str]:
-    return hold if isinstance(hold, str) else dict(hold)
-
-
 def _samples(values: Any, what: str) -> np.ndarray:
     """Return (N,) floats of our own, which nobody can write to; masked ones are missing."""
     try:
@@ -359,7 +373,7 @@ def check_radians(record: Record, least: float = 0.0) -> None:
     does, and above `least`."""
     for name, values in record.channels.items():
         limit = max(RADIAN_LIMITS.get(name, np.inf), least)
-        if name in _TURNS or name in record.stated:
+        if name in TURNS or name in record.stated:
             continue
         beyond = np.flatnonzero(np.abs(values) > limit)
         if len(beyond):
@@ -386,39 +400,6 @@ def require_channels(record: Record, channels: Iterable[str], why: str) -> None:
 
 
 Hold = str | Mapping[str, str]
-
-
-def record_of_arrays(name: str, t: Any, channels: Mapping[str, Any], units: Mapping[str, str], hold: Hold) -> Record:
-    """The record of a time and of channels, (N,) each; see `Record.from_arrays`."""
-    where = f"record '{name}'"
-    if not isinstance(channels, Mapping):
-        raise InputError(f"{where}: channels is {given(channels)}; expected a table like {{'alpha': alpha}}")
-    if "t" in channels:
-        raise InputError(f"{where}: 't' is given twice, as the time and as a channel; leave one out")
-    plain = Record(name=name, t=t, channels={f"_{k}": v for k, v in channels.items()})  # shapes and kinds
-    columns = {"t": plain.t} | {k: plain[f"_{k}"] for k in channels}
-    return _checked(name, columns, units, hold)
-
-
-def record_of_frame(name: str, frame: DataFrame, units: Mapping[str, str], hold: Hold) -> Record:
-    """The record of a data frame; see `Record.from_frame`."""
-    where = f"record '{name}'"
-    if not hasattr(frame, "columns") or not hasattr(frame, "index"):
-        raise InputError(f"{where}: from_frame takes a pandas DataFrame, got {given(frame)}")
-    if frame.index.name is not None and split_header(str(frame.index.name))[0] == "t":
-        frame = frame.reset_index()
-    columns = {}
-    for header in frame.columns:
-        column = frame[header]
-        if getattr(column, "ndim", 1) != 1:
-            raise InputError(f"{where}: two columns are called '{header}'; rename or remove one")
-        try:
-            columns[str(header)] = column.to_numpy(dtype=float, na_value=np.nan)
-        except (TypeError, ValueError):
-            raise InputError(f"{where}: column '{header}' is of {column.dtype}; expected numbers") from None
-    if not len(frame):
-        raise InputError(f"{where}: the data frame has no rows")
-    return _checked(name, columns, units, hold)
 
 
 def _checked(name: str, columns: Mapping[str, np.ndarray], units: Mapping[str, str], hold: Hold) -> Record:

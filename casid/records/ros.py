@@ -1,5 +1,6 @@
-"""Bags of ROS in MCAP, and the channels of any bag: inertial units, odometry, actuators, and PX4's own topics.
+"""Bags of ROS, and the channels in them: inertial units, odometry, actuators, and PX4's own topics.
 
+Bags of ROS 2 in MCAP are read by the library mcap, those of ROS 1 (.bag) and of ROS 2 in SQLite (.db3) by rosbags.
 ROS has body axes forward, left and up, and earth axes east, north and up (REP 103); what is known is turned into those
 of casid. Numbers of other messages keep the name of their topic and field, for a column map.
 """
@@ -21,6 +22,7 @@ from casid.records.px4 import flying, of_no_channel, of_topics
 from casid.records.table import RawTable
 
 MAGIC = b"\x89MCAP0\r\n"
+MAGIC_1 = b"#ROSBAG V2.0"  # of ROS 1
 # of a message; of an array in it; of all that is kept
 _DEPTH = 4
 _ELEMENTS = 16
@@ -44,7 +46,7 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
     readers = library("mcap.reader", path, "ros")
     decoders = library("mcap_ros2.decoder", path, "ros")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[str, Any], tuple[str, ...]]:
         with path.open("rb") as file:
             for make in (readers.make_reader, readers.NonSeekingReader):  # the second one needs no summary at the end
                 file.seek(0)
@@ -54,13 +56,50 @@ def read_mcap(path: Path, variable: str | None, time: str) -> RawTable:
                     topics = {}
                     fault = error
                 if fault is None:
-                    return {"topics": topics, "notes": ()}
+                    return topics, ("a ROS 2 bag",)
         if not topics:
             raise fault
-        return {"topics": topics, "notes": ("the bag is cut off or damaged: what comes after that is left out",)}
+        return topics, ("a ROS 2 bag", "the bag is cut off or damaged: what comes after that is left out")
 
-    read = loaded(path, load)
-    return table_of_topics(path, read["topics"], ("a ROS 2 bag", *read["notes"]), {})
+    return table_of_topics(path, *loaded(path, load), {})
+
+
+def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
+    """Table of a bag on the clock of its rates; needs the extra `rosbags`. Messages of ROS 2 whose definition the bag
+    does not hold are those of its latest distribution."""
+    highlevel = library("rosbags.highlevel", path, "rosbags")
+    typesys = library("rosbags.typesys", path, "rosbags")
+
+    def load() -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
+        topics: dict[str, Any] = {}
+        unread: dict[str, str] = {}
+        notes = ("a ROS 1 bag" if path.read_bytes()[: len(MAGIC_1)] == MAGIC_1 else "a ROS 2 bag",)
+        store = typesys.get_typestore(typesys.Stores.LATEST)
+        with highlevel.AnyReader([path], default_typestore=store) as reader:
+            try:
+                for connection, stamp, raw in reader.messages():
+                    if connection.topic in unread:
+                        continue
+                    try:
+                        message = reader.deserialize(raw, connection.msgtype)
+                    except Exception as error:  # of the library, whatever the damage makes of it
+                        undefined = isinstance(error, KeyError)
+                        why = ", which the bag does not define" if undefined else f": {type(error).__name__}"
+                        unread[connection.topic] = f"a message of {connection.msgtype}{why}"
+                        continue
+                    rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]
+                    rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})
+            except Exception:  # the same, where it looks for the next message
+                if not topics:
+                    raise
+                notes = (*notes, "the bag is damaged: what comes after that is left out")
+        return topics, notes, unread
+
+    topics, notes, unread = loaded(path, load)
+    if not topics:
+        said = ", ".join(f"{topic} ({why})" for topic, why in unread.items())
+        raise InputError(f"{path}: no message is read; the bag has {said or 'nothing'}")
+    return table_of_topics(path, topics, notes, unread)
 
 
 def table_of_topics(

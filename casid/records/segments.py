@@ -113,7 +113,7 @@ def segments(record: Record | str | Path) -> tuple[Segment, ...]:
     moving = {name: _moves(record, name) for name in movers}
     spans = _joined(record, np.logical_or.reduce(list(moving.values()))) if moving else []
     found = [_segment(record, moving, start, stop) for start, stop in spans]
-    return tuple(one for one in found if _long_enough(record, one))
+    return tuple(one for one in found if one is not None)
 
 
 def _moves(record: Record, name: str) -> np.ndarray:
@@ -172,8 +172,11 @@ def _joined(record: Record, moving: np.ndarray) -> list[tuple[float, float]]:
     return spans
 
 
-def _segment(record: Record, moving: Mapping[str, np.ndarray], start: float, stop: float) -> Segment:
+def _segment(record: Record, moving: Mapping[str, np.ndarray], start: float, stop: float) -> Segment | None:
+    """The manoeuvre between two times; None of one that is too short."""
     inside = (record.t >= start) & (record.t < stop)
+    if inside.sum() < MIN_SAMPLES or stop - start < MIN_DURATION:
+        return None
     surfaces = {name: float(np.nanstd(record[name][inside])) for name, at in moving.items() if at[inside].any()}
     axes = tuple(AXES[name] for name in surfaces)
     rates = {
@@ -182,8 +185,3 @@ def _segment(record: Record, moving: Mapping[str, np.ndarray], start: float, sto
         if r in record and np.isfinite(x := record[r][inside]).any()
     }
     return Segment(start=start, stop=stop, axes=axes, surfaces=surfaces, rates=rates)
-
-
-def _long_enough(record: Record, one: Segment) -> bool:
-    inside = (record.t >= one.start) & (record.t < one.stop)
-    return int(inside.sum()) >= MIN_SAMPLES and one.duration >= MIN_DURATION

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr, redirect_stdout
+from functools import partial
 from io import StringIO
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -28,15 +28,13 @@ _AXES = "xyz"
 Row = dict[str, Any]
 
 
-def _scaled(m: Mapping[str, Any]) -> Row:
-    """Thousandths of g and of rad/s."""
-    rates = {f"Gyr{axis.upper()}": m[f"{axis}gyro"] * 1e-3 for axis in _AXES}
-    return rates | {f"Acc{axis.upper()}": m[f"{axis}acc"] * 1e-3 * GRAVITY for axis in _AXES}
+def _inertial(m: Mapping[str, Any], share: float = 1.0, g: float = 1.0) -> Row:
+    """Rates in a `share` of rad/s, and accelerations in that of `g` [m/s2]."""
+    rates = {f"Gyr{axis.upper()}": m[f"{axis}gyro"] * share for axis in _AXES}
+    return rates | {f"Acc{axis.upper()}": m[f"{axis}acc"] * share * g for axis in _AXES}
 
 
-def _in_si(m: Mapping[str, Any]) -> Row:
-    rates = {f"Gyr{axis.upper()}": m[f"{axis}gyro"] for axis in _AXES}
-    return rates | {f"Acc{axis.upper()}": m[f"{axis}acc"] for axis in _AXES}
+_in_thousandths = partial(_inertial, share=1e-3, g=GRAVITY)
 
 
 def _over_ground(m: Mapping[str, Any]) -> Row:
@@ -52,23 +50,21 @@ def _angles(m: Mapping[str, Any]) -> Row:
 
 
 # message of MAVLink -> that of DataFlash, and its fields; of several for one the first that the log has counts
-_MEANING: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Row]]] = MappingProxyType(
-    {
-        "HIGHRES_IMU": ("IMU", _in_si),
-        "SCALED_IMU": ("IMU", _scaled),
-        "RAW_IMU": ("IMU", _scaled),  # of ArduPilot alone
-        "ATTITUDE": ("ATT", _angles),
-        "ATTITUDE_QUATERNION": ("XKQ", lambda m: {f"Q{i}": m[f"q{i}"] for i in range(1, 5)}),
-        "SCALED_PRESSURE": ("BARO", lambda m: {"Press": m["press_abs"] * 100.0}),
-        "GLOBAL_POSITION_INT": ("GPS", _over_ground),
-        "VFR_HUD": ("ARSP", lambda m: {"Airspeed": m["airspeed"]}),
-        "AOA_SSA": ("AOA", lambda m: {"AOA": m["AOA"], "SSA": m["SSA"]}),
-        "SYS_STATUS": ("BAT", lambda m: {"Volt": m["voltage_battery"] * 1e-3}),
-        "SERVO_OUTPUT_RAW": ("RCOU", lambda m: {f"C{i}": m.get(f"servo{i}_raw", 0) for i in range(1, 17)}),
-        "PARAM_VALUE": ("PARM", lambda m: {"Name": m["param_id"], "Value": m["param_value"]}),
-        "EXTENDED_SYS_STATE": ("STAT", lambda m: {"isFlying": float(m["landed_state"] > _ON_GROUND)}),
-    }
-)
+_MEANING: Mapping[str, tuple[str, Callable[[Mapping[str, Any]], Row]]] = {
+    "HIGHRES_IMU": ("IMU", _inertial),
+    "SCALED_IMU": ("IMU", _in_thousandths),
+    "RAW_IMU": ("IMU", _in_thousandths),  # of ArduPilot alone
+    "ATTITUDE": ("ATT", _angles),
+    "ATTITUDE_QUATERNION": ("XKQ", lambda m: {f"Q{i}": m[f"q{i}"] for i in range(1, 5)}),
+    "SCALED_PRESSURE": ("BARO", lambda m: {"Press": m["press_abs"] * 100.0}),
+    "GLOBAL_POSITION_INT": ("GPS", _over_ground),
+    "VFR_HUD": ("ARSP", lambda m: {"Airspeed": m["airspeed"]}),
+    "AOA_SSA": ("AOA", lambda m: {"AOA": m["AOA"], "SSA": m["SSA"]}),
+    "SYS_STATUS": ("BAT", lambda m: {"Volt": m["voltage_battery"] * 1e-3}),
+    "SERVO_OUTPUT_RAW": ("RCOU", lambda m: {f"C{i}": m.get(f"servo{i}_raw", 0) for i in range(1, 17)}),
+    "PARAM_VALUE": ("PARM", lambda m: {"Name": m["param_id"], "Value": m["param_value"]}),
+    "EXTENDED_SYS_STATE": ("STAT", lambda m: {"isFlying": float(m["landed_state"] > _ON_GROUND)}),
+}
 _OF_THE_LINK = ("HEARTBEAT", "BAD_DATA", "STATUSTEXT", "TIMESYNC", "SYSTEM_TIME")
 
 
@@ -76,7 +72,7 @@ def read_tlog(path: Path, variable: str | None, time: str) -> RawTable:
     """Table of a telemetry log, of the first aircraft in it; needs the extra `ardupilot`."""
     mavutil = library("pymavlink.mavutil", path, "ardupilot")
 
-    def load() -> dict[str, Any]:
+    def load() -> tuple[dict[tuple[int, str], list[Row]], dict[int, int]]:
         if path.stat().st_size == 0:
             raise ValueError("the file is empty")
         found: dict[tuple[int, str], list[Row]] = {}
@@ -94,10 +90,9 @@ def read_tlog(path: Path, variable: str | None, time: str) -> RawTable:
                     found.setdefault((system, name), []).append({**fields, "arrived": arrived})
             finally:
                 log.close()
-        return {"found": found, "autopilots": autopilots}
+        return found, autopilots
 
-    read = loaded(path, load)
-    return _table(path, read["found"], read["autopilots"])
+    return _table(path, *loaded(path, load))
 
 
 def _table(path: Path, found: Mapping[tuple[int, str], list[Row]], autopilots: Mapping[int, int]) -> RawTable:
@@ -119,20 +114,21 @@ def _table(path: Path, found: Mapping[tuple[int, str], list[Row]], autopilots: M
         elif name == "RAW_IMU" and autopilots.get(flown[0]) != _ARDUPILOT:
             unread[name] = "its numbers have no unit"
         else:
-            stamps = _stamps(own[name])
-            rows[message] = [{"TimeUS": t, **made(m)} for t, m in zip(stamps, own[name], strict=True)]
+            rows[message] = _timed(own[name], made)
     notes = ["its rates are those of the link, and what was lost on the way is missing"]
     if "IMU" not in rows and "ATTITUDE" in own:  # the filter's rates stand for those of the gyros
-        rates = {"GyrX": "rollspeed", "GyrY": "pitchspeed", "GyrZ": "yawspeed"}
-        stamps = _stamps(own["ATTITUDE"])
-        rows["IMU"] = [
-            {"TimeUS": t, **{one: m[of] for one, of in rates.items()}}
-            for t, m in zip(stamps, own["ATTITUDE"], strict=True)
-        ]
+        rows["IMU"] = _timed(
+            own["ATTITUDE"], lambda m: {"GyrX": m["rollspeed"], "GyrY": m["pitchspeed"], "GyrZ": m["yawspeed"]}
+        )
         notes.append("p, q and r are those of the autopilot's filter (ATTITUDE)")
     if "ARSP" in rows:
         notes.append("V is of the airspeed of VFR_HUD, which is an estimate where there is no sensor")
     return table_of_messages(path, rows, unread, tuple(notes), "a telemetry log of MAVLink")
+
+
+def _timed(rows: list[Row], made: Callable[[Mapping[str, Any]], Row]) -> list[Row]:
+    """Messages of DataFlash that are made of those of MAVLink, with their times."""
+    return [{"TimeUS": t, **made(m)} for t, m in zip(_stamps(rows), rows, strict=True)]
 
 
 def _stamps(rows: list[Row]) -> list[float]:

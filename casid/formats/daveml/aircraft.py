@@ -19,61 +19,36 @@ import numpy as np
 from casid.arguments import number
 from casid.errors import InputError, check_known
 from casid.formats.daveml.functions import DaveFile, Values, dave_file
-from casid.formats.file_tables import FileTable, Tried, blanked, comment, file_tables, holding, said, with_numbers
+from casid.formats.file_tables import FileTable, Tried, blanked, comment, holding, said, with_numbers
 from casid.formats.jsbsim.aircraft import INCREMENTS
 from casid.model.airframe import Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
-from casid.records.limits import read_text_of
+from casid.records.limits import of_file, read_text_of
 from casid.signals import DEGREE, FOOT, POUND, SLUG
 
 # unit of a file -> its size in SI and radians
-_UNITS = MappingProxyType(
-    {
-        "nd": 1.0,
-        "ft": FOOT,
-        "m": 1.0,
-        "ft2": FOOT**2,
-        "m2": 1.0,
-        "ft_s": FOOT,
-        "m_s": 1.0,
-        "deg": DEGREE,
-        "rad": 1.0,
-        "deg_s": DEGREE,
-        "rad_s": 1.0,
-        "slug": SLUG,
-        "kg": 1.0,
-        "lbm": POUND,
-        "slugft2": SLUG * FOOT**2,
-        "kgm2": 1.0,
-    }
-)
+_UNITS = dict.fromkeys(("nd", "m", "m2", "m_s", "rad", "rad_s", "kg", "kgm2"), 1.0)
+_UNITS |= {"ft": FOOT, "ft2": FOOT**2, "ft_s": FOOT, "deg": DEGREE, "deg_s": DEGREE}
+_UNITS |= {"slug": SLUG, "lbm": POUND, "slugft2": SLUG * FOOT**2}
 # input of the standard -> (quantities of `Aircraft.aerodynamics`, rate lengths) -> SI
-_INPUTS: Mapping[str, Callable[[Any, Any], Any]] = MappingProxyType(
-    {
-        "trueAirspeed": lambda s, own: s.airspeed,
-        "mach": lambda s, own: s.mach,
-        "angleOfAttack": lambda s, own: s.alpha,
-        "angleOfSideslip": lambda s, own: s.beta,
-        "bodyAngularRate_Roll": lambda s, own: s.p * s.airspeed / own.lateral,
-        "bodyAngularRate_Pitch": lambda s, own: s.q * s.airspeed / own.pitch,
-        "bodyAngularRate_Yaw": lambda s, own: s.r * s.airspeed / own.lateral,
-        "elevatorDeflection": lambda s, own: s.delta_e,
-        "aileronDeflection": lambda s, own: s.delta_a,
-        "rudderDeflection": lambda s, own: s.delta_r,
-    }
-)
+_INPUTS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "trueAirspeed": lambda s, own: s.airspeed,
+    "mach": lambda s, own: s.mach,
+    "angleOfAttack": lambda s, own: s.alpha,
+    "angleOfSideslip": lambda s, own: s.beta,
+    "bodyAngularRate_Roll": lambda s, own: s.p * s.airspeed / own.lateral,
+    "bodyAngularRate_Pitch": lambda s, own: s.q * s.airspeed / own.pitch,
+    "bodyAngularRate_Yaw": lambda s, own: s.r * s.airspeed / own.lateral,
+    "elevatorDeflection": lambda s, own: s.delta_e,
+    "aileronDeflection": lambda s, own: s.delta_a,
+    "rudderDeflection": lambda s, own: s.delta_r,
+}
 _FORCES = tuple(f"aeroBodyForceCoefficient_{axis}" for axis in "XYZ")
 _MOMENTS = tuple(f"aeroBodyMomentCoefficient_{axis}" for axis in ("Roll", "Pitch", "Yaw"))
 _ARM = tuple(f"bodyPositionOfCmWrtMrc_{axis}" for axis in "XYZ")
-_INERTIA = MappingProxyType(
-    {
-        "Ixx": "bodyMomentOfInertia_Roll",
-        "Iyy": "bodyMomentOfInertia_Pitch",
-        "Izz": "bodyMomentOfInertia_Yaw",
-        "Ixz": "bodyProductOfInertia_ZX",
-    }
-)
+_INERTIA = {"Ixx": "bodyMomentOfInertia_Roll", "Iyy": "bodyMomentOfInertia_Pitch", "Izz": "bodyMomentOfInertia_Yaw"}
+_INERTIA |= {"Ixz": "bodyProductOfInertia_ZX"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,24 +87,19 @@ class DaveAerodynamics:
 
         return Tried(list(functions.values()), look_up)
 
-    @cached_property
-    def file_tables(self) -> tuple[FileTable, ...]:
-        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
-        return tuple(file_tables(self._tried))
-
     @property
     def tables(self) -> tuple[Table, ...]:
-        """`file_tables` as tables of casid."""
-        return tuple(one.table for one in self.file_tables)
+        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
+        return tuple(one.table for one in self._tried.tables)
 
     def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
         """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
         forces have moments about the centre of mass. Expressions in the quantities of `Aircraft.aerodynamics`."""
-        return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
+        return self._tried.of_table(one, s)
 
     def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]) -> str:
         """The `text` of the file, its tables corrected; see `mended_text`."""
-        return mended_text(text, self.file_tables, effects, terms)
+        return mended_text(text, self._tried.tables, effects, terms)
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
@@ -144,11 +114,9 @@ class DaveAerodynamics:
                         f"{self.path}: input '{name}' is in no record; hold it: held = {{\"{varid}\": 0.0}}"
                     )
                 given[varid] = ca.SX(_INPUTS[name](s, self)) / _unit(file, varid)
-        try:
+        with of_file(self.path):
             look = file.values({name: ca.SX(value) for name, value in given.items()}, added)
-            fx, fy, fz, roll, pitch, yaw = (look(_varid(file, name)) for name in (*_FORCES, *_MOMENTS))
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
+            fx, fy, fz, roll, pitch, yaw = (look(file.varid(name)) for name in (*_FORCES, *_MOMENTS))
         b = 2.0 * self.lateral
         c = 2.0 * self.pitch
         x, y, z = self.cm
@@ -165,21 +133,20 @@ class DaveAerodynamics:
 def fields_of_daveml(aerodynamics: str | Path, inertia: str | Path, held: Mapping[str, float]) -> dict[str, Any]:
     """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
     mass = _read(inertia)
-    try:
+    with of_file(inertia):
         given = {v: number(held[v], f"held: '{v}'") for v in mass.inputs if v in held}
         look = mass.values({name: ca.SX(value) for name, value in given.items()})
         tensor = {name: _si(mass, look, standard) for name, standard in _INERTIA.items()}
         weight = _si(mass, look, "totalMass")
         cm = tuple(_si(mass, look, name) for name in _ARM)
-    except InputError as error:
-        raise InputError(f"{inertia}: {error}") from None
     own = dave_aerodynamics(aerodynamics, cm, {name: value for name, value in held.items() if name not in given})
+    file = dave_file(own.text)
     body = {"CL": "CZ", "CD": "CX"}
     return {
         "name": Path(aerodynamics).stem,
         "mass": weight,
         "inertia": Inertia(**tensor),
-        "area": _reference(own, "referenceWingArea"),
+        "area": _si(file, file.values({}), "referenceWingArea"),
         "moment_length_lateral": 2.0 * own.lateral,
         "moment_length_pitch": 2.0 * own.pitch,
         "rate_length_lateral": own.lateral,
@@ -198,11 +165,9 @@ def dave_aerodynamics(
     check_known("input", held, file.inputs, f"{path}: held")
     if len(cm) != 3:
         raise InputError(f"{path}: the centre of mass must be three numbers, got {len(cm)}")
-    try:
+    with of_file(path):
         look = file.values({})
         span, chord = (_si(file, look, name) for name in ("referenceWingSpan", "referenceWingChord"))
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
     return DaveAerodynamics(
         path=str(Path(path).resolve()),
         text=read_text_of(Path(path)),
@@ -213,21 +178,10 @@ def dave_aerodynamics(
     )
 
 
-def _reference(own: DaveAerodynamics, name: str) -> float:
-    file = dave_file(own.text)
-    return _si(file, file.values({}), name)
-
-
 def _read(path: str | Path) -> DaveFile:
     text = read_text_of(Path(path))
-    try:
+    with of_file(path):
         return dave_file(text)
-    except InputError as error:
-        raise InputError(f"{path}: {error}") from None
-
-
-def _varid(file: DaveFile, name: str) -> str:
-    return file.varid(name)
 
 
 def _unit(file: DaveFile, varid: str) -> float:
@@ -237,7 +191,7 @@ def _unit(file: DaveFile, varid: str) -> float:
 
 def _si(file: DaveFile, look: Values, name: str) -> float:
     """A constant of the file in SI."""
-    varid = _varid(file, name)
+    varid = file.varid(name)
     return float(ca.evalf(ca.SX(look(varid)))) * _unit(file, varid)
 
 

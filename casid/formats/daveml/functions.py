@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache, reduce
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -15,50 +16,21 @@ import casadi as ca
 
 from casid.errors import InputError, check_known, unknown
 from casid.formats.file_tables import Entry
-from casid.formats.jsbsim.source import bare, check_words, number_in, number_of
+from casid.formats.jsbsim.source import bare, check_words, number_in, number_of, optional, part
+from casid.formats.operators import COMPARISONS, ONE, REDUCED, Operators
 from casid.model.tables import Grid
 from casid.records.limits import xml_root
 
 Look = Callable[[str], Any]  # varID -> its expression
 
-_ONE: dict[str, Callable[[Any], Any]] = {
-    "minus": lambda x: -x,
-    "plus": lambda x: x,
-    "abs": ca.fabs,
-    "exp": ca.exp,
-    "ln": ca.log,
-    "log": ca.log10,
-    "root": ca.sqrt,
-    "sin": ca.sin,
-    "cos": ca.cos,
-    "tan": ca.tan,
-    "arcsin": ca.asin,
-    "arccos": ca.acos,
-    "arctan": ca.atan,
-    "floor": ca.floor,
-    "ceiling": ca.ceil,
-    "not": ca.logic_not,
-}
-_TWO: dict[str, Callable[[Any, Any], Any]] = {
-    "minus": lambda a, b: a - b,
-    "divide": lambda a, b: a / b,
-    "power": lambda a, b: a**b,
-    "lt": lambda a, b: a < b,
-    "leq": lambda a, b: a <= b,
-    "gt": lambda a, b: a > b,
-    "geq": lambda a, b: a >= b,
-    "eq": lambda a, b: a == b,
-    "neq": lambda a, b: a != b,
-}
-_MANY: dict[str, Callable[[Sequence[Any]], Any]] = {
-    "plus": lambda x: reduce(lambda a, b: a + b, x),
-    "times": lambda x: reduce(lambda a, b: a * b, x),
-    "min": lambda x: reduce(ca.fmin, x),
-    "max": lambda x: reduce(ca.fmax, x),
-    "and": lambda x: reduce(ca.logic_and, x),
-    "or": lambda x: reduce(ca.logic_or, x),
-}
-
+_OPERATORS = Operators(
+    one=ONE
+    | {f"arc{name}": getattr(ca, f"a{name}") for name in ("sin", "cos", "tan")}
+    | {"minus": operator.neg, "plus": operator.pos, "log": ca.log10, "root": ca.sqrt, "ceiling": ca.ceil},
+    two={"minus": operator.sub, "divide": operator.truediv, "power": operator.pow, "atan2": ca.atan2, "fmod": ca.fmod}
+    | dict(zip(("lt", "leq", "gt", "geq", "eq", "neq"), COMPARISONS, strict=True)),
+    reduced=REDUCED | {"plus": operator.add, "times": operator.mul},
+)
 
 _VARIABLE = ("name", "varID", "units", "axisSystem", "sign", "alias", "symbol", "initialValue", "minValue", "maxValue")
 _KINDS = ("isInput", "isControl", "isDisturbance", "isState", "isStateDeriv", "isOutput", "isStdAIAA")
@@ -91,13 +63,13 @@ _IGNORED += ("ungriddedTableDef", "ungriddedTable", "griddedTable", "independent
 
 def expression(node: ET.Element, look: Look) -> Any:
     """The value of a node, variables by `look`. Raises InputError for an operator that is not known."""
-    tag = bare(node.tag)
+    tag = node.tag
     children = list(node)
     if tag == "cn":
         return ca.SX(_constant(node))
     if tag == "ci":
         if len(node):
-            raise InputError(f"<ci> must be the name of a variable alone; it has <{bare(node[0].tag)}> in it")
+            raise InputError(f"<ci> must be the name of a variable alone; it has <{node[0].tag}> in it")
         return look((node.text or "").strip())
     if tag == "pi":
         return ca.SX(math.pi)
@@ -107,19 +79,14 @@ def expression(node: ET.Element, look: Look) -> Any:
         return expression(_parts(node, 1)[0], look)
     if tag != "apply" or not children:
         raise InputError(f"<{tag}> is no MathML that casid reads")
-    operator = bare(children[0].tag)
-    if operator == "csymbol":
-        operator = (children[0].text or "").strip()
+    name = children[0].tag
+    if name == "csymbol":
+        name = (children[0].text or "").strip()
     given = [expression(child, look) for child in children[1:]]
-    if operator in _ONE and len(given) == 1:
-        return _ONE[operator](given[0])
-    if operator in _TWO and len(given) == 2:
-        return _TWO[operator](*given)
-    if operator in ("atan2", "fmod") and len(given) == 2:
-        return {"atan2": ca.atan2, "fmod": ca.fmod}[operator](*given)
-    if operator in _MANY and given:
-        return _MANY[operator](given)
-    raise InputError(f"<{operator}> of {len(given)} arguments is no operator that casid reads")
+    value = _OPERATORS(name, given)
+    if value is None:
+        raise InputError(f"<{name}> of {len(given)} arguments is no operator that casid reads")
+    return value
 
 
 def _constant(node: ET.Element) -> float:
@@ -132,7 +99,7 @@ def _constant(node: ET.Element) -> float:
         return number_in(node)
     if kind not in ("e-notation", "rational"):
         raise InputError(f"<cn> of type '{kind:.20}' is not read; expected real, integer, e-notation or rational")
-    if [bare(child.tag) for child in node] != ["sep"]:
+    if [child.tag for child in node] != ["sep"]:
         raise InputError(f"<cn> of type '{kind}' must have two numbers with one <sep/> between them")
     if kind == "e-notation":
         return number_of(f"{(node.text or '').strip()}e{(node[0].tail or '').strip()}", "cn")
@@ -144,10 +111,10 @@ def _constant(node: ET.Element) -> float:
 
 
 def _piecewise(node: ET.Element, look: Look) -> Any:
-    otherwise = _find(node, "otherwise")
+    otherwise = optional(node, "otherwise")
     value = None if otherwise is None else expression(_parts(otherwise, 1)[0], look)
-    for child in reversed([c for c in node if bare(c.tag) == "piece"]):
-        then, condition = (expression(part, look) for part in _parts(child, 2))
+    for child in reversed(node.findall("piece")):
+        then, condition = (expression(one, look) for one in _parts(child, 2))
         value = then if value is None else ca.if_else(condition, then, value)
     if value is None:
         raise InputError("<piecewise> has no piece")
@@ -157,7 +124,7 @@ def _piecewise(node: ET.Element, look: Look) -> Any:
 def _parts(node: ET.Element, count: int) -> list[ET.Element]:
     """Elements in one that has `count` of them. Raises InputError."""
     if len(node) != count:
-        raise InputError(f"<{bare(node.tag)}> has {len(node)} elements; expected {count}")
+        raise InputError(f"<{node.tag}> has {len(node)} elements; expected {count}")
     return list(node)
 
 
@@ -173,23 +140,25 @@ class DaveFile:
 
     def __init__(self, text: str) -> None:
         self._root = xml_root(text)
-        if bare(self._root.tag) != "DAVEfunc":
-            raise InputError(f"the root is <{bare(self._root.tag)}>; a DAVE-ML file begins with <DAVEfunc>")
+        for node in self._root.iter():
+            node.tag = bare(node.tag)
+        if self._root.tag != "DAVEfunc":
+            raise InputError(f"the root is <{self._root.tag}>; a DAVE-ML file begins with <DAVEfunc>")
         check_words(self._root, _WORDS, _IGNORED)
-        variables = self._all("variableDef")
-        self._variables = _by("varID", variables)
+        self._variables = _by("varID", self._root.iter("variableDef"))
         self.named = {varid: node.get("name", "") for varid, node in self._variables.items()}
         self.units = {name: node.get("units", "") for name, node in self._variables.items()}
-        breakpoints = _by("bpID", self._all("breakpointDef"))
+        breakpoints = _by("bpID", self._root.iter("breakpointDef"))
         self._breakpoints = {name: _numbers(node, "bpVals") for name, node in breakpoints.items()}
-        self._tables = _by("gtID", self._all("griddedTableDef"))
-        gives = [_child(node, "dependentVarRef") for node in self._functions_of()]
-        self._functions = dict(zip(_by("varID", gives), self._functions_of(), strict=True))
+        self._tables = _by("gtID", self._root.iter("griddedTableDef"))
+        functions = [n for n in self._root.iter("function") if optional(n, "dependentVarRef") is not None]
+        gives = _by("varID", [part(node, "dependentVarRef") for node in functions])
+        self._functions = dict(zip(gives, functions, strict=True))
         for varid in self._functions:
-            if _find(self._variables.get(varid, self._root), "calculation") is not None:
+            if optional(self._variables.get(varid, self._root), "calculation") is not None:
                 raise InputError(f"variable '{varid}' has a function and a calculation; remove one")
-        self.inputs = tuple(v for v, node in self._variables.items() if _find(node, "isInput") is not None)
-        self.outputs = tuple(v for v, node in self._variables.items() if _find(node, "isOutput") is not None)
+        self.inputs = tuple(v for v, node in self._variables.items() if optional(node, "isInput") is not None)
+        self.outputs = tuple(v for v, node in self._variables.items() if optional(node, "isOutput") is not None)
 
     def varid(self, name: str) -> str:
         """varID of a name of the standard. Raises InputError where no variable has it, or several."""
@@ -198,12 +167,6 @@ class DaveFile:
         if len(found) > 1:
             raise InputError(f"variables {' and '.join(map(repr, found))} are both called '{name}'; rename one")
         return found[0]
-
-    def _all(self, tag: str) -> list[ET.Element]:
-        return [node for node in self._root.iter() if bare(node.tag) == tag]
-
-    def _functions_of(self) -> list[ET.Element]:
-        return [node for node in self._all("function") if _find(node, "dependentVarRef") is not None]
 
     def values(self, given: Mapping[str, Any], added: Mapping[str, Any] = MappingProxyType({})) -> Values:
         """Look-up of every variable by varID, from inputs by varID in the units of the file; `added` are increments of
@@ -237,26 +200,26 @@ class DaveFile:
         node = self._variables.get(varid)
         if node is None:
             raise unknown("variable", varid, self._variables)
-        calculation = _find(node, "calculation")
+        calculation = optional(node, "calculation")
         if calculation is not None:
-            return expression(_child(calculation, "math"), look)
+            return expression(part(calculation, "math"), look)
         if node.get("initialValue") is not None:
             return ca.SX(number_of(node.get("initialValue"), "initialValue"))
         raise InputError(f"variable '{varid}' ({node.get('name')}) has no value; hold it: held = {{\"{varid}\": 0.0}}")
 
     def _table(self, node: ET.Element) -> ET.Element | None:
-        definition = _child(node, "functionDefn")
-        table = _find(definition, "griddedTableDef")
-        if table is None and (reference := _find(definition, "griddedTableRef")) is not None:
+        definition = part(node, "functionDefn")
+        table = optional(definition, "griddedTableDef")
+        if table is None and (reference := optional(definition, "griddedTableRef")) is not None:
             return self._tables.get(reference.get("gtID", ""))
         return table
 
     def _entry(self, node: ET.Element) -> Entry:
-        references = [child for child in node if bare(child.tag) == "independentVarRef"]
+        references = node.findall("independentVarRef")
         table = self._table(node)
         if table is None:
             raise InputError(f"function '{node.get('name')}' has no gridded table; others are not read")
-        axes = [self._axis(r.get("bpID", "")) for r in _child(table, "breakpointRefs")]
+        axes = [self._axis(r.get("bpID", "")) for r in part(table, "breakpointRefs")]
         beyond = {r.get("extrapolate", "neither") for r in references}
         if len(references) != len(axes) or not beyond <= {"neither", "both"} or len(beyond) > 1:
             raise InputError(f"function '{node.get('name')}': one way beyond its table, 'neither' or 'both', is read")
@@ -302,34 +265,19 @@ def dave_file(text: str) -> DaveFile:
     return DaveFile(text)
 
 
-def _by(key: str, nodes: Sequence[ET.Element]) -> dict[str, ET.Element]:
+def _by(key: str, nodes: Iterable[ET.Element]) -> dict[str, ET.Element]:
     """Nodes by an identifier. Raises InputError where two have the same; what has none has a name of its own."""
     found: dict[str, ET.Element] = {}
     for index, node in enumerate(nodes):
-        name = node.get(key) or f"{bare(node.tag)} {index + 1} without {key}"
+        name = node.get(key) or f"{node.tag} {index + 1} without {key}"
         if name in found:
-            raise InputError(f"two of <{bare(node.tag)}> have {key} '{name}'; give one another, and say which is meant")
+            raise InputError(f"two of <{node.tag}> have {key} '{name}'; give one another, and say which is meant")
         found[name] = node
     return found
 
 
-def _find(node: ET.Element, tag: str) -> ET.Element | None:
-    """The child of a name, or None. Raises InputError where there are several."""
-    found = [child for child in node if bare(child.tag) == tag]
-    if len(found) > 1:
-        raise InputError(f"<{bare(node.tag)}> has {len(found)} of <{tag}>; keep the one that is meant")
-    return found[0] if found else None
-
-
-def _child(node: ET.Element, tag: str) -> ET.Element:
-    child = _find(node, tag)
-    if child is None:
-        raise InputError(f"<{bare(node.tag)}> has no <{tag}>")
-    return child
-
-
 def _numbers(node: ET.Element, tag: str) -> list[float]:
-    held = _child(node, tag)
+    held = part(node, tag)
     if len(held):
-        raise InputError(f"<{tag}> must have numbers alone; it has <{bare(held[0].tag)}> in it: take that out")
+        raise InputError(f"<{tag}> must have numbers alone; it has <{held[0].tag}> in it: take that out")
     return [number_of(x, tag) for x in _SEPARATORS.split((held.text or "").strip()) if x]

@@ -14,16 +14,17 @@ import numpy as np
 
 from casid.above import ask_above
 from casid.errors import InputError
-from casid.formats.file_tables import QUANTITIES, FileTable, Tried, file_tables
+from casid.formats.file_tables import QUANTITIES, Tried
 from casid.formats.jsbsim.functions import entries, mark, marked, value_of
 from casid.formats.jsbsim.properties import Metrics, Properties
 from casid.formats.jsbsim.source import amount, body_arm, optional, part, place
 from casid.model.effect_value import EffectValue
 from casid.model.tables import Table
+from casid.records.limits import of_file
 
 _FORCES = (("DRAG", "SIDE", "LIFT"), ("AXIAL", "SIDE", "NORMAL"), ("X", "Y", "Z"))
 _MOMENTS = ("ROLL", "PITCH", "YAW")
-_LIFT_SQUARED = "aero/cl-squared"
+LIFT_SQUARED = "aero/cl-squared"
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -70,24 +71,19 @@ class JsbsimAerodynamics:
 
         return Tried(list(entries(root)), look_up)
 
-    @cached_property
-    def file_tables(self) -> tuple[FileTable, ...]:
-        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
-        return tuple(file_tables(self._tried))
-
     @property
     def tables(self) -> tuple[Table, ...]:
-        """`file_tables` as tables of casid."""
-        return tuple(one.table for one in self.file_tables)
+        """The tables of the file that are over regressors, and enter a coefficient as they are or times a term."""
+        return tuple(one.table for one in self._tried.tables)
 
     def of_table(self, one: Table, s: Mapping[str, Any]) -> dict[str, Any]:
         """Coefficient -> by how much it grows with the values of one of `tables`, as a part of its own coefficient:
         forces have moments about the c.g. Expressions in the quantities of `Aircraft.aerodynamics`."""
-        return self._tried.of_table(next(each for each in self.file_tables if each.table == one), s)
+        return self._tried.of_table(one, s)
 
     def rewritten(self, text: str, terms: Mapping[str, Mapping[str, float]], effects: Sequence[EffectValue]) -> str:
         """The `text` of the file with further terms and effects; see `extended_text`."""
-        return ask_above("JsbsimAerodynamics.rewritten", text, terms, effects, self.axes, self.file_tables)
+        return ask_above("JsbsimAerodynamics.rewritten", text, terms, effects, self.axes, self._tried.tables)
 
     def __getstate__(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in fields(self)}  # what is cached is found again
@@ -105,15 +101,10 @@ class JsbsimAerodynamics:
         look = Properties(s, metrics_of(root), functions, root)
         look.given |= dict(self.held)
         look.values |= further
-        try:
-            total = _forces_and_moments(aerodynamics, look, metrics_of(root))
-        except InputError as error:
-            raise InputError(f"{self.path}: {error}") from None
-        force = total[:3]
-        moment = total[3:]
+        with of_file(self.path):
+            fx, fy, fz, *moment = _forces_and_moments(aerodynamics, look, metrics_of(root))
         dx, dy, dz = (float(x) for x in body_arm(reference_point(root), np.array(self.cg)))
         dx = dx + _shift(aerodynamics, look, metrics_of(root))
-        fx, fy, fz = force
         moment = [moment[0] + dy * fz - dz * fy, moment[1] + dz * fx - dx * fz, moment[2] + dx * fy - dy * fx]
         m = metrics_of(root)
         found = {"Cl": moment[0] / m["bw-ft"], "Cm": moment[1] / m["cbarw-ft"], "Cn": moment[2] / m["bw-ft"], "CY": fy}
@@ -145,7 +136,7 @@ def metrics_of(root: ET.Element) -> Metrics:
     for name, tag in (("Sw-sqft", "wingarea"), ("bw-ft", "wingspan"), ("cbarw-ft", "chord")):
         if values[name] <= 0.0:
             raise InputError(f"<metrics>: <{tag}> must be positive, got {values[name]:g}")
-    return Metrics(values=values)
+    return values
 
 
 def reference_point(root: ET.Element) -> np.ndarray:
@@ -194,7 +185,7 @@ def _forces_and_moments(aerodynamics: ET.Element, look: Properties, metrics: Met
     names = frames[0] if frames else _FORCES[0]
     if names[0] == "DRAG":
         lift = total("LIFT")
-        look.values[_LIFT_SQUARED] = lift**2
+        look.values[LIFT_SQUARED] = lift**2
         force = _wind_to_body(total("DRAG"), total("SIDE"), lift, look)
     else:
         sign = -1.0 if names[0] == "AXIAL" else 1.0
@@ -202,8 +193,7 @@ def _forces_and_moments(aerodynamics: ET.Element, look: Properties, metrics: Met
     return [*force, *(total(name) for name in _MOMENTS)]
 
 
-def _wind_to_body(drag: Any, side: Any, lift: Any, look: Mapping[str, Any] | Properties) -> list[Any]:
-    assert isinstance(look, Properties)
+def _wind_to_body(drag: Any, side: Any, lift: Any, look: Properties) -> list[Any]:
     alpha = look("aero/alpha-rad")
     beta = look("aero/beta-rad")
     sin_a = ca.sin(alpha)

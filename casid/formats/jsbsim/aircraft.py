@@ -15,10 +15,11 @@ from typing import Any
 import numpy as np
 
 from casid.arguments import number
-from casid.errors import InputError, check_known
+from casid.errors import check_known
 from casid.formats.jsbsim.aerodynamics import JsbsimAerodynamics, metrics_of
 from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, check_words, load, optional, part, place
 from casid.model.airframe import Inertia
+from casid.records.limits import of_file
 from casid.signals import FOOT, SLUG
 
 
@@ -97,7 +98,7 @@ INCREMENTS: Mapping[str, tuple[str, ...]] = {
 def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, Any]:
     """Fields of `Aircraft`, with zero increments for derivatives. Raises InputError for what cannot be read."""
     root = load(path)
-    try:
+    with of_file(path):
         metrics = metrics_of(root)
         mass = mass_properties(root)
         J = mass.inertia * SLUG * FOOT**2
@@ -116,8 +117,6 @@ def fields_of_jsbsim(path: str | Path, held: Mapping[str, float]) -> dict[str, A
             "derivatives": {f"{c}_{term}": 0.0 for c, terms in INCREMENTS.items() for term in terms},
             "aerodynamics": aerodynamics,
         }
-    except InputError as error:
-        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
 
 
 _ROUNDING = 1e-9  # of Iyy: a product of inertia that is less is one of mirrored masses

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+import operator
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
-from functools import reduce
 from typing import Any
 
 import casadi as ca
@@ -15,52 +15,24 @@ import numpy as np
 from casid.errors import InputError
 from casid.formats.file_tables import Entry, FileTable, with_numbers
 from casid.formats.jsbsim.source import number_in, number_of, part
+from casid.formats.operators import COMPARISONS, ONE, REDUCED, Operators
 from casid.model.tables import Grid
 
 Look = Callable[[str], Any]  # property -> its expression
 
-_ONE: dict[str, Callable[[Any], Any]] = {
-    "abs": ca.fabs,
-    "sqrt": ca.sqrt,
-    "exp": ca.exp,
-    "ln": ca.log,
-    "log2": lambda x: ca.log(x) / math.log(2.0),
-    "log10": ca.log10,
-    "sign": lambda x: ca.if_else(x < 0.0, -1.0, 1.0),
-    "sin": ca.sin,
-    "cos": ca.cos,
-    "tan": ca.tan,
-    "asin": ca.asin,
-    "acos": ca.acos,
-    "atan": ca.atan,
-    "toradians": lambda x: x * (math.pi / 180.0),
-    "todegrees": lambda x: x * (180.0 / math.pi),
-    "floor": ca.floor,
-    "ceil": ca.ceil,
-    "not": ca.logic_not,
-}
-_TWO: dict[str, Callable[[Any, Any], Any]] = {
-    "quotient": lambda a, b: a / b,
-    "pow": lambda a, b: a**b,
-    "atan2": ca.atan2,
-    "lt": lambda a, b: a < b,
-    "le": lambda a, b: a <= b,
-    "gt": lambda a, b: a > b,
-    "ge": lambda a, b: a >= b,
-    "eq": lambda a, b: a == b,
-    "nq": lambda a, b: a != b,
-}
-_MANY: dict[str, Callable[[Sequence[Any]], Any]] = {
-    "product": lambda x: reduce(lambda a, b: a * b, x),
-    "sum": lambda x: reduce(lambda a, b: a + b, x),
-    "difference": lambda x: reduce(lambda a, b: a - b, x),
-    "min": lambda x: reduce(ca.fmin, x),
-    "max": lambda x: reduce(ca.fmax, x),
-    "avg": lambda x: reduce(lambda a, b: a + b, x) / len(x),
-    "and": lambda x: reduce(ca.logic_and, x),
-    "or": lambda x: reduce(ca.logic_or, x),
-    "ifthen": lambda x: ca.if_else(x[0], x[1], x[2]),
-}
+_OPERATORS = Operators(
+    one=ONE
+    | {name: getattr(ca, name) for name in ("sqrt", "log10", "asin", "acos", "atan", "ceil")}
+    | {
+        "log2": lambda x: ca.log(x) / math.log(2.0),
+        "sign": lambda x: ca.if_else(x < 0.0, -1.0, 1.0),
+        "toradians": lambda x: x * (math.pi / 180.0),
+        "todegrees": lambda x: x * (180.0 / math.pi),
+    },
+    two={"quotient": operator.truediv, "pow": operator.pow, "atan2": ca.atan2}
+    | dict(zip(("lt", "le", "gt", "ge", "eq", "nq"), COMPARISONS, strict=True)),
+    reduced=REDUCED | {"product": operator.mul, "sum": operator.add, "difference": operator.sub, "avg": operator.add},
+)
 _SAID = ("description", "documentation")
 
 
@@ -78,13 +50,10 @@ def value_of(node: ET.Element, look: Look) -> Any:
     given = [value_of(child, look) for child in node if child.tag not in _SAID]
     if tag == "function":
         return given[0] if given else ca.SX(0.0)
-    if tag in _ONE and len(given) == 1:
-        return _ONE[tag](given[0])
-    if tag in _TWO and len(given) == 2:
-        return _TWO[tag](*given)
-    if tag in _MANY and given and (tag != "ifthen" or len(given) == 3):
-        return _MANY[tag](given)
-    raise InputError(f"<{tag}> with {len(given)} arguments is no operator of a function that casid reads")
+    value = ca.if_else(*given) if tag == "ifthen" and len(given) == 3 else _OPERATORS(tag, given)
+    if value is None:
+        raise InputError(f"<{tag}> with {len(given)} arguments is no operator of a function that casid reads")
+    return value / len(given) if tag == "avg" else value
 
 
 def _look_up(node: ET.Element, look: Look) -> Any:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
@@ -23,16 +21,7 @@ HELD = ("fcs/", "gear/", "systems/", "propulsion/", "external_reactions/", "ap/"
 _HYSTERESIS = "aero/stall-hyst-norm"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Metrics:
-    """Geometry of a file, feet and radians, by JSBSim's names of properties without `metrics/`."""
-
-    values: Mapping[str, float]
-
-    def __getitem__(self, name: str) -> float:
-        return self.values[name]
-
-
+Metrics = Mapping[str, float]  # geometry of a file, feet and radians, by JSBSim's properties without `metrics/`
 Rule = Callable[[Any, Metrics], Any]  # (quantities of `Aircraft.aerodynamics`, metrics) -> expression
 
 
@@ -63,50 +52,48 @@ def _surface(name: str, factor: float = 1.0) -> Rule:
     return lambda s, m: factor * getattr(s, name)
 
 
-KNOWN: Mapping[str, Rule] = MappingProxyType(
-    {
-        "aero/qbar-psf": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2),
-        "aero/qbar-area": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2) * m["Sw-sqft"],
-        "aero/alpha-rad": lambda s, m: s.alpha,
-        "aero/alpha-deg": lambda s, m: s.alpha / DEGREE,
-        "aero/beta-rad": lambda s, m: s.beta,
-        "aero/beta-deg": lambda s, m: s.beta / DEGREE,
-        "aero/mag-alpha-rad": lambda s, m: ca.fabs(s.alpha),
-        "aero/mag-beta-rad": lambda s, m: ca.fabs(s.beta),
-        "aero/mag-beta-deg": lambda s, m: ca.fabs(s.beta) / DEGREE,
-        "aero/alpha-wing-rad": lambda s, m: s.alpha + m["iw-rad"],
-        "aero/bi2vel": lambda s, m: m["bw-ft"] / (2.0 * _speed(s)),
-        "aero/ci2vel": lambda s, m: m["cbarw-ft"] / (2.0 * _speed(s)),
-        "aero/alphadot-rad_sec": _rate("alphadot", "cbarw-ft"),
-        "aero/betadot-rad_sec": _rate("betadot", "bw-ft"),
-        "aero/h_b-mac-ft": lambda s, m: _altitude(s) / m["bw-ft"],
-        "aero/h_b-cg-ft": lambda s, m: _altitude(s) / m["bw-ft"],
-        "aero/Re": _reynolds,
-        **{f"velocities/{x}{kind}-rad_sec": _rate(x, "bw-ft") for x in "pr" for kind in ("-aero", "")},
-        **{f"velocities/q{kind}-rad_sec": _rate("q", "cbarw-ft") for kind in ("-aero", "")},
-        "velocities/vt-fps": lambda s, m: _speed(s),
-        "velocities/mach": lambda s, m: s.mach,
-        "velocities/ve-kts": lambda s, m: _speed(s) * ca.sqrt(s.rho / 1.225) * 0.592483801295896,
-        "velocities/u-aero-fps": lambda s, m: _speed(s) * ca.cos(s.alpha) * ca.cos(s.beta),
-        "velocities/v-aero-fps": lambda s, m: _speed(s) * ca.sin(s.beta),
-        "velocities/w-aero-fps": lambda s, m: _speed(s) * ca.sin(s.alpha) * ca.cos(s.beta),
-        "atmosphere/rho-slugs_ft3": lambda s, m: _density(s),
-        "position/h-sl-ft": lambda s, m: _altitude(s),
-        "fcs/elevator-pos-rad": _surface("delta_e"),
-        "fcs/elevator-pos-deg": _surface("delta_e", 1.0 / DEGREE),
-        "fcs/mag-elevator-pos-rad": lambda s, m: ca.fabs(s.delta_e),
-        "fcs/left-aileron-pos-rad": _surface("delta_a"),
-        "fcs/left-aileron-pos-deg": _surface("delta_a", 1.0 / DEGREE),
-        "fcs/mag-left-aileron-pos-rad": lambda s, m: ca.fabs(s.delta_a),
-        "fcs/right-aileron-pos-rad": _surface("delta_a", -1.0),
-        "fcs/right-aileron-pos-deg": _surface("delta_a", -1.0 / DEGREE),
-        "fcs/aileron-pos-rad": _surface("delta_a"),
-        "fcs/effective-aileron-pos": _surface("delta_a"),
-        "fcs/rudder-pos-rad": _surface("delta_r"),
-        "fcs/rudder-pos-deg": _surface("delta_r", 1.0 / DEGREE),
-        "fcs/mag-rudder-pos-rad": lambda s, m: ca.fabs(s.delta_r),
-    }
-)
+KNOWN: Mapping[str, Rule] = {
+    "aero/qbar-psf": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2),
+    "aero/qbar-area": lambda s, m: s.qbar / (POUND_FORCE / FOOT**2) * m["Sw-sqft"],
+    "aero/alpha-rad": lambda s, m: s.alpha,
+    "aero/alpha-deg": lambda s, m: s.alpha / DEGREE,
+    "aero/beta-rad": lambda s, m: s.beta,
+    "aero/beta-deg": lambda s, m: s.beta / DEGREE,
+    "aero/mag-alpha-rad": lambda s, m: ca.fabs(s.alpha),
+    "aero/mag-beta-rad": lambda s, m: ca.fabs(s.beta),
+    "aero/mag-beta-deg": lambda s, m: ca.fabs(s.beta) / DEGREE,
+    "aero/alpha-wing-rad": lambda s, m: s.alpha + m["iw-rad"],
+    "aero/bi2vel": lambda s, m: m["bw-ft"] / (2.0 * _speed(s)),
+    "aero/ci2vel": lambda s, m: m["cbarw-ft"] / (2.0 * _speed(s)),
+    "aero/alphadot-rad_sec": _rate("alphadot", "cbarw-ft"),
+    "aero/betadot-rad_sec": _rate("betadot", "bw-ft"),
+    "aero/h_b-mac-ft": lambda s, m: _altitude(s) / m["bw-ft"],
+    "aero/h_b-cg-ft": lambda s, m: _altitude(s) / m["bw-ft"],
+    "aero/Re": _reynolds,
+    **{f"velocities/{x}{kind}-rad_sec": _rate(x, "bw-ft") for x in "pr" for kind in ("-aero", "")},
+    **{f"velocities/q{kind}-rad_sec": _rate("q", "cbarw-ft") for kind in ("-aero", "")},
+    "velocities/vt-fps": lambda s, m: _speed(s),
+    "velocities/mach": lambda s, m: s.mach,
+    "velocities/ve-kts": lambda s, m: _speed(s) * ca.sqrt(s.rho / 1.225) * 0.592483801295896,
+    "velocities/u-aero-fps": lambda s, m: _speed(s) * ca.cos(s.alpha) * ca.cos(s.beta),
+    "velocities/v-aero-fps": lambda s, m: _speed(s) * ca.sin(s.beta),
+    "velocities/w-aero-fps": lambda s, m: _speed(s) * ca.sin(s.alpha) * ca.cos(s.beta),
+    "atmosphere/rho-slugs_ft3": lambda s, m: _density(s),
+    "position/h-sl-ft": lambda s, m: _altitude(s),
+    "fcs/elevator-pos-rad": _surface("delta_e"),
+    "fcs/elevator-pos-deg": _surface("delta_e", 1.0 / DEGREE),
+    "fcs/mag-elevator-pos-rad": lambda s, m: ca.fabs(s.delta_e),
+    "fcs/left-aileron-pos-rad": _surface("delta_a"),
+    "fcs/left-aileron-pos-deg": _surface("delta_a", 1.0 / DEGREE),
+    "fcs/mag-left-aileron-pos-rad": lambda s, m: ca.fabs(s.delta_a),
+    "fcs/right-aileron-pos-rad": _surface("delta_a", -1.0),
+    "fcs/right-aileron-pos-deg": _surface("delta_a", -1.0 / DEGREE),
+    "fcs/aileron-pos-rad": _surface("delta_a"),
+    "fcs/effective-aileron-pos": _surface("delta_a"),
+    "fcs/rudder-pos-rad": _surface("delta_r"),
+    "fcs/rudder-pos-deg": _surface("delta_r", 1.0 / DEGREE),
+    "fcs/mag-rudder-pos-rad": lambda s, m: ca.fabs(s.delta_r),
+}
 
 
 RECORDED = frozenset(name for name in KNOWN if name.startswith("fcs/"))
@@ -145,20 +132,20 @@ class Properties:
             return ca.SX(self.given[name])
         if name in KNOWN:
             return KNOWN[name](self._s, self._metrics)
-        if name.startswith("metrics/") and name[8:] in self._metrics.values:
+        if name.startswith("metrics/") and name[8:] in self._metrics:
             return ca.SX(self._metrics[name[8:]])
         if name in self._functions:
             return value_of(self._functions[name], self)
         static = self._components.value(name, self, KNOWN.keys() | self.given.keys())
         if static is not None:
             return static
-        if _OF_SURFACES.search(name) and self._components.is_written(name):
+        if _OF_SURFACES.search(name) and name in self._components.writes:
             raise InputError(
                 f"property '{name}' is a surface that no static component makes of the recorded ones; hold it: "
                 f'held = {{"{name}": 0.0}}'
             )
         if name.startswith(HELD) or name == _HYSTERESIS:
-            self.held[name] = self._components.initial(name)
+            self.held[name] = self._components.initial.get(name, 0.0)
             return ca.SX(self.held[name])
         raise InputError(
             f"property '{name}' is not known without JSBSim; hold it: held = {{\"{name}\": 0.0}}, with its value"
@@ -170,23 +157,24 @@ _SECTIONS = ("flight_control", "autopilot", "system")
 
 
 class Components:
-    """The components of a file by the property that each writes, and the values that it sets at the start."""
+    """The components of a file, `writes` by the property that each writes, and `initial` values of properties that it
+    sets at the start."""
 
     def __init__(self, root: ET.Element, recorded: Collection[str]) -> None:
         self._recorded = recorded
-        self._writes: dict[str, ET.Element] = {}
+        self.writes: dict[str, ET.Element] = {}
         self._scales: dict[str, tuple[str, ET.Element]] = {}  # input -> what a scale makes of it
-        self._initial: dict[str, float] = {}
+        self.initial: dict[str, float] = {}
         for section in (*_SECTIONS, "aerodynamics"):
             for node in root.findall(section):
-                self._initial |= {
+                self.initial |= {
                     (p.text or "").strip(): number_of(p.get("value"), "property value")
                     for p in node.findall("property")
                     if p.get("value")
                 }
                 for component in node.iterfind("channel/*"):
                     for name in _outputs(component):
-                        self._writes[name] = component
+                        self.writes[name] = component
                     self._keep_scale(component)
 
     def _keep_scale(self, component: ET.Element) -> None:
@@ -198,14 +186,6 @@ class Components:
             if _name(made.text) in self._recorded:
                 self._scales[_name(of[0].text)] = _name(made.text), component
 
-    def is_written(self, name: str) -> bool:
-        """Return True if some component writes the property."""
-        return name in self._writes
-
-    def initial(self, name: str) -> float:
-        """Return what the file sets a property to at the start; 0 where it gives nothing."""
-        return self._initial.get(name, 0.0)
-
     def value(self, name: str, look: Callable[[str], Any], known: Collection[str]) -> Any:
         """Return what a static component makes of recorded surfaces; None for any other component, or of anything
         else."""
@@ -214,7 +194,7 @@ class Components:
         if name in self._scales:
             made, scale = self._scales[name]
             return _unscaled(scale, look(made))
-        component = self._writes[name]
+        component = self.writes[name]
         given = [look(_name(node.text)) for node in component.findall("input")]
         if component.tag == "fcs_function":
             return value_of(part(component, "function"), look)
@@ -231,7 +211,7 @@ class Components:
         bare = name.lstrip("-")
         if bare in known or bare in self._scales:
             return True
-        component = self._writes.get(bare)
+        component = self.writes.get(bare)
         if component is None or component.tag not in _STATIC or bare in seen:
             return False
         if component.tag == "fcs_function":
@@ -258,10 +238,9 @@ def _number(component: ET.Element, tag: str, default: float) -> float:
 
 
 def _clipped(component: ET.Element, value: Any) -> Any:
-    limits = component.find("clipto")
-    if limits is None:
+    if component.find("clipto") is None:
         return value
-    low, high = (number_in(part(limits, tag)) for tag in ("min", "max"))
+    low, high = _limits(component, "clipto")
     return ca.fmin(ca.fmax(value, low), high)
 
 

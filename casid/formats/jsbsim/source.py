@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from casid.errors import InputError, check_known
-from casid.records.limits import MOST_BYTES_OF_A_MODEL, beside, read_bytes, xml_root
+from casid.records.limits import MOST_BYTES_OF_A_MODEL, beside, of_file, read_bytes, xml_root
 from casid.signals import DEGREE, FOOT
 
 LBS_PER_SLUG = 32.174049
 _INCLUDED = ("aerodynamics", "mass_balance", "metrics", "flight_control", "propulsion")
 # of each quantity: unit of the file -> factor to JSBSim's own (ft2, ft, lbs, slug ft2, rad)
-_LENGTHS = {"FT": 1.0, "M": 1.0 / FOOT, "IN": 1.0 / 12.0}
 _UNITS = (
     {"FT2": 1.0, "M2": 1.0 / FOOT**2},
-    _LENGTHS,
+    {"FT": 1.0, "M": 1.0 / FOOT, "IN": 1.0 / 12.0},
     {"LBS": 1.0, "KG": 2.20462262},
     {"SLUG*FT2": 1.0, "KG*M2": 0.737562149},
     {"DEG": DEGREE, "RAD": 1.0},
@@ -53,10 +52,8 @@ def load(path: str | Path) -> ET.Element:
 
 def _parsed(file: Path) -> ET.Element:
     raw = read_bytes(file, MOST_BYTES_OF_A_MODEL)
-    try:
+    with of_file(file):
         return xml_root(raw)
-    except InputError as error:
-        raise InputError(f"{file}: {error}") from None
 
 
 def bare(name: str) -> str:
@@ -113,16 +110,16 @@ def number_in(node: ET.Element) -> float:
     return number_of(node.text, node.tag)
 
 
-def amount(node: ET.Element | None, unit: str, default: float = 0.0) -> float:
-    """Return a number in JSBSim's own unit; the file's `unit` attribute, else `unit`, says which it has. Raises
-    InputError, also for a unit of another quantity."""
-    if node is None:
-        return default
+def amount(node: ET.Element | None, unit: str) -> float:
+    """Return a number in JSBSim's own unit, zero of none; the file's `unit` attribute, else `unit`, says which it has.
+    Raises InputError, also for a unit of another quantity."""
+    return 0.0 if node is None else number_in(node) * size_of_unit(node, unit)
+
+
+def size_of_unit(node: ET.Element, unit: str) -> float:
+    """Return the size of the unit of an element, that of its attribute, else `unit`, in JSBSim's own. Raises InputError
+    for a unit of another quantity than `unit`."""
     units = next(units for units in _UNITS if unit in units)
-    return number_in(node) * _factor(node, unit, units)
-
-
-def _factor(node: ET.Element, unit: str, units: Mapping[str, float]) -> float:
     named = node.get("unit", unit).upper()
     if named not in units:
         raise InputError(f"<{node.tag}>: unit '{named}' is none of its quantity; expected {' or '.join(units)}")
@@ -131,7 +128,7 @@ def _factor(node: ET.Element, unit: str, units: Mapping[str, float]) -> float:
 
 def place(node: ET.Element) -> np.ndarray:
     """Return (3,) x y z of a <location> [ft], structural axes: x aft, y right, z up."""
-    return np.array([number_in(part(node, axis)) for axis in "xyz"]) * _factor(node, "IN", _LENGTHS)
+    return np.array([number_in(part(node, axis)) for axis in "xyz"]) * size_of_unit(node, "IN")
 
 
 def body_arm(at: np.ndarray, cg: np.ndarray) -> np.ndarray:

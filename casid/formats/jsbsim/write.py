@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
 from casid.errors import InputError
-from casid.formats.absorbed import absorbed
+from casid.formats.absorbed import RATE_OF, absorbed, add_term
 from casid.formats.file_tables import FileTable, blanked, comment, holding, said
-from casid.formats.jsbsim.aerodynamics import reference_point
+from casid.formats.jsbsim.aerodynamics import LIFT_SQUARED, reference_point
 from casid.formats.jsbsim.aircraft import mass_properties
 from casid.formats.jsbsim.functions import with_changed_table
-from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part
+from casid.formats.jsbsim.source import LBS_PER_SLUG, amount, body_arm, number_of, part, size_of_unit
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
 from casid.model.terms import Stretch, bare, is_magnitude, parse_term
@@ -43,7 +43,7 @@ _WRITTEN = {
     "delta_r": ("fcs/rudder-pos-rad",),
 }
 _FORCE_AXES = {"DRAG": ("DRAG", "SIDE", "LIFT"), "AXIAL": ("AXIAL", "SIDE", "NORMAL"), "X": ("X", "Y", "Z")}
-_LIFT_SQUARED = "aero/cl-squared"
+_ZERO = "<value>0</value>"
 
 
 def extended_text(
@@ -68,9 +68,9 @@ def extended_text(
         elif held := holding(tables, effect):
             text = with_changed_table(text, blanked(text), held, effect.term or "", effect.value)
         elif effect.kind in ("aero_term", "table_increment") and effect.term:
-            _add(total, effect.target, effect.term, effect.value)
+            add_term(total, effect.target, parse_term(effect.term).name, effect.value)
         elif effect.kind == "unsteady_aero" and not effect.parameters:
-            _add(total, effect.target, "betadot" if effect.target in ("CY", "Cl", "Cn") else "alphadot", effect.value)
+            add_term(total, effect.target, RATE_OF.get(effect.target, "alphadot"), effect.value)
         elif effect.kind in _COMPONENTS:
             text = _with_component(text, effect, left)
         elif effect.kind in ("mass", "cg_offset", "inertia"):
@@ -87,12 +87,6 @@ def extended_text(
         text = _before(text, "</aerodynamics>", comment(left) + "  ")
     ET.fromstring(text)
     return text
-
-
-def _add(total: dict[str, dict[str, float]], coefficient: str, term: str, value: float) -> None:
-    row = total.setdefault(coefficient, {})
-    name = parse_term(term).name
-    row[name] = row.get(name, 0.0) + value
 
 
 def _factors(term: str) -> list[str] | None:
@@ -157,23 +151,22 @@ def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str
     has = {axis.get("name", "").strip() for axis in aerodynamics.findall("axis")}
     names = next((n for first, n in _FORCE_AXES.items() if {first, n[2]} & has), _FORCE_AXES["DRAG"])
     given = {c: _increment(row) for c, row in total.items()}
-    zero = "<value>0</value>"
     sin, cos = (f"<{f}>{_property('aero/alpha-rad')}</{f}>" for f in ("sin", "cos"))
-    lines = [_function(f"d{c}", f"<sum>{body}{zero}</sum>") for c, body in given.items()]
+    lines = [_function(f"d{c}", f"<sum>{body}{_ZERO}</sum>") for c, body in given.items()]
     known = {c: _property(f"casid/d{c}") for c in given}
-    lift, drag = (known.get(c, zero) for c in ("CL", "CD"))
+    lift, drag = (known.get(c, _ZERO) for c in ("CL", "CD"))
     if axes == "wind" and {"CL", "CD"} & given.keys():
         x = f"<difference>{_product(lift, sin)}{_product(drag, cos)}</difference>"
         z = f"<difference>{_product('<value>-1</value>', lift, cos)}{_product(drag, sin)}</difference>"
         lines += [_function("dCX", x), _function("dCZ", z)]
         known |= {"CX": _property("casid/dCX"), "CZ": _property("casid/dCZ")}
-    if "CL" in given and _LIFT_SQUARED in blanked(text):
+    if "CL" in given and LIFT_SQUARED in blanked(text):
         text = _before_increments(text)
-        root_of_lift = f"<sqrt>{_property(_LIFT_SQUARED)}</sqrt>"
+        root_of_lift = f"<sqrt>{_property(LIFT_SQUARED)}</sqrt>"
         before = f"<difference>{root_of_lift}{lift}</difference>"
         lines.append(_function("cl-squared", f"<pow>{before}<value>2</value></pow>"))
     pressure = _property("aero/qbar-psf") + _property("metrics/Sw-sqft")
-    per_axis = {**_forces(names, known, axes), **_moments(root, known)}
+    per_axis = {**_forces(names, known), **_moments(root, known)}
     for axis, body in per_axis.items():
         text = _into_axis(text, axis, f"  {_function(axis.lower(), _product(pressure, body))}")
     return _before(text, "<axis", "".join(lines), _aerodynamics_begin(text))
@@ -182,7 +175,7 @@ def _with_functions(text: str, root: ET.Element, total: Mapping[str, Mapping[str
 def _before_increments(text: str) -> str:
     """The text whose own functions see the lift (of an aircraft that is carried by it) without the increments."""
     blank = blanked(text)
-    for found in reversed(list(re.finditer(re.escape(_LIFT_SQUARED), blank))):
+    for found in reversed(list(re.finditer(re.escape(LIFT_SQUARED), blank))):
         if found.start() > _aerodynamics_begin(text) and found.end() < blank.index("</aerodynamics>"):
             text = text[: found.start()] + "casid/cl-squared" + text[found.end() :]
     return text
@@ -193,10 +186,9 @@ def _aerodynamics_begin(text: str) -> int:
     return blanked(text).index("<aerodynamics")
 
 
-def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict[str, str]:
+def _forces(names: tuple[str, ...], known: Mapping[str, str]) -> dict[str, str]:
     """Axis -> what it adds, from body or stability axes to those of the file."""
-    zero = "<value>0</value>"
-    side, x, z = (known.get(c, zero) for c in ("CY", "CX", "CZ"))
+    side, x, z = (known.get(c, _ZERO) for c in ("CY", "CX", "CZ"))
     if not {"CY", "CX", "CZ"} & known.keys():
         return {}
     if names[0] != "DRAG":
@@ -207,8 +199,8 @@ def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict
     (sa, ca), (sb, cb) = ((f"<sin>{a}</sin>", f"<cos>{a}</cos>") for a in (alpha, beta))
     minus = "<value>-1</value>"
     if "CD" in known or "CL" in known:
-        drag = known.get("CD", zero)
-        lift = known.get("CL", zero)
+        drag = known.get("CD", _ZERO)
+        lift = known.get("CL", _ZERO)
     else:
         drag = f"<sum>{_product(minus, x, ca)}{_product(minus, z, sa)}</sum>"
         lift = f"<difference>{_product(x, sa)}{_product(z, ca)}</difference>"
@@ -221,8 +213,7 @@ def _forces(names: tuple[str, ...], known: Mapping[str, str], axes: str) -> dict
 
 def _moments(root: ET.Element, known: Mapping[str, str]) -> dict[str, str]:
     """Axis -> what it adds, without the moment of the forces' increments about the centre of gravity."""
-    zero = "<value>0</value>"
-    fx, fy, fz = (known.get(c, zero) for c in ("CX", "CY", "CZ"))
+    fx, fy, fz = (known.get(c, _ZERO) for c in ("CX", "CY", "CZ"))
     dx, dy, dz = (float(v) for v in body_arm(reference_point(root), mass_properties(root).cg))
     made = {
         "ROLL": ("Cl", "metrics/bw-ft", ((-dy, fz), (dz, fy))),
@@ -232,7 +223,7 @@ def _moments(root: ET.Element, known: Mapping[str, str]) -> dict[str, str]:
     found = {}
     for axis, (coefficient, length, arms) in made.items():
         parts = [_product(_property(length), known[coefficient])] if coefficient in known else []
-        parts += [_product(f"<value>{arm!r}</value>", force) for arm, force in arms if force != zero and arm]
+        parts += [_product(f"<value>{arm!r}</value>", force) for arm, force in arms if force != _ZERO and arm]
         if parts:
             found[axis] = parts[0] if len(parts) == 1 else f"<sum>{''.join(parts)}</sum>"
     return found
@@ -322,19 +313,13 @@ def _with_mass(text: str, root: ET.Element, effect: EffectValue) -> str:
 def _changed(text: str, parent: ET.Element, tag: str, change: float, unit: str, start: int | None = None) -> str:
     """The text with a number of the file changed by so much in feet, pounds or slug ft2."""
     node = part(parent, tag)
-    size = amount(_one(tag, node.get("unit", unit)), unit)
+    size = size_of_unit(node, unit)
     begin = blanked(text).index("<mass_balance") if start is None else start
     found = re.compile(rf"(<{tag}\b[^>]*>)([^<]*)(</{tag}>)").search(blanked(text), begin)
     if found is None:
         raise InputError(f"<{tag}> is missing; add it")
     value = number_of(node.text, tag) + change / size
     return text[: found.start(2)] + f" {value!r} " + text[found.end(2) :]
-
-
-def _one(tag: str, unit: str) -> ET.Element:
-    node = ET.Element(tag, unit=unit)
-    node.text = "1"
-    return node
 
 
 _TRAVEL = 0.3491  # rad: 20 deg for a full command, of each surface
