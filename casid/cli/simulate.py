@@ -32,10 +32,10 @@ from casid.model.flown_records import FlownRecords, flown_records
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
-from casid.report.figure import Picture, shown_unit
+from casid.report.figure import Picture
 from casid.report.folder import provenance, whole_folder, write_provenance
 from casid.report.result_page import Answer, in_numbers, write_result
-from casid.report.words import digits
+from casid.report.words import digits, shown_unit
 from casid.signals import SURFACES, unit_of
 
 FOLLOWED = 0.9  # R2 from which a channel counts as followed; the sentence states it

@@ -11,35 +11,18 @@ import numpy as np
 from casid.diagnosis.document import Document
 from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
-from casid.report.figure import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    WIDE,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    Span,
-    channel_axis,
-    channel_scale,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.looks import Look
 from casid.report.sections import ReportTable, where
-from casid.report.words import digits, percent, with_std
+from casid.report.words import channel_axis, channel_scale, digits, percent, with_std
 from casid.signals import label_of
 
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
 _ROW = 0.21  # inches
-_CONSISTENT = Look(name="consistent", colour=BLUE, dash="", marker="o", size=5.0)
-_AGAINST = Look(name="inconsistent", colour=ORANGE, dash="", marker="D", size=5.0)
+_CONSISTENT = Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
+_AGAINST = Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,8 +87,8 @@ def derivatives(document: Document) -> Picture | None:
     of = document.source
     witness = document.witness
     parts: list[Part] = [
-        Span(look=Look(name=f"within {stated:.0f} %", colour=GREY), low=-stated, high=stated),
-        Rule(look=Look(colour=INK), at=0.0),
+        Span(look=Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
+        Rule(look=Look(colour=looks.INK), at=0.0),
     ]
     for y, one in enumerate(order):
         parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
@@ -242,8 +225,8 @@ def envelope(document: Document) -> Picture | None:
     )
 
 
-_FITTED = Look(name="fitted", colour=BLUE, dash="", marker="o", size=2.2, alpha=0.5)
-_HELD_OUT = Look(name="held out", colour=ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
+_FITTED = Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
+_HELD_OUT = Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
 
 
 def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]) -> Panel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -11,33 +11,10 @@ import numpy as np
 from casid.diagnosis.document import Document, Simulated
 from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
-from casid.report import estimate_figures
-from casid.report.figure import (
-    EXPLAINED,
-    EXTENDED,
-    FAULT,
-    GIVEN,
-    INPUT,
-    MEASURED,
-    NOISE,
-    TIME,
-    WIDE,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Picture,
-    Span,
-    channel_axis,
-    channel_scale,
-    history,
-    joined,
-    smooth,
-    stacked,
-)
-from casid.report.words import pretty
+from casid.report import estimate_figures, looks
+from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Picture, Span, history, stacked
+from casid.report.looks import Look
+from casid.report.words import channel_axis, channel_scale, pretty
 from casid.signals import label_of
 
 PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
@@ -53,7 +30,7 @@ _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
 _HELD = Look(name="held out: no fit has seen it", colour="#EAF4EE")
-_LEFT_OUT = FAULT.called("samples left out")
+_LEFT_OUT = looks.FAULT.called("samples left out")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -147,13 +124,13 @@ def _track(document: Document, name: str, pieces: Sequence[Piece], of_an_input: 
             spans.append(Span(look=_LEFT_OUT, low=low + shift, high=high + shift))
     x = Axis(label="time, records one after the other [s]")
     if of_an_input:
-        lines = {INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
+        lines = {looks.INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
         y = Axis(label=channel_axis(name))
     else:
         lines = {
-            MEASURED: [(one.t, one.record[name]) for one in pieces],
-            GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
-            EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
+            looks.MEASURED: [(one.t, one.record[name]) for one in pieces],
+            looks.GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
+            looks.EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
         }
         y = _followed(name, lines, channel_scale(name)[0])
     factor = channel_scale(name)[0]
@@ -266,9 +243,9 @@ def compared(document: Document, channel: str, r: int, window: slice, *, held_ou
     record = before.records[r]
     i = before.outputs.index(channel)
     curves = {
-        MEASURED: record[channel][window],
-        GIVEN: before.output[window, r, i],
-        EXTENDED.called(document.best): after.output[window, r, i],
+        looks.MEASURED: record[channel][window],
+        looks.GIVEN: before.output[window, r, i],
+        looks.EXTENDED.called(document.best): after.output[window, r, i],
     }
     return history(channel, record.t[window], curves, title=label_of(channel), height=1.6)
 
@@ -348,10 +325,10 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
         left = smooth(after.residual[:n, r, i] / noise, record.dt)
         parts = (
-            Span(look=NOISE, low=-1.0, high=1.0, axis="y"),
-            Curve(look=replace(GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
-            Curve(look=EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
-            Curve(look=EXTENDED.called("left after it"), x=record.t, y=left),
+            Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"),
+            Curve(look=replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
+            Curve(look=looks.EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
+            Curve(look=looks.EXTENDED.called("left after it"), x=record.t, y=left),
         )
         title = f"{label_of(channel)} {channel}"
         panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
@@ -366,3 +343,23 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
         f"{document.best} explains of them, and what is left.",
     )
+
+
+def joined(pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return curves one after the other as one, with a gap between them."""
+    x: list[np.ndarray] = []
+    y: list[np.ndarray] = []
+    for t, values in pieces:
+        x += [t, t[-1:] + 1e-6 * max(1.0, abs(float(t[-1])))]
+        y += [values, np.array([np.nan])]
+    return np.concatenate(x[:-1]), np.concatenate(y[:-1])
+
+
+def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:
+    """Return the Gaussian mean of 1-sigma width `width_s`, over what is not NaN."""
+    half = int(np.ceil(3.0 * width_s / dt))
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * dt / width_s) ** 2)
+    seen = np.isfinite(values)
+    weight = np.convolve(seen, kernel)[half : half + len(values)]
+    total = np.convolve(np.where(seen, values, 0.0), kernel)[half : half + len(values)]
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)

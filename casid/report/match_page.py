@@ -17,48 +17,27 @@ from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
-from casid.report import figure as grammar
+from casid.report import looks
 from casid.report.estimate_figures import file_name
-from casid.report.figure import (
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    MEASURED,
-    PINK,
-    SAMPLES,
-    WIDE,
-    YELLOW,
-    Axis,
-    Band,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    Span,
-    channel_scale,
-    stacked,
-)
+from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.looks import Look
 from casid.report.result_page import BAD, GOOD
 from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
 from casid.report.templating import drawn_into, render
-from casid.report.words import digits, with_std
+from casid.report.words import channel_scale, digits, with_std
 from casid.signals import SURFACES, label_of
 
-_LINES = {GIVEN: grammar.GIVEN, EXTENDED: grammar.EXTENDED}
-_FLIGHT = replace(MEASURED, width=2.6, alpha=0.45)
-_TOLERANCE = Look(name="tolerance", colour=GREY)
+_LINES = {GIVEN: looks.GIVEN, EXTENDED: looks.EXTENDED}
+_FLIGHT = replace(looks.MEASURED, width=2.6, alpha=0.45)
+_TOLERANCE = Look(name="tolerance", colour=looks.GREY)
 _SURFACES = {
     name: Look(name=label_of(name), colour=colour, width=1.1)
-    for name, colour in zip(SURFACES, (GREEN, PINK, YELLOW), strict=True)
+    for name, colour in zip(SURFACES, (looks.GREEN, looks.PINK, looks.YELLOW), strict=True)
 }
-_CORRECTED = Look(name="with corrections", colour=INK, dash=":", width=1.0)
-_DRIVEN = Look(colour=GREEN, width=1.1)
-_BEGIN = Look(colour=FAINT, width=0.9, dash=":")
+_CORRECTED = Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
+_DRIVEN = Look(colour=looks.GREEN, width=1.1)
+_BEGIN = Look(colour=looks.FAINT, width=0.9, dash=":")
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
@@ -101,7 +80,7 @@ def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
 
 def _panel(one: MatchedTest, name: str, unit: str, parts: Sequence[Part]) -> Panel:
     begin = Rule(look=_BEGIN, at=one.window.begin)
-    return Panel(parts=(*parts, begin), x=grammar.TIME, y=Axis(label=f"{name} [{unit}]" if unit else name))
+    return Panel(parts=(*parts, begin), x=TIME, y=Axis(label=f"{name} [{unit}]" if unit else name))
 
 
 def _channel(one: MatchedTest, name: str, row: Tolerance | None) -> Panel:
@@ -141,7 +120,7 @@ def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
 def _dots(t: np.ndarray, y: np.ndarray) -> Curve:
     """Return the samples, thinned to what can be told apart."""
     every = -(-len(t) // _DOTS)
-    return Curve(look=SAMPLES, x=t[::every], y=y[::every])
+    return Curve(look=looks.SAMPLES, x=t[::every], y=y[::every])
 
 
 def _inside(one: MatchedTest, name: str) -> np.ndarray:

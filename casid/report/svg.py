@@ -23,22 +23,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullLocator
 
-from casid.report.figure import (
-    Axis,
-    Band,
-    Bar,
-    Cells,
-    Curve,
-    Figure,
-    Look,
-    Marked,
-    Note,
-    Panel,
-    Rule,
-    Scale,
-    Span,
-    thinned,
-)
+from casid.report.figure import Axis, Band, Bar, Cells, Curve, Figure, Marked, Note, Panel, Rule, Scale, Span, thinned
+from casid.report.looks import Look
 from casid.report.margins import Margins
 
 _HEAD = 0.2  # inches above a panel for its heading, and for notes above it

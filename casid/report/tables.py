@@ -12,10 +12,9 @@ from casid.diagnosis.cause import NAMED
 from casid.diagnosis.document import Document, ReportedCause, Simulated
 from casid.model.vocabulary import KINDS
 from casid.report.aircraft_figures import compared
-from casid.report.figure import channel_scale
 from casid.report.sections import ReportTable, where
 from casid.report.statements import about_value
-from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
+from casid.report.words import channel_scale, digits, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations listed one by one
 

@@ -34,8 +34,8 @@ from casid.model.effects import effect_named
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
 from casid.report.evidence_figures import kinematic
-from casid.report.figure import Bar, Curve, Picture, Span, smooth
-from casid.report.history_figures import tracks
+from casid.report.figure import Bar, Curve, Picture, Span
+from casid.report.history_figures import smooth, tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, Report, gained
 from casid.report.statements import statements
