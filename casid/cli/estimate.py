@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -24,9 +23,11 @@ from casid.cli.options import (
     called_by,
     records_of,
     say_idle_effects,
+    shared_and_biases,
 )
+from casid.cli.results import write_json
 from casid.diagnosis.document import Called, NextStep
-from casid.errors import EstimationError, InputError
+from casid.errors import InputError
 from casid.estimation import (
     Automatic,
     Collocation,
@@ -46,13 +47,13 @@ from casid.filtering.forces import noise_of_forces
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import moved_coefficients
-from casid.model.flown_records import FlownRecords, axes_of, default_free, flown_records, with_estimates
+from casid.model.flown_records import FlownRecords, axes_of, flown_records, with_estimates
 from casid.model.path import aerodynamic_parameters
 from casid.records.given import require_flight
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
 from casid.report.figure import Picture
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import results
 from casid.report.progress import progress
 from casid.report.result_page import BAD, GOOD, Answer, in_numbers, write_result
 from casid.report.sections import Section
@@ -107,27 +108,20 @@ def estimate(
         raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")
     given = Choices(cost=cost, equation_weight=equation_weight, method=method, interval=interval, solver=solver)
     file = aircraft_of(aircraft)
-    read = records_of(records, maps or [], span=(begin, end))
+    read = records_of(records, maps, span=(begin, end))
     require_flight(read, "estimate")
-    say_idle_effects(file, read)
+    say_idle_effects([file], read)
     if axes is None:
         _say_left_out(file, read)
-    made_with = provenance()
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        try:
-            stage("model")
-            applied = flown_records(file, read, axes)
-            problem = problem_of(given, applied, free)
-            stage("estimation")
-            fit = fitted(given, problem)
-        except EstimationError as error:
-            raise InputError(str(error)) from None
+    with results(out) as folder, progress(quiet=as_json) as stage:
+        stage("model")
+        applied = flown_records(file, read, axes)
+        problem = problem_of(given, applied, free)
+        stage("estimation")
+        fit = fitted(given, problem)
         stage("figures")
         answer = answer_of(fit, called_by(records, maps, aircraft, out))
-        further = {"next": plain(answer.next)}
-        text = json.dumps(document(applied, fit) | further, indent=1)
-        (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
+        text = write_json(document(applied, fit) | {"next": plain(answer.next)}, folder / "estimate.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
         more = Section(title="More figures", parts=residuals_and_correlations(applied, fit))
         parts = [*pictures(applied, fit), more, in_numbers(fit, open=False)]
@@ -176,9 +170,7 @@ def problem_of(given: Choices, applied: FlownRecords, free: Sequence[str] | None
         cost = CombinedError(equation_weight=given.equation_weight)
     noise = {o: applied.aircraft.noise[o] for o in applied.model.outputs if o in applied.aircraft.noise}
     complete = given.cost in ("output", "filter") and len(noise) == len(applied.model.outputs)
-    globs = free or default_free(applied)
-    biases = [glob for glob in globs if glob.startswith("bias_")]
-    shared = [glob for glob in globs if glob not in biases]
+    shared, biases = shared_and_biases(applied, free)
     noise = noise if complete else None
     made = Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
     return replace(made, cost=noise_of_forces(made)) if given.cost == "filter" else made

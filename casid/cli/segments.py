@@ -45,7 +45,7 @@ def segments(
     """
     if not logs:
         raise InputError("LOG is missing; expected: segments LOG ... [--out DIR]")
-    records = records_of(logs, maps or [], span=(begin, end))
+    records = records_of(logs, maps, span=(begin, end))
     found = {record.name: found_in(record) for record in records}
     text = json.dumps(_document(found), indent=1)
     if out is not None:
