@@ -6,7 +6,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, Records, between, say_notes
+from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, Records, between, require_words, say_notes
 from casid.cli.results import tell
 from casid.data_check.check import DataFindings, channels_of
 from casid.data_check.check import check as checked
@@ -45,8 +45,7 @@ def check(
         Write a column map (TOML) of the first record to this file, to be filled in: known and likely columns, and as
         comments the missing channels and the other columns. The records are then read by it.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
+    require_words(records, "RECORD", "check RECORD ... [--aircraft FILE]")
     channels_of(believe or False, "--believe")
     file = None if aircraft is None else Aircraft.read(aircraft)
     columns = ColumnMap.from_options(maps or [])

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 
 from casid.acceptance.compared import Comparison, compare_diagnoses
 from casid.acceptance.fleet import Fleet, compare_flights
-from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, called_by, records_of
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, called_by, records_of, require_words
 from casid.cli.results import tell
 from casid.data_check.check import check
 from casid.diagnosis.document import Called, NextStep
@@ -52,8 +52,7 @@ def compare(
         diagnoses = compare_diagnoses(*compared)
         tell("compare", diagnoses, out, as_json, _write_diagnoses)
         return 1 if diagnoses.worse else 0
-    if not compared:
-        raise InputError("RECORD is missing; expected: compare RECORD ... --aircraft FILE")
+    require_words(compared, "RECORD", "compare RECORD ... --aircraft FILE")
     file = aircraft_of(aircraft)
     records = records_of(compared, maps, span=(begin, end))
     findings = check(records, file).findings

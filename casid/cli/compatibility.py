@@ -7,10 +7,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of
+from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of, require_words
 from casid.cli.results import tell
 from casid.diagnosis.kinematics.compatibility import compatibility as checked
-from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.data_pages import write_compatibility
 
@@ -42,8 +41,7 @@ def compatibility(
     axes
         Default: what the channels allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: compatibility RECORD ... [--aircraft FILE]")
+    require_words(records, "RECORD", "compatibility RECORD ... [--aircraft FILE]")
     file = None if aircraft is None else Aircraft.read(aircraft)
     found = checked(records_of(records, maps, span=(begin, end)), file, axes=axes)
     tell("compatibility", found, out, as_json, write_compatibility)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of, called_by
+from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of, called_by, require_positive
 from casid.cli.results import write_json
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.design.flight_card import FlightCard, flight_card
@@ -83,9 +83,7 @@ def design(
     seed
         Seed of the random starts.
     """
-    for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"--{name} {value:g}: expected a positive number")
+    require_positive({"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g})
     if separate is not None and (axes, shape, criterion, free) != ("longitudinal", "pulses4", "D", None):
         raise InputError(
             "--separate chooses plane, surface and shape itself; leave out --axes, --shape, --criterion, --free"

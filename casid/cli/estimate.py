@@ -22,6 +22,7 @@ from casid.cli.options import (
     aircraft_of,
     called_by,
     records_of,
+    require_words,
     say_idle_effects,
     shared_and_biases,
 )
@@ -104,8 +105,7 @@ def estimate(
     axes
         Default: what the surfaces allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")
+    require_words(records, "RECORD", "estimate RECORD ... --aircraft FILE")
     given = Choices(cost=cost, equation_weight=equation_weight, method=method, interval=interval, solver=solver)
     file = aircraft_of(aircraft)
     read = records_of(records, maps, span=(begin, end))

@@ -20,6 +20,7 @@ from casid.cli.options import (
     Records,
     aircraft_of,
     records_of,
+    require_words,
     say_idle_effects,
 )
 from casid.cli.results import tell
@@ -68,8 +69,7 @@ def match(
     pdf
         Print the page to DIR/match.pdf, by the Chromium, Chrome or Edge that is installed.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: match RECORD ... --aircraft FILE [EXTENDED]")
+    require_words(records, "RECORD", "match RECORD ... --aircraft FILE [EXTENDED]")
     if len(aircraft) > 2:
         raise InputError(f"--aircraft: {len(aircraft)} files; expected the given one, and the extended one behind it")
     if diagnosis is not None and len(aircraft) == 1:

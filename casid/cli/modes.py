@@ -15,10 +15,9 @@ from casid.acceptance.handbook import Handbook, flight_point, handbook, usual_sp
 from casid.acceptance.parameters import known_by_document, known_by_file
 from casid.acceptance.steady import SteadyFlight
 from casid.acceptance.theil import Theil, theil
-from casid.cli.options import AsJson, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.options import AsJson, Files, Folder, Maps, records_of, require_words, say_idle_effects
 from casid.cli.results import write_json
 from casid.cli.simulate import fleet
-from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.limits import read_json, sound
 from casid.report.folder import results
@@ -59,8 +58,7 @@ def modes(
     maps
         Column map of the records: alpha=ALCG:deg, or a TOML file.
     """
-    if not aircraft:
-        raise InputError("AIRCRAFT is missing; expected: modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")
+    require_words(aircraft, "AIRCRAFT", "modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")
     files = fleet(aircraft)
     first = next(iter(files))
     point = flight_point(files[first], V, altitude, None) | {"climb_angle": math.radians(climb_deg)}

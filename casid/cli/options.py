@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -52,6 +52,19 @@ Whole = Annotated[int, Parameter(converter=_whole)]
 Flag = Annotated[bool, Parameter(negative="")]
 AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON and nothing else.")]
 Axes = Literal["full", "longitudinal", "lateral"]
+
+
+def require_words(words: Sequence[str] | Sequence[Path], name: str, usage: str) -> None:
+    """Raise InputError for a command without the words that it is about."""
+    if not words:
+        raise InputError(f"{name} is missing; expected: {usage}")
+
+
+def require_positive(numbers: Mapping[str, float]) -> None:
+    """Raise InputError for an option, by its name, that is no positive number."""
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"--{name} {value:g}: expected a positive number")
 
 
 def records_of(

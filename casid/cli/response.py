@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, require_words, say_idle_effects
 from casid.cli.results import write_json
 from casid.cli.simulate import fleet
 from casid.errors import InputError
@@ -66,8 +66,7 @@ def response(
     envelope
         CSV file with bounds of the mismatch: omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: response RECORD ... --input delta_e --output q")
+    require_words(records, "RECORD", "response RECORD ... --input delta_e --output q")
     if envelope is not None and not aircraft:
         raise InputError("--envelope bounds the mismatch of a model; expected --aircraft FILE with it")
     bounds = MismatchEnvelope.read(envelope) if envelope is not None else None

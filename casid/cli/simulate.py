@@ -21,6 +21,7 @@ from casid.cli.options import (
     Records,
     aircraft_of,
     records_of,
+    require_words,
     say_idle_effects,
 )
 from casid.cli.results import write_json
@@ -64,8 +65,7 @@ def simulate(
     axes
         Default: what the surfaces allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")
+    require_words(records, "RECORD", "simulate RECORD ... --aircraft FILE ...")
     files = fleet(aircraft)
     read = records_of(records, maps, span=(begin, end))
     say_idle_effects(files.values(), read)
