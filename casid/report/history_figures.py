@@ -65,20 +65,22 @@ def _pieces(document: Document) -> list[Piece]:
         (document.as_given, document.extended, False),
         (document.held_out_as_given, document.held_out_extended, True),
     )
-    every = [(before, after, r, held) for before, after, held in views for r in range(len(before.records))]
-    chosen = set()
+    every = [
+        Piece(record=record, begin=0.0, number=r, before=before, after=after, held=held)
+        for before, after, held in views
+        for r, record in enumerate(before.records)
+    ]
+    chosen: list[Piece] = []
     room = _LONGEST
-    for k in sorted(range(len(every)), key=lambda k: (not every[k][3], -_wrong(every[k][0], every[k][2]))):
-        length = every[k][0].records[every[k][2]].duration
-        if length <= room or not chosen:
-            chosen.add(k)
-            room -= length
+    for one in sorted(every, key=lambda one: (not one.held, -_wrong(one.before, one.number))):
+        if one.record.duration <= room or not chosen:
+            chosen.append(one)
+            room -= one.record.duration
     found = []
     begin = 0.0
-    for before, after, r, held in (every[k] for k in sorted(chosen)):
-        record = before.records[r]
-        found.append(Piece(record=record, begin=begin, number=r, before=before, after=after, held=held))
-        begin += record.duration + _APART
+    for one in (one for one in every if one in chosen):
+        found.append(replace(one, begin=begin))
+        begin += one.record.duration + _APART
     return found
 
 
@@ -177,13 +179,6 @@ def misfit(view: Simulated) -> dict[str, float]:
     return {name: c.rms / c.noise for name, c in view.channels.items()}
 
 
-def telling_channels(before: Simulated, after: Simulated, count: int) -> list[str]:
-    """The channels whose innovations lose most from the file as given to the extended model."""
-    outputs = before.outputs
-    drop = np.sum(before.white**2 - after.white**2, axis=(0, 1))
-    return [outputs[i] for i in np.argsort(-drop)[:count]]
-
-
 def histories(document: Document) -> Picture:
     """Measured, as given and by the best model in one held-out record."""
     before = document.held_out_as_given
@@ -279,11 +274,11 @@ def flown_again(document: Document) -> Iterator[Picture]:
 def telling_window(before: Simulated, after: Simulated, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:
     """The seconds of record r in which the simulations differ most, or without an extension, miss most."""
     record = before.records[r]
-    index = [before.outputs.index(c) for c in channels]
-    noise = np.array([before.channels[c].noise for c in channels])
-    wrong = _within(before.residual[: len(record), r, :][:, index] / noise)
-    outputs = [_within(view.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
-    moved = outputs[0] - outputs[1]
+    wrong, extended, given = (
+        _over_noise(values[: len(record), r], before, channels)
+        for values in (before.residual, after.output, before.output)
+    )
+    moved = extended - given
     size = np.sum((moved if moved.any() else wrong) ** 2, axis=1)
     count = int(seconds / record.dt)
     if count >= len(record):
@@ -295,25 +290,28 @@ def telling_window(before: Simulated, after: Simulated, channels: list[str], r: 
 
 def worst_record(view: Simulated, channels: list[str]) -> int:
     """The record in which these channels are furthest from their simulation, in units of the noise."""
-    index = [view.outputs.index(c) for c in channels]
-    noise = np.array([view.channels[c].noise for c in channels])
-    seen = np.isfinite(view.residual[..., index])
-    total = np.sum(_within(view.residual[..., index] / noise) ** 2, axis=(0, 2))
+    seen = np.isfinite(view.residual[..., view.index(channels)])
+    total = np.sum(_over_noise(view.residual, view, channels) ** 2, axis=(0, 2))
     return int(np.argmax(total / np.maximum(seen.sum(axis=(0, 2)), 1)))
 
 
-def _within(values: np.ndarray) -> np.ndarray:
-    """Numbers to compute with: nothing for what is missing, a large one for a simulation that has departed."""
-    return np.clip(np.nan_to_num(values, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED), -_DEPARTED, _DEPARTED)
+def _over_noise(values: np.ndarray, view: Simulated, channels: list[str]) -> np.ndarray:
+    """(..., channels) of values (..., outputs) over the noise, to compute with: nothing for what is missing, a large
+    number for a simulation that has departed."""
+    noise = np.array([view.channels[c].noise for c in channels])
+    large = np.nan_to_num(values[..., view.index(channels)] / noise, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED)
+    return np.clip(large, -_DEPARTED, _DEPARTED)
 
 
-def residuals(document: Document, channels: list[str] | None = None, name: str = "residuals") -> Picture:
-    """Residual over its noise in a fitted record: before (re-estimated where causes were found: what new values explain
-    does not point to a cause), what the causes explain of it, and what is left."""
+def residuals(document: Document) -> Picture:
+    """Residual over its noise in a fitted record, of the channels that the extended model improves most: before
+    (re-estimated where causes were found: what new values explain does not point to a cause), what the causes explain
+    of it, and what is left."""
     before = document.refitted if document.causes else document.as_given
     after = document.extended
     wrong_by = "re-estimated model" if document.causes else "file as given"
-    channels = channels or telling_channels(before, after, 3)
+    drop = np.sum(before.white**2 - after.white**2, axis=(0, 1))  # of the innovations, by which the channels are chosen
+    channels = [before.outputs[i] for i in np.argsort(-drop)[:3]]
     r = worst_record(before, channels)
     record = before.records[r]
     n = len(record)
@@ -333,7 +331,7 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         title = f"{label_of(channel)} {channel}"
         panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
     return Picture(
-        name=name,
+        name="residuals",
         figure=Figure(rows=stacked(panels)),
         title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
         caption=(
