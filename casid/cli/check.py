@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 
-from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, Records, between, say_notes
-from casid.data_check.check import channels_of
+from casid.cli.options import AsJson, Begin, End, Files, Folder, Maps, Records, between, require_words, say_notes
+from casid.cli.results import tell
+from casid.data_check.check import DataFindings, channels_of
 from casid.data_check.check import check as checked
 from casid.errors import InputError
 from casid.keeping import whole_file
@@ -16,7 +16,6 @@ from casid.model.aircraft import Aircraft
 from casid.records.column_map import ColumnMap
 from casid.records.map_file import suggested_map
 from casid.records.readers import files_of, read_each, read_table
-from casid.report.folder import whole_folder
 
 
 def check(
@@ -46,8 +45,7 @@ def check(
         Write a column map (TOML) of the first record to this file, to be filled in: known and likely columns, and as
         comments the missing channels and the other columns. The records are then read by it.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: check RECORD ... [--aircraft FILE]")
+    require_words(records, "RECORD", "check RECORD ... [--aircraft FILE]")
     channels_of(believe or False, "--believe")
     file = None if aircraft is None else Aircraft.read(aircraft)
     columns = ColumnMap.from_options(maps or [])
@@ -60,15 +58,14 @@ def check(
     found = replace(
         checked(read, file, undo=believe or False), unread={str(one): str(error) for one, error in refused.items()}
     )
-    text = json.dumps(found.to_dict(), indent=1)
-    if out is not None:
-        from casid.report.data_pages import write_check  # here, as figures are a third of the time of a check
-
-        with whole_folder(out) as folder:
-            write_check(found, folder)
-            (folder / "check.json").write_text(text + "\n", encoding="utf-8")
-    print(text if as_json else found)
+    tell("check", found, out, as_json, _write_page)
     return 0 if found.clean else 1
+
+
+def _write_page(found: DataFindings, folder: Path) -> None:
+    from casid.report.data_pages import write_check  # here, as figures are a third of the time of a check
+
+    write_check(found, folder)
 
 
 def _written_map(target: Path, record: Path, given: ColumnMap) -> ColumnMap:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,12 +10,12 @@ from cyclopts import Parameter
 
 from casid.acceptance.compared import Comparison, compare_diagnoses
 from casid.acceptance.fleet import Fleet, compare_flights
-from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, called_by, records_of
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, aircraft_of, called_by, records_of, require_words
+from casid.cli.results import tell
 from casid.data_check.check import check
 from casid.diagnosis.document import Called, NextStep
 from casid.errors import InputError
 from casid.report.compare_page import bars_of_diagnoses, bars_of_flights, table_of_flights, tables_of_diagnoses
-from casid.report.folder import whole_folder
 from casid.report.result_page import BAD, GOOD, NEUTRAL, Answer, write_result
 
 
@@ -49,37 +49,32 @@ def compare(
             raise InputError(
                 f"compare: {len(compared)} folders; expected two of casid diagnose, or records with --aircraft FILE"
             )
-        found = compare_diagnoses(*compared)
-        bad = found.worse
-    else:
-        if not compared:
-            raise InputError("RECORD is missing; expected: compare RECORD ... --aircraft FILE")
-        file = aircraft_of(aircraft)
-        records = records_of(compared, maps or [], span=(begin, end))
-        findings = check(records, file).findings
-        faults = {r.name: [one.sentence for one in findings if r.name in one.records] for r in records}
-        found = compare_flights(file, records, faults)
-        bad = found.changed
-    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
-    if out is not None:
-        with whole_folder(out) as folder:
-            _write(found, folder, called_by(compared, maps, aircraft or Path("FILE"), out))
-            (folder / "compare.json").write_text(text + "\n", encoding="utf-8")
-    print(text if as_json else found)
-    return 1 if bad else 0
+        diagnoses = compare_diagnoses(*compared)
+        tell("compare", diagnoses, out, as_json, _write_diagnoses)
+        return 1 if diagnoses.worse else 0
+    require_words(compared, "RECORD", "compare RECORD ... --aircraft FILE")
+    file = aircraft_of(aircraft)
+    records = records_of(compared, maps, span=(begin, end))
+    findings = check(records, file).findings
+    faults = {r.name: [one.sentence for one in findings if r.name in one.records] for r in records}
+    flights = compare_flights(file, records, faults)
+    called = called_by(compared, maps, aircraft, out or Path())  # for the page, which there is with a folder alone
+    tell("compare", flights, out, as_json, partial(_write_flights, called=called))
+    return 1 if flights.changed else 0
 
 
-def _write(found: Comparison | Fleet, folder: Path, called: Called) -> None:
-    if isinstance(found, Comparison):
-        answer = Answer(
-            badge="Worse" if found.worse else "Not worse",
-            sentence=found.sentence,
-            points=found.points,
-            colour=BAD if found.worse else GOOD,
-        )
-        parts = [bars_of_diagnoses(found), *tables_of_diagnoses(found)]
-        write_result(folder, "compare", f"{found.names[0]} and {found.names[1]}", answer, parts)
-        return
+def _write_diagnoses(found: Comparison, folder: Path) -> None:
+    answer = Answer(
+        badge="Worse" if found.worse else "Not worse",
+        sentence=found.sentence,
+        points=found.points,
+        colour=BAD if found.worse else GOOD,
+    )
+    parts = [bars_of_diagnoses(found), *tables_of_diagnoses(found)]
+    write_result(folder, "compare", f"{found.names[0]} and {found.names[1]}", answer, parts)
+
+
+def _write_flights(found: Fleet, folder: Path, called: Called) -> None:
     step = NextStep(
         text="Name the causes, record by record:",
         command=f"casid diagnose {called.records} --aircraft {called.aircraft} --out {called.inside('diagnosis')}",

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of
+from casid.cli.options import AsJson, Axes, Begin, End, Folder, Maps, records_of, require_words
+from casid.cli.results import tell
 from casid.diagnosis.kinematics.compatibility import compatibility as checked
-from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.report.data_pages import write_compatibility
-from casid.report.folder import whole_folder
 
 
 def compatibility(
@@ -43,14 +41,8 @@ def compatibility(
     axes
         Default: what the channels allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: compatibility RECORD ... [--aircraft FILE]")
+    require_words(records, "RECORD", "compatibility RECORD ... [--aircraft FILE]")
     file = None if aircraft is None else Aircraft.read(aircraft)
-    found = checked(records_of(records, maps or [], span=(begin, end)), file, axes=axes)
-    text = json.dumps(found.to_dict(), indent=1)
-    if out is not None:
-        with whole_folder(out) as folder:
-            write_compatibility(found, folder)
-            (folder / "compatibility.json").write_text(text + "\n", encoding="utf-8")
-    print(text if as_json else found)
+    found = checked(records_of(records, maps, span=(begin, end)), file, axes=axes)
+    tell("compatibility", found, out, as_json, write_compatibility)
     return 0 if found.passed else 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -11,13 +10,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of, called_by
+from casid.cli.options import AsJson, Files, Folder, Whole, aircraft_of, called_by, require_positive
+from casid.cli.results import write_json
 from casid.design import Experiment, InputDesign, Multisine, StepInput, design_input, standard_3211
 from casid.design.flight_card import FlightCard, flight_card
 from casid.design.level_flight import SURFACES, Limits, experiment_of, level_rivals
 from casid.design.separation import NoManoeuvre, separating_manoeuvre
 from casid.diagnosis.document import NextStep
-from casid.errors import EstimationError, InputError
+from casid.errors import InputError
 from casid.frames import Rows
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
@@ -26,7 +26,7 @@ from casid.model.plausible import impossibilities
 from casid.records.readers import write_record
 from casid.report.card_tables import card_in_words, card_tables
 from casid.report.design_figures import designed_histories, separated
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import results
 from casid.report.progress import progress
 from casid.report.result_page import Answer, in_numbers, write_result
 from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, quantity
@@ -83,9 +83,7 @@ def design(
     seed
         Seed of the random starts.
     """
-    for name, value in {"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g}.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"--{name} {value:g}: expected a positive number")
+    require_positive({"deflection-deg": deflection_deg, "angle-deg": angle_deg, "load-g": load_g})
     if separate is not None and (axes, shape, criterion, free) != ("longitudinal", "pulses4", "D", None):
         raise InputError(
             "--separate chooses plane, surface and shape itself; leave out --axes, --shape, --criterion, --free"
@@ -97,25 +95,20 @@ def design(
         | {name: load_g * file.gravity for name in ("az", "ay")},
         duration=duration,
     )
-    made_with = provenance(seed)
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        try:
-            if separate is not None:
-                text, said = _separating(file, separate, limits, (folder, out, aircraft), stage)
-            else:
-                experiment = experiment_of(file, axes, limits, free or ())
-                text, said = _telling(experiment, (shape, criterion, seed), (folder, out, aircraft), stage)
-        except EstimationError as error:
-            raise InputError(str(error)) from None
-        (folder / "design.json").write_text(text + "\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
+    with results(out, seed) as folder, progress(quiet=as_json) as stage:
+        if separate is not None:
+            told, said = _separating(file, separate, limits, (folder, out, aircraft), stage)
+        else:
+            experiment = experiment_of(file, axes, limits, free or ())
+            told, said = _telling(experiment, (shape, criterion, seed), (folder, out, aircraft), stage)
+        text = write_json(told, folder / "design.json")
     print(text if as_json else said)
 
 
 def _telling(
     experiment: Experiment, how: tuple[str, str, int], where: tuple[Path, Path, Path], stage: Callable[[str], None]
-) -> tuple[str, str]:
-    """design.json and the words of the most informative manoeuvre.
+) -> tuple[dict[str, Any], str]:
+    """Content of design.json and the words of the most informative manoeuvre.
 
     `how`: shape, criterion, seed; `where`: the folder, its final name, the aircraft file.
     """
@@ -138,7 +131,7 @@ def _telling(
     parts = [*card_tables(card), histories, in_numbers(said)]
     write_result(folder, "design", f"Designed manoeuvre: {shape}", answer, parts)
     told = document(experiment, designs) | {"card": card.to_dict()}
-    return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}\n\n{said}"
+    return told, f"{answer}\n\n{card_in_words(card)}\n\n{said}"
 
 
 def _with_card(card: FlightCard, gain: str, record: str, where: tuple[Path, Path, Path]) -> Answer:
@@ -171,8 +164,8 @@ def _separating(
     limits: Limits,
     where: tuple[Path, Path, Path],
     stage: Callable[[str], None],
-) -> tuple[str, str]:
-    """design.json and the words of the manoeuvre that separates two causes."""
+) -> tuple[dict[str, Any], str]:
+    """Content of design.json and the words of the manoeuvre that separates two causes."""
     if len(separate) != 2:
         raise InputError(f"--separate {' '.join(separate)}: expected two causes, like 'actuator_lag(delta_e)=0.1'")
     first, second = (effect_value(text) for text in separate)
@@ -208,7 +201,7 @@ def _separating(
     title = f"Manoeuvre that separates {' from '.join(map(_in_words, (first, second)))}"
     answer = _with_card(card, said, "next_flight", where)
     write_result(where[0], "design", title, answer, [*card_tables(card), separated(found, rivals)])
-    return json.dumps(told, indent=1), f"{answer}\n\n{card_in_words(card)}"
+    return told, f"{answer}\n\n{card_in_words(card)}"
 
 
 def _in_words(value: EffectValue) -> str:

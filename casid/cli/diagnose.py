@@ -118,7 +118,7 @@ def diagnose(
         raise InputError(f"--aircraft {aircraft} needs records; expected: diagnose RECORD ... --aircraft FILE")
     system = None if model is None else model_of(model)
     own = () if system is None else (*system.inputs, *system.outputs)
-    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps or [], own, (begin, end))
+    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps, own, (begin, end))
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     made_with = provenance() | {"criteria": by.changes}
@@ -149,7 +149,7 @@ def demo(*, out: Folder = Path("out/demo"), quick: Flag = False, as_json: AsJson
 def _flight(
     patterns: Sequence[str],
     held: Sequence[str],
-    maps: Sequence[str],
+    maps: Sequence[str] | None,
     own: Sequence[str],
     span: tuple[float | None, float | None],
 ) -> tuple[list[Record], list[Record]]:

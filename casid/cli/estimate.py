@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from casid.cli.options import (
     AsJson,
@@ -23,10 +22,13 @@ from casid.cli.options import (
     aircraft_of,
     called_by,
     records_of,
+    require_words,
     say_idle_effects,
+    shared_and_biases,
 )
+from casid.cli.results import write_json
 from casid.diagnosis.document import Called, NextStep
-from casid.errors import EstimationError, InputError
+from casid.errors import InputError
 from casid.estimation import (
     Automatic,
     Collocation,
@@ -46,13 +48,13 @@ from casid.filtering.forces import noise_of_forces
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
 from casid.model.dynamics import moved_coefficients
-from casid.model.flown_records import FlownRecords, axes_of, default_free, flown_records, with_estimates
+from casid.model.flown_records import FlownRecords, axes_of, flown_records, with_estimates
 from casid.model.path import aerodynamic_parameters
 from casid.records.given import require_flight
 from casid.records.record import Record
 from casid.report.estimate_figures import autocorrelations, correlations, estimates, histories
 from casid.report.figure import Picture
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import results
 from casid.report.progress import progress
 from casid.report.result_page import BAD, GOOD, Answer, in_numbers, write_result
 from casid.report.sections import Section
@@ -103,31 +105,32 @@ def estimate(
     axes
         Default: what the surfaces allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: estimate RECORD ... --aircraft FILE")
-    given = Choices(cost=cost, equation_weight=equation_weight, method=method, interval=interval, solver=solver)
+    require_words(records, "RECORD", "estimate RECORD ... --aircraft FILE")
+    if equation_weight is not None and cost != "combined":
+        raise InputError(f"--equation-weight needs --cost combined, got --cost {cost}")
+    if interval is not None and method != "multiple":
+        raise InputError(f"--interval needs --method multiple, got --method {method}")
+    if cost == "filter" and (method != "multiple" or interval is not None):
+        raise InputError("--cost filter has a state at every sample; leave --method and --interval out")
     file = aircraft_of(aircraft)
-    read = records_of(records, maps or [], span=(begin, end))
+    read = records_of(records, maps, span=(begin, end))
     require_flight(read, "estimate")
-    say_idle_effects(file, read)
+    say_idle_effects([file], read)
     if axes is None:
         _say_left_out(file, read)
-    made_with = provenance()
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        try:
-            stage("model")
-            applied = flown_records(file, read, axes)
-            problem = problem_of(given, applied, free)
-            stage("estimation")
-            fit = fitted(given, problem)
-        except EstimationError as error:
-            raise InputError(str(error)) from None
+    with results(out) as folder, progress(quiet=as_json) as stage:
+        stage("model")
+        applied = flown_records(file, read, axes)
+        problem = problem_of(applied, free, cost, equation_weight)
+        multiple = MultipleShooting(interval=INTERVAL if interval is None else interval)
+        methods = {"single": SingleShooting(), "multiple": multiple, "collocation": Collocation()}
+        stage("estimation")
+        fit = solve(problem, methods[method], SOLVERS[solver])
         stage("figures")
         answer = answer_of(fit, called_by(records, maps, aircraft, out))
-        further = {"next": plain(answer.next)}
-        text = json.dumps(document(applied, fit) | further, indent=1)
-        (folder / "estimate.json").write_text(text + "\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
+        notes = {record.name: list(record.notes) for record in applied.records}
+        further = {"aircraft": file.name, "axes": applied.axes, "notes": notes, "next": plain(answer.next)}
+        text = write_json(fit.to_dict() | further, folder / "estimate.json")
         _write_model(file, fit, folder / "model.toml", aircraft)
         more = Section(title="More figures", parts=residuals_and_correlations(applied, fit))
         parts = [*pictures(applied, fit), more, in_numbers(fit, open=False)]
@@ -149,53 +152,16 @@ def _say_left_out(aircraft: Aircraft, records: Sequence[Record]) -> None:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Choices:
-    """Cost, transcription and solver as the command line names them. Raises InputError for contradictions."""
-
-    cost: str = "output"
-    equation_weight: float | None = None
-    method: str = "multiple"
-    interval: int | None = None
-    solver: str = "automatic"
-
-    def __post_init__(self) -> None:
-        if self.equation_weight is not None and self.cost != "combined":
-            raise InputError(f"--equation-weight needs --cost combined, got --cost {self.cost}")
-        if self.interval is not None and self.method != "multiple":
-            raise InputError(f"--interval needs --method multiple, got --method {self.method}")
-        if self.cost == "filter" and (self.method != "multiple" or self.interval is not None):
-            raise InputError("--cost filter has a state at every sample; leave --method and --interval out")
-
-
-def problem_of(given: Choices, applied: FlownRecords, free: Sequence[str] | None) -> Problem:
-    """The estimation problem of the options."""
+def problem_of(applied: FlownRecords, free: Sequence[str] | None, kind: str, equation_weight: float | None) -> Problem:
+    """The estimation problem with a kind of cost."""
     costs = {"output": OutputError, "equation": EquationError, "combined": CombinedError, "filter": OutputError}
-    cost = costs[given.cost]()
-    if given.equation_weight is not None:
-        cost = CombinedError(equation_weight=given.equation_weight)
+    cost = costs[kind]() if equation_weight is None else CombinedError(equation_weight=equation_weight)
     noise = {o: applied.aircraft.noise[o] for o in applied.model.outputs if o in applied.aircraft.noise}
-    complete = given.cost in ("output", "filter") and len(noise) == len(applied.model.outputs)
-    globs = free or default_free(applied)
-    biases = [glob for glob in globs if glob.startswith("bias_")]
-    shared = [glob for glob in globs if glob not in biases]
+    complete = kind in ("output", "filter") and len(noise) == len(applied.model.outputs)
     noise = noise if complete else None
+    shared, biases = shared_and_biases(applied, free)
     made = Problem(applied.model, applied.records, free=shared, per_record=biases, cost=cost, prior=True, noise=noise)
-    return replace(made, cost=noise_of_forces(made)) if given.cost == "filter" else made
-
-
-def fitted(given: Choices, problem: Problem) -> Fit:
-    """Solve the problem as the options say."""
-    multiple = MultipleShooting(interval=INTERVAL if given.interval is None else given.interval)
-    methods = {"single": SingleShooting(), "multiple": multiple, "collocation": Collocation()}
-    return solve(problem, methods[given.method], SOLVERS[given.solver])
-
-
-def document(applied: FlownRecords, fit: Fit) -> dict[str, Any]:
-    """The content of estimate.json."""
-    further: dict[str, Any] = {"aircraft": applied.aircraft.name, "axes": applied.axes}
-    further["notes"] = {record.name: list(record.notes) for record in applied.records}
-    return fit.to_dict() | further
+    return replace(made, cost=noise_of_forces(made)) if kind == "filter" else made
 
 
 _SENTENCES = {

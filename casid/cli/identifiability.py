@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,12 +10,13 @@ from cyclopts import Parameter
 from casid.analysis import Identifiability
 from casid.analysis import identifiability as identifiability_of
 from casid.analysis.excitation import Suggestion
-from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of
-from casid.errors import EstimationError, InputError
+from casid.cli.options import DEMO, AsJson, Axes, Files, Folder, Maps, aircraft_of, records_of, shared_and_biases
+from casid.cli.results import write_json
+from casid.errors import InputError
 from casid.estimation import Problem, solve
 from casid.keeping import plain
-from casid.model.flown_records import default_free, flown_records
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.model.flown_records import flown_records
+from casid.report.folder import results
 from casid.report.progress import progress
 
 
@@ -47,25 +47,17 @@ def identifiability(
     if bool(records) != bool(aircraft):
         raise InputError("identifiability: give records and --aircraft FILE together, or neither for the demonstration")
     file = aircraft_of(aircraft or DEMO / "aircraft.toml")
-    read = records_of(records or (str(DEMO / "m1.csv"),), maps or [])
-    made_with = provenance()
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
-        try:
-            applied = flown_records(file, read, axes)
-            globs = free or default_free(applied)
-            biases = [glob for glob in globs if glob.startswith("bias_")]
-            shared = [glob for glob in globs if glob not in biases]
-            stage("estimation")
-            fit = solve(Problem(applied.model, applied.records, free=shared, per_record=biases))
-            stage("identifiability")
-            report = identifiability_of(fit)
-        except EstimationError as error:
-            raise InputError(str(error)) from None
+    read = records_of(records or (str(DEMO / "m1.csv"),), maps)
+    with results(out) as folder, progress(quiet=as_json) as stage:
+        applied = flown_records(file, read, axes)
+        shared, biases = shared_and_biases(applied, free)
+        stage("estimation")
+        fit = solve(Problem(applied.model, applied.records, free=shared, per_record=biases))
+        stage("identifiability")
+        report = identifiability_of(fit)
         text = f"{file.name}: estimation {fit.status}\n{report}"
-        found = json.dumps(document(report), indent=1)
         (folder / "identifiability.txt").write_text(text + "\n", encoding="utf-8")
-        (folder / "identifiability.json").write_text(found + "\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
+        found = write_json(document(report), folder / "identifiability.json")
     print(found if as_json else text)
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from casid.acceptance.isolability import isolability
 from casid.cli.options import AsJson, Files, Flag, Folder, Maps, aircraft_of, records_of
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.cli.results import write_json
+from casid.report.folder import results
 from casid.report.isolability_page import write_isolability
 from casid.report.progress import progress
 
@@ -43,13 +43,10 @@ def isolate(
         Column map: delta_e=DE:deg, or a TOML file.
     """
     file = aircraft_of(aircraft)
-    records = records_of(manoeuvre, maps or [])
-    made_with = provenance()
-    with whole_folder(out) as folder, progress(quiet=as_json) as stage:
+    records = records_of(manoeuvre, maps)
+    with results(out) as folder, progress(quiet=as_json) as stage:
         stage("responses of the causes" if only_this else "responses of the causes, further channels and manoeuvres")
         found = isolability(file, records, channels=channels, causes=causes, suggest=not only_this)
-        text = json.dumps(found.to_dict(), indent=1)
-        (folder / "isolability.json").write_text(text + "\n", encoding="utf-8")
+        text = write_json(found.to_dict(), folder / "isolability.json")
         write_isolability(found, folder)
-        write_provenance(made_with, folder / "run.json")
     print(text if as_json else found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -20,10 +20,12 @@ from casid.cli.options import (
     Records,
     aircraft_of,
     records_of,
+    require_words,
     say_idle_effects,
 )
+from casid.cli.results import tell
 from casid.errors import InputError
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import provenance, write_provenance
 from casid.report.match_page import write_match
 from casid.report.pdf import print_to_pdf
 
@@ -67,8 +69,7 @@ def match(
     pdf
         Print the page to DIR/match.pdf, by the Chromium, Chrome or Edge that is installed.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: match RECORD ... --aircraft FILE [EXTENDED]")
+    require_words(records, "RECORD", "match RECORD ... --aircraft FILE [EXTENDED]")
     if len(aircraft) > 2:
         raise InputError(f"--aircraft: {len(aircraft)} files; expected the given one, and the extended one behind it")
     if diagnosis is not None and len(aircraft) == 1:
@@ -76,9 +77,8 @@ def match(
     if pdf and out is None:
         raise InputError("--pdf: there is no folder for match.pdf; give --out DIR")
     files = [aircraft_of(file) for file in aircraft]
-    read = records_of(records, maps or [])
-    for one in files:
-        say_idle_effects(one, read)
+    read = records_of(records, maps)
+    say_idle_effects(files, read)
     proof = proof_of_match(
         files[0],
         read,
@@ -89,7 +89,9 @@ def match(
         axes=axes,
         closed_loop=closed_loop,
     )
-    _write(proof, out, pdf, as_json)
+    tell("match", proof, out, as_json, partial(_write_page, pdf=pdf))
+    if out is not None and not as_json:
+        print(f"page: {out / 'match.html'}")
     return 0 if proof.passed else 1
 
 
@@ -105,16 +107,8 @@ def _test(text: str) -> tuple[str, tuple[float, float] | None]:
     return name, (start, end)
 
 
-def _write(proof: ProofOfMatch, out: Path | None, pdf: bool, as_json: bool) -> None:
-    text = json.dumps(proof.to_dict(), indent=1)
-    if out is not None:
-        made_with = provenance()
-        with whole_folder(out) as folder:
-            write_match(proof, folder)
-            if pdf:
-                print_to_pdf(folder / "match.html", folder / "match.pdf")
-            (folder / "match.json").write_text(text + "\n", encoding="utf-8")
-            write_provenance(made_with, folder / "run.json")
-    print(text if as_json else proof)
-    if out is not None and not as_json:
-        print(f"page: {out / 'match.html'}")
+def _write_page(proof: ProofOfMatch, folder: Path, pdf: bool) -> None:
+    write_provenance(provenance(), folder / "run.json")
+    write_match(proof, folder)
+    if pdf:
+        print_to_pdf(folder / "match.html", folder / "match.pdf")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import sys
 from collections.abc import Sequence
@@ -16,12 +15,12 @@ from casid.acceptance.handbook import Handbook, flight_point, handbook, usual_sp
 from casid.acceptance.parameters import known_by_document, known_by_file
 from casid.acceptance.steady import SteadyFlight
 from casid.acceptance.theil import Theil, theil
-from casid.cli.options import AsJson, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.options import AsJson, Files, Folder, Maps, records_of, require_words, say_idle_effects
+from casid.cli.results import write_json
 from casid.cli.simulate import fleet
-from casid.errors import InputError
 from casid.model.aircraft import Aircraft
 from casid.records.limits import read_json, sound
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import results
 from casid.report.modes_page import text as in_words
 from casid.report.modes_page import write_modes
 
@@ -59,14 +58,12 @@ def modes(
     maps
         Column map of the records: alpha=ALCG:deg, or a TOML file.
     """
-    if not aircraft:
-        raise InputError("AIRCRAFT is missing; expected: modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")
+    require_words(aircraft, "AIRCRAFT", "modes AIRCRAFT ... [--estimate FILE] [--record FILE ...]")
     files = fleet(aircraft)
     first = next(iter(files))
     point = flight_point(files[first], V, altitude, None) | {"climb_angle": math.radians(climb_deg)}
-    read = records_of(record or [], maps or []) if record else []
-    made_with = provenance()
-    with whole_folder(out) as folder:
+    read = records_of(record, maps) if record else []
+    with results(out) as folder:
         found: dict[str, Handbook] = {}
         for label, one in files.items():
             flight = SteadyFlight(one)
@@ -77,10 +74,8 @@ def modes(
                     known = known_by_document(flight, written, str(estimate))
                 found[f"{label}, estimated"] = handbook(flight, known, point, usual_speeds(point["V"]))
         compared = _theil(files, read) if read else {}
-        text = json.dumps(document(found, compared), indent=1)
-        (folder / "modes.json").write_text(text + "\n", encoding="utf-8")
+        text = write_json(document(found, compared), folder / "modes.json")
         write_modes(found, compared, folder)
-        write_provenance(made_with, folder / "run.json")
     print(text if as_json else in_words(found, compared))
 
 
@@ -98,8 +93,7 @@ def document(found: dict[str, Handbook], compared: dict[str, dict[str, dict[str,
 
 def _theil(files: dict[str, Aircraft], read: Sequence[Any]) -> dict[str, dict[str, dict[str, Theil]]]:
     """Record -> label -> channel -> Theil."""
-    for one in files.values():
-        say_idle_effects(one, read)
+    say_idle_effects(files.values(), read)
     by_label = {label: theil(one, read) for label, one in files.items()}
     for label, by_record in by_label.items():
         for name in (name for name, channels in by_record.items() if not channels):

@@ -6,16 +6,14 @@ import math
 import sys
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import tomlkit
 from rich.prompt import FloatPrompt, InvalidResponse
 from rich.text import Text
-from tomlkit.items import Item
 
 from casid.cli.new_multirotor import multirotor_text
-from casid.cli.options import Flag
+from casid.cli.options import Flag, require_positive
 from casid.errors import InputError
 from casid.keeping import whole_file
 from casid.model.aircraft import Aircraft
@@ -96,9 +94,7 @@ def new_aircraft(
     known = _answered(dict(zip(_WING, (mass, span, chord, area, speed), strict=True)))
     if length is not None:
         known["length"] = length
-    for what, value in known.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"--{what} {value:g}: expected a positive number")
+    require_positive(known)
     _check_wing(known, altitude)
     _write(target, _text(name, altitude, known))
     for one in _SIGNS.values():
@@ -207,63 +203,42 @@ def derivatives_of(lift: float, aspect: float) -> dict[str, float]:
 
 def _text(name: str, altitude: float, known: Mapping[str, float]) -> str:
     mass, span, chord, area, speed = (known[what] for what in _WING)
+    length = known.get("length", span)
     rho = float(standard_density(np.array(altitude)))
-    lift = _lift(mass, area, speed, altitude)
-    document = tomlkit.document()
-    document.add(tomlkit.comment("An aircraft of casid: SI units and radians. 'typical' marks a guess to be replaced."))
-    aircraft = {
-        "name": name,
-        "mass": mass,
-        "inertia": inertia_of(mass, span, known.get("length", span)),
-        "gravity": GRAVITY,
-    }
-    reference = {
-        "area": area,
-        "moment_length": {"lateral": span, "pitch": chord},
-        "rate_length": {"lateral": 0.5 * span, "pitch": 0.5 * chord},
-    }
-    sensors = {place: [0.0, 0.0, 0.0] for place in ("accelerometer", "alpha_vane", "beta_vane")}
-    trim = {"V": speed, "altitude": altitude, "rho": rho}
-    _section(
-        document,
-        "aircraft",
-        aircraft,
-        {"inertia": f"kg m2, typical of a fuselage of {known.get('length', span):g} m; --length", "mass": "kg"},
-    )
-    lengths = {"moment_length": "m: Cl = L / (qbar S span)", "rate_length": "m: p* = p lateral / V", "area": "m2"}
-    _section(document, "reference", reference, lengths)
-    _section(document, "sensors", sensors, dict.fromkeys(sensors, "m from the centre of gravity; x forward, z down"))
-    _section(document, "trim", trim, {"V": "m/s", "altitude": "m", "rho": "kg/m3"})
-    inner = tomlkit.table()
-    for key, value in derivatives_of(lift, span**2 / area).items():
-        inner.add(key, _commented(_rounded(value), _SIGNS.get(key, "typical")))
-    body = tomlkit.table()
-    body.add("force_axes", _commented("wind", "wind: CL CD CY; body: CX CZ CY"))
-    body.add("relative_uncertainty", _commented(0.5, "1-sigma of every derivative, as a fraction of it; 0: no prior"))
-    body.add("derivatives", inner)
-    document.add("aerodynamics", body)
-    return tomlkit.dumps(document)
+    inertia = ", ".join(f"{axis} = {_rounded(size)}" for axis, size in inertia_of(mass, span, length).items())
+    derivatives = derivatives_of(_lift(mass, area, speed, altitude), span**2 / area)
+    listed = "\n".join(f"{one} = {_rounded(size)} # {_SIGNS.get(one, 'typical')}" for one, size in derivatives.items())
+    return f"""\
+# An aircraft of casid: SI units and radians. 'typical' marks a guess to be replaced.
 
+[aircraft]
+name = {tomlkit.item(name).as_string()}
+mass = {_rounded(mass)} # kg
+inertia = {{{inertia}}} # kg m2, typical of a fuselage of {length:g} m; --length
+gravity = {GRAVITY}
 
-def _section(document: tomlkit.TOMLDocument, name: str, content: dict[str, Any], comments: dict[str, str]) -> None:
-    table = tomlkit.table()
-    for key, value in content.items():
-        table.add(key, _commented(_rounded_all(value), comments.get(key, "")))
-    document.add(name, table)
+[reference]
+area = {_rounded(area)} # m2
+moment_length = {{lateral = {_rounded(span)}, pitch = {_rounded(chord)}}} # m: Cl = L / (qbar S span)
+rate_length = {{lateral = {_rounded(0.5 * span)}, pitch = {_rounded(0.5 * chord)}}} # m: p* = p lateral / V
 
+[sensors]
+accelerometer = [0.0, 0.0, 0.0] # m from the centre of gravity; x forward, z down
+alpha_vane = [0.0, 0.0, 0.0] # m from the centre of gravity; x forward, z down
+beta_vane = [0.0, 0.0, 0.0] # m from the centre of gravity; x forward, z down
 
-def _commented(value: Any, comment: str) -> Item:
-    item = tomlkit.item(value)
-    if isinstance(value, dict):
-        item = tomlkit.inline_table()
-        item.update(value)
-    return item.comment(comment) if comment else item
+[trim]
+V = {_rounded(speed)} # m/s
+altitude = {_rounded(altitude)} # m
+rho = {_rounded(rho)} # kg/m3
 
+[aerodynamics]
+force_axes = "wind" # wind: CL CD CY; body: CX CZ CY
+relative_uncertainty = 0.5 # 1-sigma of every derivative, as a fraction of it; 0: no prior
 
-def _rounded_all(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(one) for key, one in value.items()}
-    return _rounded(value) if isinstance(value, float) else value
+[aerodynamics.derivatives]
+{listed}
+"""
 
 
 def _rounded(value: float) -> float:

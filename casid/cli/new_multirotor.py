@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from casid.cli.options import require_positive
 from casid.errors import InputError
 
 # of two quadrotors that are known in full (Crazyflie, Hummingbird): inertia over mass times arm squared, torque per
@@ -28,9 +29,7 @@ def multirotor_text(name: str, count: int, mass: float, arm: float) -> str:
 
     Raises InputError for numbers that no multirotor has.
     """
-    for what, value in (("mass", mass), ("arm", arm)):
-        if not (math.isfinite(value) and value > 0.0):
-            raise InputError(f"--{what} {value:g}: expected a positive number")
+    require_positive({"mass": mass, "arm": arm})
     if count not in _FRAMES:
         raise InputError(f"--rotors {count}: expected 4, 6 or 8; write others by hand")
     square = mass * arm**2

@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -16,6 +16,7 @@ from casid.arguments import a_path
 from casid.diagnosis.document import Called
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
+from casid.model.flown_records import FlownRecords, default_free
 from casid.model.plausible import impossibilities
 from casid.records.column_map import ColumnMap
 from casid.records.readers import read_records
@@ -53,9 +54,22 @@ AsJson = Annotated[bool, Parameter(name="--json", negative="", help="Print the r
 Axes = Literal["full", "longitudinal", "lateral"]
 
 
+def require_words(words: Sequence[str] | Sequence[Path], name: str, usage: str) -> None:
+    """Raise InputError for a command without the words that it is about."""
+    if not words:
+        raise InputError(f"{name} is missing; expected: {usage}")
+
+
+def require_positive(numbers: Mapping[str, float]) -> None:
+    """Raise InputError for an option, by its name, that is no positive number."""
+    for name, value in numbers.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise InputError(f"--{name} {value:g}: expected a positive number")
+
+
 def records_of(
     patterns: Sequence[str],
-    maps: Sequence[str],
+    maps: Sequence[str] | None,
     own: Sequence[str] = (),
     span: tuple[float | None, float | None] = (None, None),
 ) -> list[Record]:
@@ -63,9 +77,10 @@ def records_of(
 
     `own`: channels of no aircraft; `span`: values of ``--from`` and ``--to``.
     """
-    maps = [*maps, *(one for one in patterns if _is_map(one))]  # `--map a=.. b=..` hands the second to the records
+    # `--map a=.. b=..` hands the second to the records
+    maps = [*(maps or []), *(one for one in patterns if _is_map(one))]
     patterns = [one for one in patterns if not _is_map(one)]
-    records = read_records(list(patterns), ColumnMap.from_options(list(maps)), own=own, between=between(*span))
+    records = read_records(patterns, ColumnMap.from_options(maps), own=own, between=between(*span))
     say_notes(records)
     return records
 
@@ -102,13 +117,20 @@ def aircraft_of(file: str | Path) -> Aircraft:
     return aircraft
 
 
-def say_idle_effects(aircraft: Aircraft, records: Sequence[Record]) -> None:
-    """Say which effects of a file are of records alone that are not among these, and do nothing here."""
+def say_idle_effects(aircraft: Iterable[Aircraft], records: Sequence[Record]) -> None:
+    """Say which effects of files are of records alone that are not among these, and do nothing here."""
     here = {record.name for record in records}
-    for effect in aircraft.effects:
+    for effect in (effect for one in aircraft for effect in one.effects):
         if effect.records and not here & set(effect.records):
             own = ", ".join(effect.records)
             print(f"note: {effect.kind} of the aircraft file is of {own} alone: it does nothing here", file=sys.stderr)
+
+
+def shared_and_biases(applied: FlownRecords, free: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    """Globs of the parameters of all records, and of those that each record has: biases, whatever their instruments."""
+    globs = free or default_free(applied)
+    biases = [glob for glob in globs if glob.startswith("bias_")]
+    return [glob for glob in globs if glob not in biases], biases
 
 
 def called_by(files: Sequence[str], maps: Sequence[str] | None, aircraft: Path, out: Path) -> Called:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,15 +9,14 @@ from typing import Annotated, Any
 import numpy as np
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, say_idle_effects
+from casid.cli.options import AsJson, Axes, Files, Folder, Maps, records_of, require_words, say_idle_effects
+from casid.cli.results import write_json
 from casid.cli.simulate import fleet
 from casid.errors import InputError
 from casid.frequency.mismatch import Mismatch, MismatchEnvelope, ResponseComparison, compare_responses
 from casid.frequency.model_response import LinearModel, linear_model
 from casid.frequency.response import FrequencyResponse, frequency_response
-from casid.model.aircraft import Aircraft
-from casid.records.record import Record
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.folder import results
 from casid.report.response_figures import bode, bode_mismatch
 from casid.report.result_page import BAD, GOOD, Answer, in_numbers, write_result
 
@@ -68,30 +66,25 @@ def response(
     envelope
         CSV file with bounds of the mismatch: omega, gain_low_db, gain_high_db, phase_low_deg, phase_high_deg.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: response RECORD ... --input delta_e --output q")
+    require_words(records, "RECORD", "response RECORD ... --input delta_e --output q")
     if envelope is not None and not aircraft:
         raise InputError("--envelope bounds the mismatch of a model; expected --aircraft FILE with it")
     bounds = MismatchEnvelope.read(envelope) if envelope is not None else None
-    files = fleet([Path(file) for file in aircraft or []])
+    files = fleet(aircraft or [])
     others = tuple(other or ())
-    read = records_of(records, maps or [], own=(input, *output, *others))
-    for one in files.values():
-        say_idle_effects(one, read)
-    made_with = provenance()
-    with whole_folder(out) as folder:
-        models = _linear(files, read, axes, output)
+    read = records_of(records, maps, own=(input, *output, *others))
+    say_idle_effects(files.values(), read)
+    with results(out) as folder:
+        models = {label: linear_model(one, read, axes=axes, outputs=output) for label, one in files.items()}
         flown = [
             frequency_response(read, input, name, other_inputs=others, band=band, windows=windows) for name in output
         ]
         found = [compare_responses(one, models, envelope=bounds) if models else one for one in flown]
-        text = json.dumps(document(found, models), indent=1)
-        (folder / "response.json").write_text(text + "\n", encoding="utf-8")
+        text = write_json(document(found, models), folder / "response.json")
         said = "\n\n".join(map(_said, found))
         drawn = [bode(x) if isinstance(x, FrequencyResponse) else bode_mismatch(x) for x in found]
         answer = answer_of(found, input)
         write_result(folder, "response", f"Responses to {input}", answer, [*drawn, in_numbers(said)])
-        write_provenance(made_with, folder / "run.json")
     print(text if as_json else f"{answer}\n\n{said}")
 
 
@@ -158,9 +151,3 @@ def _off(flight: FrequencyResponse, found: Mismatch) -> str:
 
 def _said(found: FrequencyResponse | ResponseComparison) -> str:
     return str(found) if isinstance(found, FrequencyResponse) else f"{found.flight}\n\n{found}"
-
-
-def _linear(
-    files: dict[str, Aircraft], records: Sequence[Record], axes: Axes | None, outputs: Sequence[str]
-) -> dict[str, LinearModel]:
-    return {label: linear_model(one, records, axes=axes, outputs=outputs) for label, one in files.items()}

@@ -9,7 +9,7 @@ from typing import NoReturn
 from cyclopts import App, CycloptsError
 
 from casid.cli.start import leave, outcome, ready
-from casid.errors import InputError
+from casid.errors import EstimationError, InputError
 
 
 def script(command: Callable[..., int | None], name: str | None = None) -> App:
@@ -40,12 +40,15 @@ def _every_map(words: Sequence[str]) -> list[str]:
 
 
 def call(app: App, arguments: Sequence[str] | None = None) -> int:
-    """Run an application in this process; words that it cannot take are an InputError like all bad input."""
+    """Run an application in this process; words that it cannot take, or no estimation can, are an InputError."""
     words = sys.argv[1:] if arguments is None else arguments
     try:
         command, bound, _ = app.parse_args(_every_map(words), exit_on_error=False, print_error=False)
     except CycloptsError as error:
         raise InputError(f"{' '.join(str(error).split()).rstrip('., …')}; see {app.name[0]} --help") from None
     ready()
-    status = command(*bound.args, **bound.kwargs)
+    try:
+        status = command(*bound.args, **bound.kwargs)
+    except EstimationError as error:  # of numbers and names that the words gave
+        raise InputError(str(error)) from None
     return status if isinstance(status, int) else 0

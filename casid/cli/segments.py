@@ -11,8 +11,7 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from casid.cli.options import AsJson, Begin, End, Folder, Maps, records_of
-from casid.errors import InputError
+from casid.cli.options import AsJson, Begin, End, Folder, Maps, records_of, require_words
 from casid.frames import Rows
 from casid.records.readers import write_record
 from casid.records.record import Record
@@ -43,9 +42,8 @@ def segments(
     logs
         Files, or patterns like 'logs/*.bin'.
     """
-    if not logs:
-        raise InputError("LOG is missing; expected: segments LOG ... [--out DIR]")
-    records = records_of(logs, maps or [], span=(begin, end))
+    require_words(logs, "LOG", "segments LOG ... [--out DIR]")
+    records = records_of(logs, maps, span=(begin, end))
     found = {record.name: found_in(record) for record in records}
     text = json.dumps(_document(found), indent=1)
     if out is not None:

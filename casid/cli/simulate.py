@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -22,8 +21,10 @@ from casid.cli.options import (
     Records,
     aircraft_of,
     records_of,
+    require_words,
     say_idle_effects,
 )
+from casid.cli.results import write_json
 from casid.errors import InputError
 from casid.estimation.fitted import channel_fit
 from casid.frames import Rows
@@ -32,10 +33,10 @@ from casid.model.flown_records import FlownRecords, flown_records
 from casid.records.readers import write_record
 from casid.records.record import Record
 from casid.report.estimate_figures import file_name, histories
-from casid.report.figure import Picture, shown_unit
-from casid.report.folder import provenance, whole_folder, write_provenance
+from casid.report.figure import Picture
+from casid.report.folder import results
 from casid.report.result_page import Answer, in_numbers, write_result
-from casid.report.words import digits
+from casid.report.words import digits, shown_unit
 from casid.signals import SURFACES, unit_of
 
 FOLLOWED = 0.9  # R2 from which a channel counts as followed; the sentence states it
@@ -64,28 +65,23 @@ def simulate(
     axes
         Default: what the surfaces allow.
     """
-    if not records:
-        raise InputError("RECORD is missing; expected: simulate RECORD ... --aircraft FILE ...")
-    files = fleet([Path(file) for file in aircraft])
-    read = records_of(records, maps or [], span=(begin, end))
-    for one in files.values():
-        say_idle_effects(one, read)
+    require_words(records, "RECORD", "simulate RECORD ... --aircraft FILE ...")
+    files = fleet(aircraft)
+    read = records_of(records, maps, span=(begin, end))
+    say_idle_effects(files.values(), read)
     applied = {label: flown_records(one, read, axes) for label, one in files.items()}
-    made_with = provenance()
-    with whole_folder(out) as folder:
-        results = {}
+    with results(out) as folder:
+        found = {}
         pictures = []
         for i, record in enumerate(read):
-            flown, results[record.name] = _fly_all(applied, i, record, folder)
+            flown, found[record.name] = _fly_all(applied, i, record, folder)
             drawn = picture(record, flown)
             pictures += [drawn] if drawn else []
-        text = json.dumps({"schema": "casid.simulate/1", "records": results}, indent=1)
-        (folder / "simulate.json").write_text(text + "\n", encoding="utf-8")
-        write_provenance(made_with, folder / "run.json")
-        answer = answer_of(results)
-        parts = [*pictures, in_numbers(table(results))]
-        write_result(folder, "simulate", f"Simulation of {', '.join(results)}", answer, parts)
-    print(text if as_json else f"{answer}\n\n{table(results)}")
+        text = write_json({"schema": "casid.simulate/1", "records": found}, folder / "simulate.json")
+        answer = answer_of(found)
+        parts = [*pictures, in_numbers(table(found))]
+        write_result(folder, "simulate", f"Simulation of {', '.join(found)}", answer, parts)
+    print(text if as_json else f"{answer}\n\n{table(found)}")
 
 
 def _fly_all(
@@ -107,8 +103,9 @@ def _fly_all(
     return flown, results
 
 
-def fleet(paths: Sequence[Path]) -> dict[str, Aircraft]:
+def fleet(files: Sequence[str | Path]) -> dict[str, Aircraft]:
     """Label -> aircraft; the label is the file's name without ending, with its folder where that is not enough."""
+    paths = [Path(file) for file in files]
     stems = [path.stem for path in paths]
     labels = [p.stem if stems.count(p.stem) == 1 else f"{p.resolve().parent.name}-{p.stem}" for p in paths]
     if len(set(labels)) < len(labels):

@@ -3,90 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from casid.acceptance.compared import named
 from casid.diagnosis.document import Document
 from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
-from casid.report.figure import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    WIDE,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    Span,
-    channel_axis,
-    channel_scale,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.looks import Look
 from casid.report.sections import ReportTable, where
-from casid.report.words import digits, percent, with_std
-from casid.signals import label_of
+from casid.report.words import channel_axis, channel_scale, digits
 
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
 _ROW = 0.21  # inches
-_CONSISTENT = Look(name="consistent", colour=BLUE, dash="", marker="o", size=5.0)
-_AGAINST = Look(name="inconsistent", colour=ORANGE, dash="", marker="D", size=5.0)
+_CONSISTENT = Look(name="consistent", colour=looks.BLUE, dash="", marker="o", size=5.0)
+_AGAINST = Look(name="inconsistent", colour=looks.ORANGE, dash="", marker="D", size=5.0)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Compared:
-    """A number of the file beside flight, in words, and whether flight is `against` it."""
-
-    name: str
-    file: str
-    flight: str
-    deviation: str
-    sigmas: str
-    against: bool
-
-
-def compared(document: Document) -> list[Compared]:
-    """Every number of the file, those that flight contradicts first, and last those that these records do not
-    determine."""
-    against = [one.parameter for one in document.contradicted]
-    found = sorted(document.parameters, key=lambda one: (_rank(one.name, against), not one.flight.determined))
-    return [_in_words(one, one.name in against) for one in found]
-
-
-def _rank(name: str, against: list[str]) -> int:
-    return against.index(name) if name in against else len(against)
-
-
-def _in_words(one: Parameter, against: bool) -> Compared:
-    says = one.flight
-    given = one.a_priori
-    unit = "1" if one.unit.startswith("1/") else one.unit
-    if not says.determined:
-        return Compared(
-            name=one.name,
-            file=with_std(given, 0.0, unit),
-            flight="not identifiable from these records",
-            deviation="",
-            sigmas="",
-            against=False,
-        )
-    return Compared(
-        name=one.name,
-        file=with_std(given, 0.0, unit),
-        flight=with_std(says.value, says.std, unit),
-        deviation=percent(says.value, given, says.std),
-        sigmas=digits(abs(says.value - given) / says.std, 2) if says.std > 0.0 else "–",
-        against=against,
-    )
+def contradicted_first(document: Document) -> Callable[[Parameter], int]:
+    """Return a key for sorting numbers of the file: those that flight contradicts in their order, before all others."""
+    rank = {one.parameter: k for k, one in enumerate(document.contradicted)}
+    return lambda one: rank.get(one.name, len(rank))
 
 
 def derivatives(document: Document) -> Picture | None:
@@ -96,7 +38,8 @@ def derivatives(document: Document) -> Picture | None:
     told = [
         one for one in document.parameters if one.flight.determined and one.a_priori and math.isfinite(one.flight.std)
     ]
-    order = sorted(told, key=lambda one: (_rank(one.name, against), -abs(_deviation(one))))[:_MOST]
+    told.sort(key=lambda one: -abs(_deviation(one)))
+    order = sorted(told, key=contradicted_first(document))[:_MOST]
     if not order:
         return None
     states = document.aircraft.relative_uncertainty if document.aircraft and document.coefficients else 0.0
@@ -104,8 +47,8 @@ def derivatives(document: Document) -> Picture | None:
     of = document.source
     witness = document.witness
     parts: list[Part] = [
-        Span(look=Look(name=f"within {stated:.0f} %", colour=GREY), low=-stated, high=stated),
-        Rule(look=Look(colour=INK), at=0.0),
+        Span(look=Look(name=f"within {stated:.0f} %", colour=looks.GREY), low=-stated, high=stated),
+        Rule(look=Look(colour=looks.INK), at=0.0),
     ]
     for y, one in enumerate(order):
         parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
@@ -204,7 +147,7 @@ def envelope_table(document: Document) -> ReportTable:
             continue
         beyond = float(np.mean((unseen < seen.min()) | (unseen > seen.max()))) if len(unseen) else 0.0
         cells = (
-            f"{' '.join(dict.fromkeys((label_of(name), name)))} [{channel_scale(name)[1]}]",
+            f"{named(name)} [{channel_scale(name)[1]}]",
             _range(seen),
             _range(unseen) if len(unseen) else "–",
             f"{100.0 * beyond:.0f} % of its samples" if beyond > _OUTSIDE else "–",
@@ -242,8 +185,8 @@ def envelope(document: Document) -> Picture | None:
     )
 
 
-_FITTED = Look(name="fitted", colour=BLUE, dash="", marker="o", size=2.2, alpha=0.5)
-_HELD_OUT = Look(name="held out", colour=ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
+_FITTED = Look(name="fitted", colour=looks.BLUE, dash="", marker="o", size=2.2, alpha=0.5)
+_HELD_OUT = Look(name="held out", colour=looks.ORANGE, dash="", marker="x", size=2.6, alpha=0.6)
 
 
 def _pair(across: str, up: str, fitted: Sequence[Record], held: Sequence[Record]) -> Panel:

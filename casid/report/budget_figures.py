@@ -8,33 +8,19 @@ from typing import Any
 import numpy as np
 
 from casid.diagnosis.given.budget import Budget, BudgetSteps
-from casid.report.figure import (
-    BLUE,
-    FAINT,
-    LIMIT,
-    ORANGE,
-    PINK,
-    YELLOW,
-    ZERO,
-    Axis,
-    Bar,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Picture,
-    Rule,
-)
+from casid.report import looks
+from casid.report.figure import Axis, Bar, Figure, Note, Panel, Picture, Rule
+from casid.report.looks import Look
 from casid.report.svg import shown
 
 # what is taken away between one step and the next, in the order of the waterfall
 _DROPS: Mapping[Look, tuple[str, str]] = {
-    Look(name="data", colour=YELLOW): ("as_given", "data_mended"),
-    Look(name="values of the file", colour=ORANGE): ("data_mended", "values"),
-    Look(name="structure (causes)", colour=BLUE): ("values", "structure"),
-    Look(name="unexplained", colour=FAINT): ("structure", "noise"),
+    Look(name="data", colour=looks.YELLOW): ("as_given", "data_mended"),
+    Look(name="values of the file", colour=looks.ORANGE): ("data_mended", "values"),
+    Look(name="structure (causes)", colour=looks.BLUE): ("values", "structure"),
+    Look(name="unexplained", colour=looks.FAINT): ("structure", "noise"),
 }
-_WORSE = Look(name="a step that makes it worse", colour="#FFFFFF", edge=PINK, hatch="////")
+_WORSE = Look(name="a step that makes it worse", colour="#FFFFFF", edge=looks.PINK, hatch="////")
 # height of a bar in rows, and of a row in inches
 _BAR = 0.21
 _ROW = 0.42
@@ -56,8 +42,8 @@ def budget(found: Budget) -> Picture:
     panel = Panel(
         parts=(
             *bars,
-            Rule(look=LIMIT.called("noise alone"), at=1.0),
-            Rule(look=ZERO, at=0.5, axis="y"),
+            Rule(look=looks.LIMIT.called("noise alone"), at=1.0),
+            Rule(look=looks.ZERO, at=0.5, axis="y"),
         ),
         x=Axis(
             label="r.m.s. error / noise (log scale)",
@@ -99,7 +85,7 @@ def _waterfall(y: int, steps: BudgetSteps) -> Iterator[Bar | Note]:
         if abs(high / low - 1.0) < _LEAST:
             continue
         worse = low > high
-        if look.colour == FAINT and worse:
+        if look.colour == looks.FAINT and worse:
             continue  # a residual below the noise that was assumed: nothing is left
         ends = {"low": min(high, low), "high": max(high, low), "height": 0.9 * _BAR}
         yield Bar(look=_WORSE if worse else look, at=y + _BAR * (i - 1.5), **ends)

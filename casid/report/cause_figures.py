@@ -12,43 +12,20 @@ from casid.diagnosis.given.shape import Shape
 from casid.frequency.response import FrequencyResponse
 from casid.model.station import Station
 from casid.model.terms import bare, parse_term
-from casid.report.figure import (
-    BLUE,
-    DEVIATION,
-    EXPLAINED,
-    EXTENDED,
-    GIVEN,
-    INK,
-    INPUT,
-    TIME,
-    WIDE,
-    YELLOW,
-    ZERO,
-    Axis,
-    Band,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Picture,
-    Rule,
-    Span,
-    each,
-    history,
-    shown_unit,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Picture, Rule, Span, history, stacked
 from casid.report.history_figures import compared, telling_window, worst_record
+from casid.report.looks import Look
 from casid.report.response_figures import gain_and_phase
-from casid.report.words import EVIDENCE, place, pretty, pretty_term
+from casid.report.words import EVIDENCE, place, pretty, pretty_term, shown_unit
 from casid.signals import label_of, unit_of
 
 _STEPS = 11
 _MAX_RECORDS = 3
-_MEANS = Look(name="their mean in steps, ±2σ", colour=INK, dash="", marker="o", size=6.0)
-_NAMED = Look(name="the named term", colour=BLUE, width=2.5)
-_PUT_THERE = EXPLAINED.called("what the named causes put there")
-_RECONSTRUCTED = EXTENDED.called("reconstructed, form unknown")
+_MEANS = Look(name="their mean in steps, ±2σ", colour=looks.INK, dash="", marker="o", size=6.0)
+_NAMED = Look(name="the named term", colour=looks.BLUE, width=2.5)
+_PUT_THERE = looks.EXPLAINED.called("what the named causes put there")
+_RECONSTRUCTED = looks.EXTENDED.called("reconstructed, form unknown")
 
 
 def shape(cause: ReportedCause) -> Picture | None:
@@ -64,7 +41,7 @@ def shape(cause: ReportedCause) -> Picture | None:
     label, scale = _abscissa(term.variable)
     points = [one * (scale, 1.0, 1.0) for one in term.points.values()]
     clouds = [
-        Curve(look=replace(each(r, f"reconstructed, {name}"), alpha=0.4), x=one[:, 0], y=one[:, 1])
+        Curve(look=replace(looks.each(r, f"reconstructed, {name}"), alpha=0.4), x=one[:, 0], y=one[:, 1])
         for r, (name, one) in enumerate(zip(term.points, points, strict=True))
     ]
     cloud = np.concatenate(points)
@@ -103,9 +80,9 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
         x = one.x * scale
         panel = Panel(
             parts=(
-                Band(look=DEVIATION, x=x, low=one.y - 2.0 * one.std, high=one.y + 2.0 * one.std),
-                Rule(look=ZERO, at=0.0, axis="y"),
-                Curve(look=EXTENDED.called("curve of the fitted records"), x=x, y=one.y),
+                Band(look=looks.DEVIATION, x=x, low=one.y - 2.0 * one.std, high=one.y + 2.0 * one.std),
+                Rule(look=looks.ZERO, at=0.0, axis="y"),
+                Curve(look=looks.EXTENDED.called("curve of the fitted records"), x=x, y=one.y),
             ),
             x=Axis(label=f"{one.over} [{unit}]" if unit not in ("", "1") else one.over),
             y=Axis(label=f"missing {one.coefficient}{f' over {one.times}' if one.times else ''}"),
@@ -134,8 +111,8 @@ def missing_history(station: str, histories: Sequence[History], curve: bool, nam
     for one in chosen:
         named = (Curve(look=_PUT_THERE, x=one.t, y=_centred(one.named, one.mean, wind)),) if curve else ()
         parts = (
-            Band(look=DEVIATION, x=one.t, low=one.mean - 2 * one.sigma, high=one.mean + 2 * one.sigma),
-            Rule(look=ZERO, at=0.0, axis="y"),
+            Band(look=looks.DEVIATION, x=one.t, low=one.mean - 2 * one.sigma, high=one.mean + 2 * one.sigma),
+            Rule(look=looks.ZERO, at=0.0, axis="y"),
             Curve(look=_RECONSTRUCTED, x=one.t, y=one.mean),
             *named,
         )
@@ -168,7 +145,7 @@ def wind(document: Document) -> Picture | None:
         Panel(
             parts=(
                 Span(look=named, low=-sigma, high=sigma, axis="y"),
-                Curve(look=EXTENDED.called("reconstructed velocity"), x=record.t, y=velocity),
+                Curve(look=looks.EXTENDED.called("reconstructed velocity"), x=record.t, y=velocity),
             ),
             x=TIME,
             y=Axis(label="velocity [m/s]"),
@@ -250,9 +227,9 @@ def onset(cause: ReportedCause) -> Picture | None:
         low, high = cause.onset_s[name]
         middle = 0.5 * (low + high)
         parts = (
-            Span(look=Look(name="95 % interval of the onset", colour=YELLOW, alpha=0.35), low=low, high=high),
-            Rule(look=Look(colour=INK), at=middle),
-            Curve(look=EXTENDED.called("evidence, the size being fitted"), x=t, y=statistic),
+            Span(look=Look(name="95 % interval of the onset", colour=looks.YELLOW, alpha=0.35), low=low, high=high),
+            Rule(look=Look(colour=looks.INK), at=middle),
+            Curve(look=looks.EXTENDED.called("evidence, the size being fitted"), x=t, y=statistic),
         )
         title = f"{name}: {middle:.1f} s (between {low:.1f} and {high:.1f} s)"
         x = Axis(label="time of onset t [s]")
@@ -279,7 +256,7 @@ def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
     answer = cause.answer
     if answer is None or answer.flight.usable.sum() < _LEAST:
         return None
-    models = {GIVEN: answer.given, EXTENDED.called(document.best): answer.extended}
+    models = {looks.GIVEN: answer.given, looks.EXTENDED.called(document.best): answer.extended}
     shown = {name: response for name, response in models.items() if response is not None}
     return _drawn(document, cause, answer.flight, shown)
 
@@ -293,7 +270,7 @@ def _drawn(
     part = telling_window(view, document.extended, [flight.output], r, _SHOWN)
     record = view.records[r]
     above = replace(compared(document, flight.output, r, part), title=f"record {record.name}")
-    below = history(flight.input, record.t[part], {INPUT: record[flight.input][part]})
+    below = history(flight.input, record.t[part], {looks.INPUT: record[flight.input][part]})
     name = pretty(cause.title)
     since = " Only what was flown from the onset on is in it." if cause.onset_s else ""
     return Picture(

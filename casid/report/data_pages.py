@@ -13,43 +13,22 @@ from casid.data_check.reading import Finding
 from casid.diagnosis.kinematics.compatibility import Compatibility
 from casid.records.record import Record
 from casid.records.segments import Segment
-from casid.report import tables
+from casid.report import looks, tables
 from casid.report.estimate_figures import file_name, histories
-from casid.report.figure import (
-    EXPLAINED,
-    FAULT,
-    GREEN,
-    INK,
-    MEASURED,
-    PINK,
-    TIME,
-    WIDE,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Part,
-    Picture,
-    Span,
-    channel_axis,
-    channel_scale,
-    history,
-    stacked,
-)
+from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Span, history, stacked
+from casid.report.looks import Look
 from casid.report.result_page import answer_of_faults, write_result
 from casid.report.sections import ReportTable, Section, where
-from casid.report.words import digits, pretty, to_noise
+from casid.report.words import channel_axis, channel_scale, digits, pretty, to_noise
 from casid.signals import SURFACES, for_a_person, label_of
 
 _MOST = 8  # channels drawn
 _HEIGHT = 1.25  # inches per channel
 _APART = 1.0  # s between records on the time axis
-_RECORDED = replace(MEASURED, name="recorded", width=1.0, alpha=0.5)
-_CORRECTED = replace(EXPLAINED, name="corrected", dash="-")
-_LEFT_OUT = Look(name="left out", colour=PINK, dash="", marker=".", size=3.0)
-_MANOEUVRE = Look(name="a manoeuvre", colour=GREEN, alpha=0.18)
+_RECORDED = replace(looks.MEASURED, name="recorded", width=1.0, alpha=0.5)
+_CORRECTED = replace(looks.EXPLAINED, name="corrected", dash="-")
+_LEFT_OUT = Look(name="left out", colour=looks.PINK, dash="", marker=".", size=3.0)
+_MANOEUVRE = Look(name="a manoeuvre", colour=looks.GREEN, alpha=0.18)
 
 
 def check_figure(findings: Sequence[Finding], recorded: Sequence[Record], judged: Sequence[Record]) -> Picture | None:
@@ -85,7 +64,7 @@ def _suspect(name: str, pairs: Sequence[tuple[Record, Record]], findings: Sequen
         shift = begin - before.t[0]
         parts.append(Note(text=before.name, x=begin))
         for low, high in (part for one in findings for part in one.intervals_s.get(before.name, ())):
-            parts.append(Span(look=FAULT, low=low + shift, high=high + shift))
+            parts.append(Span(look=looks.FAULT, low=low + shift, high=high + shift))
         if name in before:
             t = before.t + shift
             old = factor * before[name]
@@ -111,7 +90,7 @@ def segment_figure(record: Record, found: Sequence[Segment]) -> Picture:
     """Surfaces and rates over the whole record; the manoeuvres are shaded and numbered."""
     names = [name for name in _SHOWN if name in record]
     spans = tuple(Span(look=_MANOEUVRE, low=one.start, high=one.stop) for one in found)
-    line = replace(_RECORDED, colour=INK, alpha=1.0)
+    line = replace(_RECORDED, colour=looks.INK, alpha=1.0)
     panels = []
     for name in names:
         panel = history(name, record.t, {line: record[name]}, x=TIME, height=0.9)

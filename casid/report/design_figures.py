@@ -8,30 +8,15 @@ from dataclasses import replace
 from casid.design.separation import NextFlight, Rivals
 from casid.model.effects import effect_of
 from casid.records.record import Record
-from casid.report.figure import (
-    EXTENDED,
-    INPUT,
-    MEASURED,
-    NOISE,
-    RIVAL,
-    TIME,
-    Axis,
-    Curve,
-    Figure,
-    Panel,
-    Picture,
-    Span,
-    each,
-    history,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import TIME, Axis, Curve, Figure, Panel, Picture, Span, history, stacked
 from casid.report.words import effect_name
 from casid.signals import label_of
 
 
 def designed_histories(name: str, records: Mapping[str, Record], channels: Sequence[str]) -> Picture:
     """Return time histories of the named channels, one line per design (title -> record)."""
-    lines = {title: replace(each(k, title), dash="-", marker="") for k, title in enumerate(records)}
+    lines = {title: replace(looks.each(k, title), dash="-", marker="") for k, title in enumerate(records)}
     panels = []
     for channel in channels:
         own = [history(channel, record.t, {lines[title]: record[channel]}) for title, record in records.items()]
@@ -58,17 +43,17 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
     names = [effect_name(effect_of(value)) for value in (rivals.first, rivals.second)]
     t = found.record.t
     with_either = {
-        EXTENDED.called(names[0]): first[:, i],
-        RIVAL.called(f"{names[1]}, as like as it can be"): second[:, i],
+        looks.EXTENDED.called(names[0]): first[:, i],
+        looks.RIVAL.called(f"{names[1]}, as like as it can be"): second[:, i],
     }
     difference = (first[:, i] - second[:, i]) / rivals.noise[channel]
     panels = (
-        history(surface, t, {INPUT.called("command"): found.record[surface]}),
+        history(surface, t, {looks.INPUT.called("command"): found.record[surface]}),
         history(channel, t, with_either),
         Panel(
             parts=(
-                Span(look=NOISE, low=-1.0, high=1.0, axis="y"),
-                Curve(look=replace(MEASURED, name="difference", width=1.3, alpha=1.0), x=t, y=difference),
+                Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"),
+                Curve(look=replace(looks.MEASURED, name="difference", width=1.3, alpha=1.0), x=t, y=difference),
             ),
             x=TIME,
             y=Axis(label="difference / σ"),

@@ -12,31 +12,14 @@ from casid.errors import check_known
 from casid.estimation.fit import Fit
 from casid.frequency.output_error import FourierOutputError
 from casid.frequency.regression import FourierEquationError
-from casid.report.figure import (
-    GREY,
-    INPUT,
-    MEASURED,
-    TIME,
-    ZERO,
-    Axis,
-    Cells,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Picture,
-    Rule,
-    Scale,
-    Span,
-    history,
-    looks,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import TIME, Axis, Cells, Curve, Figure, Panel, Picture, Rule, Scale, Span, history, stacked
+from casid.report.looks import Look
 from casid.report.svg import shown
 
 _LAGS = 30
 _INPUT_HEIGHT = 0.9  # inches
-_WHITE = Look(name="white noise", colour=GREY)
+_WHITE = Look(name="white noise", colour=looks.GREY)
 
 
 def histories(
@@ -56,17 +39,17 @@ def histories(
     below. Where `t` is no time, `axis` names it.
     """
     inputs = inputs or {}
-    drawn_so = looks(curves, given)
+    drawn_so = looks.of_models(curves, given)
     outputs = [
         history(
             channel,
             t,
-            {MEASURED: measured[:, i]} | {drawn_so[label]: one[:, i] for label, one in curves.items()},
+            {looks.MEASURED: measured[:, i]} | {drawn_so[label]: one[:, i] for label, one in curves.items()},
             x=axis,
         )
         for i, channel in enumerate(channels)
     ]
-    below = [history(name, t, {INPUT: values}, x=axis, height=_INPUT_HEIGHT) for name, values in inputs.items()]
+    below = [history(name, t, {looks.INPUT: values}, x=axis, height=_INPUT_HEIGHT) for name, values in inputs.items()]
     beside = 2 if max(len(channels), len(inputs)) > 1 else 1
     drawn = ", ".join(["measured", *curves])
     return Picture(
@@ -106,13 +89,14 @@ def autocorrelations(channels: Sequence[str], residuals: Mapping[str, np.ndarray
         series = {label: one[np.isfinite(one[:, i]), i] for label, one in residuals.items()}
         widest = 1.96 / np.sqrt(min(map(len, series.values())))
         curves = [
-            Curve(look=look, x=lags, y=autocorrelation(series[n], _LAGS)) for n, look in looks(series, "").items()
+            Curve(look=look, x=lags, y=autocorrelation(series[n], _LAGS))
+            for n, look in looks.of_models(series, "").items()
         ]
         panels.append(
             Panel(
                 parts=(
                     Span(look=_WHITE, low=-widest, high=widest, axis="y"),
-                    Rule(look=ZERO, at=0.0, axis="y"),
+                    Rule(look=looks.ZERO, at=0.0, axis="y"),
                     *curves,
                 ),
                 x=Axis(label="lag [samples]"),
@@ -169,7 +153,7 @@ def _estimate_rows(
 ) -> Panel:
     """Return one row for each parameter of `rows`, first at the top."""
     parts = []
-    for k, ((_, pairs), look) in enumerate(zip(methods.items(), looks(methods).values(), strict=True)):
+    for k, ((_, pairs), look) in enumerate(zip(methods.items(), looks.of_models(methods).values(), strict=True)):
         value, std = np.array([pair for name, pair in zip(names, pairs, strict=True) if name in rows]).T
         known = np.nan_to_num(std)
         unit = np.array([base[name] for name in rows])

@@ -7,40 +7,20 @@ import math
 import numpy as np
 
 from casid.diagnosis.document import Document, Tried
-from casid.report.figure import (
-    BLUE,
-    EXTENDED,
-    FAINT,
-    GIVEN,
-    GREEN,
-    GREY,
-    INK,
-    LIMIT,
-    ORANGE,
-    Axis,
-    Bar,
-    Cells,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Picture,
-    Rule,
-    Scale,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import Axis, Bar, Cells, Curve, Figure, Note, Panel, Picture, Rule, Scale, stacked
+from casid.report.looks import Look
 from casid.report.words import EVIDENCE, place, pretty, quantity
 
 _MOST_INSTRUMENTS = 16
 _MOST_PLACES = 10
-_NAMED = Look(name="named", colour=BLUE)
-_LESS = Look(name="fitted, explains less", colour=FAINT)
-_SMALL = Look(name="too small to matter, or implausible", colour=GREY, edge=INK, hatch="...")
-_REFUTED = Look(name="refuted by kinematics", colour="#FFFFFF", edge=INK, hatch="////")
-_HELD_OUT = Look(name="the same on held-out records", colour=ORANGE, dash="", marker="D", size=7.0)
-_CLEARED = Look(name="cleared", colour=GREEN)
-_FAILS = Look(name="fails", colour=ORANGE, edge="#FFFFFF", hatch="//")
+_NAMED = Look(name="named", colour=looks.BLUE)
+_LESS = Look(name="fitted, explains less", colour=looks.FAINT)
+_SMALL = Look(name="too small to matter, or implausible", colour=looks.GREY, edge=looks.INK, hatch="...")
+_REFUTED = Look(name="refuted by kinematics", colour="#FFFFFF", edge=looks.INK, hatch="////")
+_HELD_OUT = Look(name="the same on held-out records", colour=looks.ORANGE, dash="", marker="D", size=7.0)
+_CLEARED = Look(name="cleared", colour=looks.GREEN)
+_FAILS = Look(name="fails", colour=looks.ORANGE, edge="#FFFFFF", hatch="//")
 
 
 def ladder(document: Document) -> Picture | None:
@@ -54,7 +34,7 @@ def ladder(document: Document) -> Picture | None:
     held_out = {y: _held_out(document, one) or 0.0 for y, one in enumerate(rows) if one.named}
     held_out = {y: value for y, value in held_out.items() if value > 0.0}
     dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
-    least = Rule(look=LIMIT.called("least statistic for a name"), at=asked.gain)
+    least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked.gain)
     most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
     panel = Panel(
         parts=(*bars, *([dots] if held_out else []), least),
@@ -107,8 +87,8 @@ def missing(document: Document) -> Picture:
     chosen = {*sorted(before, key=lambda s: -max(before[s], after.get(s, 0.0)))[:_MOST_PLACES], *unexplained}
     order = sorted(chosen, key=lambda s: -before[s])
     extended = bool(document.causes)
-    sides = [(GIVEN.called("re-estimated model, without causes"), before)]
-    sides += [(EXTENDED.called("extended model"), after)] if extended else []
+    sides = [(looks.GIVEN.called("re-estimated model, without causes"), before)]
+    sides += [(looks.EXTENDED.called("extended model"), after)] if extended else []
     height = 0.76 / len(sides)
     parts: list[Bar | Note] = [
         Bar(look=look, at=y + (k - 0.5 * (len(sides) - 1)) * height, low=1.0, high=max(values[s], 1.0), height=height)
@@ -158,7 +138,7 @@ def kinematic(document: Document) -> Picture | None:
     everyone = sorted(best, key=lambda k: -best[k][0])
     order = everyone[:_MOST_INSTRUMENTS]
     over = [best[k][0] > limit for k in order]
-    parts: list[Bar | Note | Rule] = [Rule(look=LIMIT.called("limit"), at=limit)]
+    parts: list[Bar | Note | Rule] = [Rule(look=looks.LIMIT.called("limit"), at=limit)]
     for y, key in enumerate(order):
         z, fault = best[key]
         parts.append(Bar(look=_FAILS if over[y] else _CLEARED, at=y, low=0.0, high=z))

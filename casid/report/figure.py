@@ -1,85 +1,25 @@
 """Figures as data: panels of curves, bands, spans, rules, bars, cells and notes, each with its look and its unit.
 
-Two painters draw them, `svg.py` for print, mail and notebooks, `uplot.py` for a reader who zooms. Colours and names of
-what is measured, as given, extended, and of the noise are defined here and nowhere else.
+Two painters draw them, `svg.py` for print, mail and notebooks, `uplot.py` for a reader who zooms.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from casid.signals import unit_of
+from casid.report.looks import INK, Look
+from casid.report.words import channel_axis, channel_scale
 
 # inches; a page shows them up to 40 and 46 rem wide
 WIDTH = 5.6
 WIDE = 8.2
-# Okabe and Ito, Color Universal Design (2008)
-INK = "#222222"
-ORANGE = "#D55E00"
-BLUE = "#0072B2"
-GREEN = "#009E73"
-PINK = "#CC79A7"
-YELLOW = "#E69F00"
-SKY = "#56B4E9"
-GREY = "#DDDDDD"
-FAINT = "#9A9A9A"
 _ROOM = 0.05  # part of a range that stays free around what is drawn
 _ROOM_ALONG = 0.01  # the same along a curve
-
-
-@dataclass(frozen=True, kw_only=True)
-class Look:
-    """Look of a part, and its name in the legend, "" for none."""
-
-    colour: str
-    name: str = ""
-    width: float = 1.3
-    dash: str = "-"  # "-", "--", "-.", ":", or "" for no line
-    marker: str = ""  # "o", "s", "^", "D", "v", "P", "x", "<", ">", "."
-    size: float = 4.0
-    alpha: float = 1.0
-    hatch: str = ""
-    edge: str = ""
-
-    def called(self, name: str) -> Look:
-        """Return the look under another name in the legend."""
-        return replace(self, name=name)
-
-
-MEASURED = Look(name="measured", colour=INK, width=3.4, alpha=0.32)
-SAMPLES = Look(name="samples", colour=FAINT, dash="", marker=".", size=1.8)
-GIVEN = Look(name="as given", colour=ORANGE, dash="--")
-EXTENDED = Look(name="extended", colour=BLUE)
-INPUT = Look(name="recorded input", colour=GREEN, width=1.1)
-EXPLAINED = Look(name="explained", colour=GREEN, dash="--")
-NOISE = Look(name="±1σ noise of the instrument", colour=GREY)
-DEVIATION = Look(name="±2σ", colour="#BBD7EA")
-RIVAL = Look(colour=PINK, dash="--")
-FAULT = Look(name="a fault", colour=PINK, alpha=0.35)
-ZERO = Look(colour=FAINT, width=0.8)
-LIMIT = Look(colour=INK, width=1.2, dash=":")
-_MODELS = (GIVEN, EXTENDED, EXPLAINED.called(""), Look(colour=PINK, dash=":"), Look(colour=SKY), Look(colour=YELLOW))
-_EACH = tuple(zip((BLUE, GREEN, PINK, YELLOW, SKY, ORANGE), "os^DvP", strict=True))
-
-
-def looks(models: Iterable[str], given: str | None = None) -> dict[str, Look]:
-    """Return the looks of models by name: `given`, and else the first of several, is the simulation as given."""
-    names = list(models)
-    first = given if given is not None else names[0] if len(names) > 1 or names == [GIVEN.name] else None
-    others = iter(_MODELS[1:] * len(names))
-    return {name: (GIVEN if name == first else next(others)).called(name) for name in names}
-
-
-def each(number: int, name: str = "") -> Look:
-    """Return the look of one of several that are alike, such as records: dots in a colour and a shape of its own."""
-    colour, marker = _EACH[number % len(_EACH)]
-    return Look(name=name, colour=colour, dash="", marker=marker)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -386,43 +326,3 @@ def thinned(x: np.ndarray, y: np.ndarray, points: int) -> tuple[np.ndarray, np.n
     gaps = np.flatnonzero(np.diff(np.isnan(y).astype(int)) > 0) + 1
     chosen = np.array(sorted({*keep, *gaps.tolist()}))
     return x[chosen], y[chosen]
-
-
-def joined(pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return curves one after the other as one, with a gap between them."""
-    x: list[np.ndarray] = []
-    y: list[np.ndarray] = []
-    for t, values in pieces:
-        x += [t, t[-1:] + 1e-6 * max(1.0, abs(float(t[-1])))]
-        y += [values, np.array([np.nan])]
-    return np.concatenate(x[:-1]), np.concatenate(y[:-1])
-
-
-def shown_unit(unit: str) -> tuple[float, str]:
-    """Return (factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
-    if unit.startswith("rad"):
-        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
-    return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
-        "rad3", "rad³"
-    )
-
-
-def channel_scale(channel: str) -> tuple[float, str]:
-    """Return (factor, unit) for showing a channel."""
-    return shown_unit(unit_of(channel))
-
-
-def channel_axis(channel: str) -> str:
-    """Return the label of an axis of a channel with its unit, e.g. "q [deg/s]"."""
-    unit = channel_scale(channel)[1]
-    return f"{channel} [{unit}]" if unit else channel
-
-
-def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:
-    """Return the Gaussian mean of 1-sigma width `width_s`, over what is not NaN."""
-    half = int(np.ceil(3.0 * width_s / dt))
-    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * dt / width_s) ** 2)
-    seen = np.isfinite(values)
-    weight = np.convolve(seen, kernel)[half : half + len(values)]
-    total = np.convolve(np.where(seen, values, 0.0), kernel)[half : half + len(values)]
-    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)

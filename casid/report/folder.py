@@ -243,6 +243,15 @@ def _sweep(target: Path) -> None:
                 os.close(lock)
 
 
+@contextmanager
+def results(folder: str | Path, seed: int | None = None) -> Iterator[Path]:
+    """Make a whole folder, in which `run.json` says what the results were made with, as it was when they were begun."""
+    made_with = provenance(seed)
+    with whole_folder(folder) as temporary:
+        yield temporary
+        write_provenance(made_with, temporary / "run.json")
+
+
 def provenance(seed: int | None = None) -> dict[str, Any]:
     """Return what a result was made with: command, seed where numbers were drawn, commit of a checkout, and
     versions."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -11,33 +11,10 @@ import numpy as np
 from casid.diagnosis.document import Document, Simulated
 from casid.diagnosis.first_screen import FirstScreen
 from casid.records.record import Record
-from casid.report import estimate_figures
-from casid.report.figure import (
-    EXPLAINED,
-    EXTENDED,
-    FAULT,
-    GIVEN,
-    INPUT,
-    MEASURED,
-    NOISE,
-    TIME,
-    WIDE,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Picture,
-    Span,
-    channel_axis,
-    channel_scale,
-    history,
-    joined,
-    smooth,
-    stacked,
-)
-from casid.report.words import pretty
+from casid.report import estimate_figures, looks
+from casid.report.figure import TIME, WIDE, Axis, Curve, Figure, Note, Panel, Picture, Span, history, stacked
+from casid.report.looks import Look
+from casid.report.words import channel_axis, channel_scale, pretty
 from casid.signals import label_of
 
 PLANES: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = MappingProxyType(
@@ -53,7 +30,7 @@ _APART = 1.0  # s between records
 _LONGEST = 180.0  # s on one axis
 _BEYOND = 3.0  # ranges of the measurement: how far a simulation that diverges is followed
 _HELD = Look(name="held out: no fit has seen it", colour="#EAF4EE")
-_LEFT_OUT = FAULT.called("samples left out")
+_LEFT_OUT = looks.FAULT.called("samples left out")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,20 +65,22 @@ def _pieces(document: Document) -> list[Piece]:
         (document.as_given, document.extended, False),
         (document.held_out_as_given, document.held_out_extended, True),
     )
-    every = [(before, after, r, held) for before, after, held in views for r in range(len(before.records))]
-    chosen = set()
+    every = [
+        Piece(record=record, begin=0.0, number=r, before=before, after=after, held=held)
+        for before, after, held in views
+        for r, record in enumerate(before.records)
+    ]
+    chosen: list[Piece] = []
     room = _LONGEST
-    for k in sorted(range(len(every)), key=lambda k: (not every[k][3], -_wrong(every[k][0], every[k][2]))):
-        length = every[k][0].records[every[k][2]].duration
-        if length <= room or not chosen:
-            chosen.add(k)
-            room -= length
+    for one in sorted(every, key=lambda one: (not one.held, -_wrong(one.before, one.number))):
+        if one.record.duration <= room or not chosen:
+            chosen.append(one)
+            room -= one.record.duration
     found = []
     begin = 0.0
-    for before, after, r, held in (every[k] for k in sorted(chosen)):
-        record = before.records[r]
-        found.append(Piece(record=record, begin=begin, number=r, before=before, after=after, held=held))
-        begin += record.duration + _APART
+    for one in (one for one in every if one in chosen):
+        found.append(replace(one, begin=begin))
+        begin += one.record.duration + _APART
     return found
 
 
@@ -147,13 +126,13 @@ def _track(document: Document, name: str, pieces: Sequence[Piece], of_an_input: 
             spans.append(Span(look=_LEFT_OUT, low=low + shift, high=high + shift))
     x = Axis(label="time, records one after the other [s]")
     if of_an_input:
-        lines = {INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
+        lines = {looks.INPUT: [(one.t, one.record[name]) for one in pieces if name in one.record]}
         y = Axis(label=channel_axis(name))
     else:
         lines = {
-            MEASURED: [(one.t, one.record[name]) for one in pieces],
-            GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
-            EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
+            looks.MEASURED: [(one.t, one.record[name]) for one in pieces],
+            looks.GIVEN: [(one.t, _simulated(one, one.before, name)) for one in pieces],
+            looks.EXTENDED.called(document.best): [(one.t, _simulated(one, one.after, name)) for one in pieces],
         }
         y = _followed(name, lines, channel_scale(name)[0])
     factor = channel_scale(name)[0]
@@ -198,13 +177,6 @@ _RECORDS = 4  # held-out records of a system that are drawn
 def misfit(view: Simulated) -> dict[str, float]:
     """Channel -> r.m.s. of the free simulation's residual over the instrument's noise."""
     return {name: c.rms / c.noise for name, c in view.channels.items()}
-
-
-def telling_channels(before: Simulated, after: Simulated, count: int) -> list[str]:
-    """The channels whose innovations lose most from the file as given to the extended model."""
-    outputs = before.outputs
-    drop = np.sum(before.white**2 - after.white**2, axis=(0, 1))
-    return [outputs[i] for i in np.argsort(-drop)[:count]]
 
 
 def histories(document: Document) -> Picture:
@@ -266,9 +238,9 @@ def compared(document: Document, channel: str, r: int, window: slice, *, held_ou
     record = before.records[r]
     i = before.outputs.index(channel)
     curves = {
-        MEASURED: record[channel][window],
-        GIVEN: before.output[window, r, i],
-        EXTENDED.called(document.best): after.output[window, r, i],
+        looks.MEASURED: record[channel][window],
+        looks.GIVEN: before.output[window, r, i],
+        looks.EXTENDED.called(document.best): after.output[window, r, i],
     }
     return history(channel, record.t[window], curves, title=label_of(channel), height=1.6)
 
@@ -302,11 +274,11 @@ def flown_again(document: Document) -> Iterator[Picture]:
 def telling_window(before: Simulated, after: Simulated, channels: list[str], r: int, seconds: float = _WINDOW) -> slice:
     """The seconds of record r in which the simulations differ most, or without an extension, miss most."""
     record = before.records[r]
-    index = [before.outputs.index(c) for c in channels]
-    noise = np.array([before.channels[c].noise for c in channels])
-    wrong = _within(before.residual[: len(record), r, :][:, index] / noise)
-    outputs = [_within(view.output[: len(record), r, :][:, index] / noise) for view in (after, before)]
-    moved = outputs[0] - outputs[1]
+    wrong, extended, given = (
+        _over_noise(values[: len(record), r], before, channels)
+        for values in (before.residual, after.output, before.output)
+    )
+    moved = extended - given
     size = np.sum((moved if moved.any() else wrong) ** 2, axis=1)
     count = int(seconds / record.dt)
     if count >= len(record):
@@ -318,25 +290,28 @@ def telling_window(before: Simulated, after: Simulated, channels: list[str], r: 
 
 def worst_record(view: Simulated, channels: list[str]) -> int:
     """The record in which these channels are furthest from their simulation, in units of the noise."""
-    index = [view.outputs.index(c) for c in channels]
-    noise = np.array([view.channels[c].noise for c in channels])
-    seen = np.isfinite(view.residual[..., index])
-    total = np.sum(_within(view.residual[..., index] / noise) ** 2, axis=(0, 2))
+    seen = np.isfinite(view.residual[..., view.index(channels)])
+    total = np.sum(_over_noise(view.residual, view, channels) ** 2, axis=(0, 2))
     return int(np.argmax(total / np.maximum(seen.sum(axis=(0, 2)), 1)))
 
 
-def _within(values: np.ndarray) -> np.ndarray:
-    """Numbers to compute with: nothing for what is missing, a large one for a simulation that has departed."""
-    return np.clip(np.nan_to_num(values, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED), -_DEPARTED, _DEPARTED)
+def _over_noise(values: np.ndarray, view: Simulated, channels: list[str]) -> np.ndarray:
+    """(..., channels) of values (..., outputs) over the noise, to compute with: nothing for what is missing, a large
+    number for a simulation that has departed."""
+    noise = np.array([view.channels[c].noise for c in channels])
+    large = np.nan_to_num(values[..., view.index(channels)] / noise, nan=0.0, posinf=_DEPARTED, neginf=-_DEPARTED)
+    return np.clip(large, -_DEPARTED, _DEPARTED)
 
 
-def residuals(document: Document, channels: list[str] | None = None, name: str = "residuals") -> Picture:
-    """Residual over its noise in a fitted record: before (re-estimated where causes were found: what new values explain
-    does not point to a cause), what the causes explain of it, and what is left."""
+def residuals(document: Document) -> Picture:
+    """Residual over its noise in a fitted record, of the channels that the extended model improves most: before
+    (re-estimated where causes were found: what new values explain does not point to a cause), what the causes explain
+    of it, and what is left."""
     before = document.refitted if document.causes else document.as_given
     after = document.extended
     wrong_by = "re-estimated model" if document.causes else "file as given"
-    channels = channels or telling_channels(before, after, 3)
+    drop = np.sum(before.white**2 - after.white**2, axis=(0, 1))  # of the innovations, by which the channels are chosen
+    channels = [before.outputs[i] for i in np.argsort(-drop)[:3]]
     r = worst_record(before, channels)
     record = before.records[r]
     n = len(record)
@@ -348,15 +323,15 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         explained = smooth((after.output - before.output)[:n, r, i] / noise, record.dt)
         left = smooth(after.residual[:n, r, i] / noise, record.dt)
         parts = (
-            Span(look=NOISE, low=-1.0, high=1.0, axis="y"),
-            Curve(look=replace(GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
-            Curve(look=EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
-            Curve(look=EXTENDED.called("left after it"), x=record.t, y=left),
+            Span(look=looks.NOISE, low=-1.0, high=1.0, axis="y"),
+            Curve(look=replace(looks.GIVEN, name=f"error of the {wrong_by}", dash="-"), x=record.t, y=wrong),
+            Curve(look=looks.EXPLAINED.called(f"explained by the {document.best}"), x=record.t, y=explained),
+            Curve(look=looks.EXTENDED.called("left after it"), x=record.t, y=left),
         )
         title = f"{label_of(channel)} {channel}"
         panels.append(Panel(parts=parts, x=TIME, y=Axis(label="residual / σ"), title=title, height=1.6))
     return Picture(
-        name=name,
+        name="residuals",
         figure=Figure(rows=stacked(panels)),
         title=f"What the {wrong_by} gets wrong, in units of the noise (record {record.name})",
         caption=(
@@ -366,3 +341,23 @@ def residuals(document: Document, channels: list[str] | None = None, name: str =
         alt=f"Residuals of {', '.join(channels)} in record {record.name} over a grey noise band, what the "
         f"{document.best} explains of them, and what is left.",
     )
+
+
+def joined(pieces: Iterable[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return curves one after the other as one, with a gap between them."""
+    x: list[np.ndarray] = []
+    y: list[np.ndarray] = []
+    for t, values in pieces:
+        x += [t, t[-1:] + 1e-6 * max(1.0, abs(float(t[-1])))]
+        y += [values, np.array([np.nan])]
+    return np.concatenate(x[:-1]), np.concatenate(y[:-1])
+
+
+def smooth(values: np.ndarray, dt: float, width_s: float = 0.1) -> np.ndarray:
+    """Return the Gaussian mean of 1-sigma width `width_s`, over what is not NaN."""
+    half = int(np.ceil(3.0 * width_s / dt))
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * dt / width_s) ** 2)
+    seen = np.isfinite(values)
+    weight = np.convolve(seen, kernel)[half : half + len(values)]
+    total = np.convolve(np.where(seen, values, 0.0), kernel)[half : half + len(values)]
+    return np.where(weight > 1e-6, total / np.maximum(weight, 1e-6), np.nan)

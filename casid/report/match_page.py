@@ -11,54 +11,34 @@ from typing import Any
 import numpy as np
 
 from casid.acceptance.checks import EXTENDED, GIVEN, Check, compared_channels, span
-from casid.acceptance.justification import rationale_of
+from casid.acceptance.justification import Rationale, rationale_of
 from casid.acceptance.matched import MatchedTest, Side
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.quantities import Quantity
 from casid.acceptance.tolerances import Tolerance, told
 from casid.errors import unknown
-from casid.report import figure as grammar
+from casid.records.channel_faults import stretches
+from casid.report import looks
 from casid.report.estimate_figures import file_name
-from casid.report.figure import (
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    MEASURED,
-    PINK,
-    SAMPLES,
-    WIDE,
-    YELLOW,
-    Axis,
-    Band,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    Span,
-    channel_scale,
-    stacked,
-)
+from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.looks import Look
 from casid.report.result_page import BAD, GOOD
 from casid.report.sections import ReportTable, where
 from casid.report.svg import shown
 from casid.report.templating import drawn_into, render
-from casid.report.words import digits, with_std
+from casid.report.words import channel_scale, digits, with_std
 from casid.signals import SURFACES, label_of
 
-_LINES = {GIVEN: grammar.GIVEN, EXTENDED: grammar.EXTENDED}
-_FLIGHT = replace(MEASURED, width=2.6, alpha=0.45)
-_TOLERANCE = Look(name="tolerance", colour=GREY)
+_LINES = {GIVEN: looks.GIVEN, EXTENDED: looks.EXTENDED}
+_FLIGHT = replace(looks.MEASURED, width=2.6, alpha=0.45)
+_TOLERANCE = Look(name="tolerance", colour=looks.GREY)
 _SURFACES = {
     name: Look(name=label_of(name), colour=colour, width=1.1)
-    for name, colour in zip(SURFACES, (GREEN, PINK, YELLOW), strict=True)
+    for name, colour in zip(SURFACES, (looks.GREEN, looks.PINK, looks.YELLOW), strict=True)
 }
-_CORRECTED = Look(name="with corrections", colour=INK, dash=":", width=1.0)
-_DRIVEN = Look(colour=GREEN, width=1.1)
-_BEGIN = Look(colour=FAINT, width=0.9, dash=":")
+_CORRECTED = Look(name="with corrections", colour=looks.INK, dash=":", width=1.0)
+_DRIVEN = Look(colour=looks.GREEN, width=1.1)
+_BEGIN = Look(colour=looks.FAINT, width=0.9, dash=":")
 _DOTS = 250  # samples of a panel: an SVG of all of them takes longer and looks the same
 
 
@@ -83,7 +63,7 @@ def match_figure(one: MatchedTest) -> Picture:
     if one.test.manoeuvre == "power change":
         panels.append(_thrust(one))
     return Picture(
-        name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s"),
+        name=_file(one),
         figure=Figure(rows=stacked(panels, 2), width=WIDE),
         title=f"{one.test.id} {one.test.title}",
         caption="Dots: flight as measured. Thick line: the same, its noise smoothed, which is compared. Pale band: the "
@@ -91,6 +71,10 @@ def match_figure(one: MatchedTest) -> Picture:
         "manoeuvre begins.",
         alt=f"Time histories of {', '.join(map(told, channels))}: flight, tolerance band and simulation.",
     )
+
+
+def _file(one: MatchedTest) -> str:
+    return file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s")
 
 
 def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
@@ -101,7 +85,7 @@ def _panels(one: MatchedTest) -> dict[str, Tolerance | None]:
 
 def _panel(one: MatchedTest, name: str, unit: str, parts: Sequence[Part]) -> Panel:
     begin = Rule(look=_BEGIN, at=one.window.begin)
-    return Panel(parts=(*parts, begin), x=grammar.TIME, y=Axis(label=f"{name} [{unit}]" if unit else name))
+    return Panel(parts=(*parts, begin), x=TIME, y=Axis(label=f"{name} [{unit}]" if unit else name))
 
 
 def _channel(one: MatchedTest, name: str, row: Tolerance | None) -> Panel:
@@ -126,26 +110,21 @@ def _channel(one: MatchedTest, name: str, row: Tolerance | None) -> Panel:
         parts.append(Curve(look=_LINES[label], x=t, y=factor * simulated))
         foot = 0.012 + 0.03 * place
         at_the_foot = replace(_LINES[label], name="")
-        for first, last in _stretches(inside & (np.abs(simulated - curve) > limit)):
+        for first, last in stretches(inside & (np.abs(simulated - curve) > limit)):
             parts.append(Span(look=at_the_foot, low=float(t[first]), high=float(t[last]), part=(foot, foot + 0.024)))
     return _panel(one, told(name), unit, parts)
-
-
-def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
-    """Return first and last sample of every stretch."""
-    edges = np.diff(np.concatenate([[0], true.astype(int), [0]]))
-    ends = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1, strict=True)
-    return [(int(first), int(last)) for first, last in ends]
 
 
 def _dots(t: np.ndarray, y: np.ndarray) -> Curve:
     """Return the samples, thinned to what can be told apart."""
     every = -(-len(t) // _DOTS)
-    return Curve(look=SAMPLES, x=t[::every], y=y[::every])
+    return Curve(look=looks.SAMPLES, x=t[::every], y=y[::every])
 
 
 def _inside(one: MatchedTest, name: str) -> np.ndarray:
-    return one.record[name][(one.record.t >= one.window.start) & (one.record.t <= one.window.end)]
+    """Return the samples of a channel, or "t", in the window of the test."""
+    samples = one.record.t if name == "t" else one.record[name]
+    return samples[(one.record.t >= one.window.start) & (one.record.t <= one.window.end)]
 
 
 def _surfaces(one: MatchedTest) -> Panel:
@@ -173,22 +152,20 @@ _USED = {True: "yes", False: "no", None: "not known"}
 
 def write_match(proof: ProofOfMatch, folder: str | Path) -> None:
     """Write `match.html` and `match_figures/*.svg` into `folder`, which is made."""
-    pictures = {f"test{i}": match_figure(one) for i, one in enumerate(proof.tests)}
-    rationales = {i: rationale_of(one, proof.tests, proof.lost, proof.findings) for i, one in enumerate(proof.tests)}
-    related = {i: related_figure(one) for i, one in enumerate(proof.tests) if rationales[i]}
-    pictures |= {f"related{i}": picture for i, picture in related.items() if picture}
-    figures = drawn_into(Path(folder) / "match_figures", pictures.values())
+    rationales = [rationale_of(one, proof.tests, proof.lost, proof.findings) for one in proof.tests]
+    pictures = [match_figure(one) for one in proof.tests]
+    related = [related_figure(one) if why else None for one, why in zip(proof.tests, rationales, strict=True)]
+    figures = drawn_into(Path(folder) / "match_figures", [*pictures, *filter(None, related)])
     context = {
         "colour": GOOD if proof.passed else BAD,
-        "justified": _justified(proof),
+        "justified": _justified([one for one in rationales if one], len(proof.lost)),
         "proof": proof,
         "loop": _loop(proof),
         "summary": _summary(proof),
         "left_out": _left_out(proof),
         "tests": [
-            _page(one, figures[pictures[f"test{i}"].name])
-            | {"rationale": rationales[i], "related": figures[shown.name] if (shown := related.get(i)) else None}
-            for i, one in enumerate(proof.tests)
+            _page(one, figures[picture.name]) | {"rationale": why, "related": figures[beside.name] if beside else None}
+            for one, picture, why, beside in zip(proof.tests, pictures, rationales, related, strict=True)
         ],
         "word": "Pass" if proof.passed else "Fail" if any(one.passed is False for one in proof.tests) else "Not proved",
         "sentence": proof.sentence,
@@ -214,7 +191,8 @@ def _summary(proof: ProofOfMatch) -> ReportTable:
             f"{one.record.name}, {one.window.start:.1f} to {one.window.end:.1f} s",
         ]
         for side in one.sides.values():
-            cells += [_most_used(side.checks), _VERDICTS[side.passed]]
+            used = max((check.used for check in side.checks if math.isfinite(check.used)), default=math.nan)
+            cells += [_used(used), _VERDICTS[side.passed]]
         cells += ["not met" if one.unmet else "met", _USED[one.fitted]]
         rows.append(tuple(cells))
     head = ["test", "record"]
@@ -225,17 +203,14 @@ def _summary(proof: ProofOfMatch) -> ReportTable:
     return ReportTable(head=tuple(head), rows=rows, marked=failed, caption="Tests, in the order of the standard.")
 
 
-def _justified(proof: ProofOfMatch) -> str:
+def _justified(found: Sequence[Rationale], lost: int) -> str:
     """State in one sentence how many tests out of tolerance are justified."""
-    found = [
-        rationale for one in proof.tests if (rationale := rationale_of(one, proof.tests, proof.lost, proof.findings))
-    ]
     if not found:
         return ""
     accepted = sum(one.accepted for one in found)
     return (
         f"{accepted} of {len(found)} tests that are out of tolerance as given have a rationale with a repaired model "
-        f"that is in tolerance. {len(proof.lost) or 'None'} of the tests in tolerance before is lost by it."
+        f"that is in tolerance. {lost or 'None'} of the tests in tolerance before is lost by it."
     )
 
 
@@ -254,17 +229,16 @@ def related_figure(one: MatchedTest) -> Picture | None:
     names = _related(one)
     if not names:
         return None
-    inside = (one.record.t >= one.window.start) & (one.record.t <= one.window.end)
-    t = one.record.t[inside]
+    t = _inside(one, "t")
     panels = []
     for name in names:
         factor, unit = channel_scale(name)
         curves = [
             Curve(look=_LINES[label], x=t, y=factor * side.flown.channels[name]) for label, side in one.sides.items()
         ]
-        panels.append(_panel(one, told(name), unit, [_dots(t, factor * one.record[name][inside]), *curves]))
+        panels.append(_panel(one, told(name), unit, [_dots(t, factor * _inside(one, name)), *curves]))
     return Picture(
-        name=file_name(f"{one.test.id}_{one.record.name}_{one.window.start:.0f}s_related"),
+        name=f"{_file(one)}_related",
         figure=Figure(rows=stacked(panels, 2), width=WIDE),
         title=f"{one.test.id}: related variables",
         caption="Related variables, which the test does not compare, in the same manoeuvre.",
@@ -274,21 +248,15 @@ def related_figure(one: MatchedTest) -> Picture | None:
 
 def _related(one: MatchedTest) -> list[str]:
     """Name the channels whose error the change reduces most."""
-    inside = (one.record.t >= one.window.start) & (one.record.t <= one.window.end)
     given, extended = (side.flown.channels for side in (one.sides[GIVEN], one.sides[EXTENDED]))
     gains: dict[str, float] = {}
     for name in (n for n in extended if n in given and n in one.record and n not in one.test.channels):
-        y = one.record[name][inside]
+        y = _inside(one, name)
         seen = np.isfinite(y)
         if seen.any() and np.ptp(y[seen]) > 0.0:
             before, after = (float(np.sqrt(np.mean((x[name] - y)[seen] ** 2))) for x in (given, extended))
             gains[name] = (before - after) / max(before, 1e-300)
     return sorted((name for name in gains if gains[name] > 0.0), key=lambda name: -gains[name])[:4]
-
-
-def _most_used(checks: tuple[Check, ...]) -> str:
-    used = [one.used for one in checks if math.isfinite(one.used)]
-    return _used(max(used)) if used else "–"
 
 
 def _left_out(proof: ProofOfMatch) -> ReportTable:
@@ -353,18 +321,17 @@ def _rows(
     the numbers of those that fail."""
     rows = []
     failed = []
-    for row in (row for row in range(len(one.test.tolerances)) if _is_quantity(one, row) == of_quantities):
-        for label, side in one.sides.items():
+    for row, tolerance in enumerate(one.test.tolerances):
+        if (tolerance.quantity is not None) != of_quantities:
+            continue
+        for place, (label, side) in enumerate(one.sides.items()):
             check = side.checks[row]
-            first = label == next(iter(one.sides))
+            first = place == 0
+            outcome = _VERDICTS[check.passed] + (f": {check.why}" if check.why else "")
             head = (check.tolerance.words, _limit_in_words(one, check.tolerance)) if first else ("", "")
-            rows.append((*head, *cells(label, check, first), _used(check.used), _outcome(check)))
+            rows.append((*head, *cells(label, check, first), _used(check.used), outcome))
             failed.append(check.passed is False)
     return rows, where(failed)
-
-
-def _is_quantity(one: MatchedTest, row: int) -> bool:
-    return one.test.tolerances[row].quantity is not None
 
 
 def _limit_in_words(one: MatchedTest, row: Tolerance) -> str:
@@ -389,10 +356,6 @@ def _used(value: float) -> str:
     if not math.isfinite(value):
         return "–"
     return f"{100.0 * value:.2f} %" if 0.99 < value < 1.01 else f"{100.0 * value:.0f} %"
-
-
-def _outcome(check: Check) -> str:
-    return _VERDICTS[check.passed] + (f": {check.why}" if check.why else "")
 
 
 def _costs(one: MatchedTest) -> ReportTable:

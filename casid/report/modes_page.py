@@ -11,27 +11,13 @@ import numpy as np
 
 from casid.acceptance.handbook import Handbook, Number, labelled
 from casid.acceptance.theil import Theil
-from casid.report.figure import (
-    LIMIT,
-    WIDE,
-    Axis,
-    Band,
-    Curve,
-    Figure,
-    Look,
-    Note,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    channel_axis,
-    channel_scale,
-    looks,
-)
+from casid.report import looks
+from casid.report.figure import WIDE, Axis, Band, Curve, Figure, Note, Panel, Part, Picture, Rule
+from casid.report.looks import Look
 from casid.report.result_page import Answer, write_result
 from casid.report.sections import ReportTable
 from casid.report.svg import shown
-from casid.report.words import digits, pretty, quantity, with_std
+from casid.report.words import channel_axis, channel_scale, digits, pretty, quantity, with_std
 
 _FAST = ("short period", "dutch roll", "roll")
 _SLOW = ("phugoid", "spiral")
@@ -75,12 +61,12 @@ def trim_curves(found: Mapping[str, Handbook]) -> Picture:
 
 def _looks(found: Mapping[str, Handbook]) -> dict[str, Look]:
     """Return the look of each aircraft, the first as given; a legend only where there are several."""
-    own = looks(found, next(iter(found), None))
+    own = looks.of_models(found, next(iter(found), None))
     return own if len(own) > 1 else {label: look.called("") for label, look in own.items()}
 
 
 def _modes(found: Mapping[str, Handbook], title: str, names: set[str]) -> Panel:
-    parts: list[Part] = [Rule(look=LIMIT, at=0.0)]
+    parts: list[Part] = [Rule(look=looks.LIMIT, at=0.0)]
     places = []
     for k, (label, look) in enumerate(_looks(found).items()):
         dots = replace(look, dash="", marker="os^Dv"[k % 5], size=5.5)

@@ -12,10 +12,18 @@ from casid.design.next_flight import Exciting, Question, Separating
 from casid.diagnosis.document import Document
 from casid.records.record import Record
 from casid.report.design_figures import designed_histories, separated
-from casid.report.figure import Picture, channel_scale
+from casid.report.figure import Picture
 from casid.report.sections import ReportTable
 from casid.report.statements import numbered
-from casid.report.words import digits, effect_name, expectation_in_words, manoeuvre_in_words, odds_in_words, place
+from casid.report.words import (
+    channel_scale,
+    digits,
+    effect_name,
+    expectation_in_words,
+    manoeuvre_in_words,
+    odds_in_words,
+    place,
+)
 from casid.signals import label_of
 
 

@@ -42,12 +42,10 @@ _SAME = 0.005  # a change that is no per cent
 
 @dataclass(frozen=True, kw_only=True)
 class Gained:
-    """The error of every record, before and after; and the change of every channel that got worse, and of every one
-    that got better, worst first."""
+    """The error of every record, before and after; and the change of every channel that got worse, worst first."""
 
     by_record: str
     worse: str
-    better: str
 
 
 def gained(document: Document) -> Gained:
@@ -59,16 +57,10 @@ def gained(document: Document) -> Gained:
         for one in document.budget.by_record
     )
     gusts = " Gusts are new in every record, so that its error need not shrink." if document.turbulent else ""
-
-    def told(channels: Sequence[str]) -> str:
-        return ", ".join(
-            f"{labels.get(o, o)} {100.0 * (ratio[o] - 1.0):+.0f}\u00a0%".replace("-", "−") for o in channels
-        )
-
+    worse = {o: 100.0 * (one - 1.0) for o, one in ratio.items() if one > 1.0 + _SAME}
     return Gained(
         by_record=f"Times the noise as given, and with the {document.best}: {errors}.{gusts}",
-        worse=told([o for o in ratio if ratio[o] > 1.0 + _SAME]),
-        better=told([o for o in ratio if ratio[o] < 1.0 - _SAME]),
+        worse=", ".join(f"{labels.get(o, o)} {change:+.0f}\u00a0%" for o, change in worse.items()),
     )
 
 
@@ -296,7 +288,7 @@ def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]
         for name in one.figures:
             shows.setdefault(name, []).append((one.anchor, one.head))
     return {
-        "name": document.name,
+        "document": document,
         "of_aircraft": bool(document.coefficients),
         "colour": COLOURS[document.verdict],
         "badge": document.verdict.capitalize(),
@@ -304,15 +296,11 @@ def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]
         "where": ", ".join(document.budget.records),
         "as_given": _multiple(document.budget.together.as_given),
         "left_noise": _multiple(document.budget.together.structure),
-        "next": document.next,
-        "opening": document.opening,
         "shares": tables.shares(document),
         "claims": claimed,
         "claim_of": {one.anchor: one for one in linked},
-        "values_told": document.values_told,
         "moved": [one.sentence for one in (*document.moved, *document.combinations)],
         "gained": gained(document),
-        "not_judged": document.not_judged,
         "facts": _facts(document),
         "figures": figures,
         "shows": shows,
@@ -320,8 +308,6 @@ def _context(report: Report, parts: Sequence[Any], figures: Mapping[str, Figure]
         "parts": parts,
         "following": report.following,
         "anchors": anchors,
-        "trace": document.trace,
-        "left": document.left,
     }
 
 

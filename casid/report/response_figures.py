@@ -11,40 +11,23 @@ import numpy as np
 from casid.frequency.mismatch import ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
 from casid.frequency.response_fit import ResponseFit
+from casid.report import looks
 from casid.report.estimate_figures import file_name
-from casid.report.figure import (
-    FAINT,
-    GREEN,
-    GREY,
-    INK,
-    MEASURED,
-    ZERO,
-    Axis,
-    Band,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Part,
-    Picture,
-    Rule,
-    Span,
-    looks,
-    stacked,
-)
+from casid.report.figure import Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.looks import Look
 from casid.report.svg import shown
 from casid.signals import label_of, unit_of
 
 _SIGMAS = 2.0
 _TURN = 45.0  # deg between ticks of a phase
 _MARGIN = 0.15  # of what flight shows, above and below it on an axis
-_FLIGHT = replace(MEASURED, width=2.0, alpha=1.0)
-_POINTS = replace(MEASURED, dash="", marker="o", alpha=1.0)
-_EVERYWHERE = Look(colour=FAINT, width=0.8)
-_ERROR = Look(name="± 2 standard deviations", colour=INK, alpha=0.18)
-_UNUSED = Look(name="coherence too low", colour=GREY, alpha=0.7)
-_LEAST = Look(name="least coherence that is used", colour=FAINT, width=0.9, dash="--")
-_BOUND = Look(colour=GREEN, width=1.0)
+_FLIGHT = replace(looks.MEASURED, width=2.0, alpha=1.0)
+_POINTS = replace(looks.MEASURED, dash="", marker="o", alpha=1.0)
+_EVERYWHERE = Look(colour=looks.FAINT, width=0.8)
+_ERROR = Look(name="± 2 standard deviations", colour=looks.INK, alpha=0.18)
+_UNUSED = Look(name="coherence too low", colour=looks.GREY, alpha=0.7)
+_LEAST = Look(name="least coherence that is used", colour=looks.FAINT, width=0.9, dash="--")
+_BOUND = Look(colour=looks.GREEN, width=1.0)
 
 
 def plot_response(response: FrequencyResponse) -> Any:
@@ -76,7 +59,9 @@ def bode_mismatch(comparison: ResponseComparison) -> Picture:
     flight = comparison.flight
     found = comparison.mismatches
     labels = {name: f"{name} (J = {one.cost:.3g})" for name, one in found.items()}
-    drawn_so = {name: look.called(labels[name]) for name, look in looks(found, next(iter(found), None)).items()}
+    drawn_so = {
+        name: look.called(labels[name]) for name, look in looks.of_models(found, next(iter(found), None)).items()
+    }
     models = {drawn_so[name]: one.response for name, one in found.items()}
     panels = [*gain_and_phase(flight, models), _coherence(flight), *_mismatch(comparison, drawn_so)]
     costs = "; ".join(f"{name}: J = {one.cost:.3g}" for name, one in found.items())
@@ -140,10 +125,10 @@ def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, Look]) -> l
     usable = np.where(flight.usable, 1.0, np.nan)
     panels = []
     for quantity, ending, unit in (("gain", "db", "dB"), ("phase", "deg", "deg")):
-        parts: list[Part] = [*_unused(flight), Rule(look=replace(ZERO, colour=INK), at=0.0, axis="y")]
+        parts: list[Part] = [*_unused(flight), Rule(look=replace(looks.ZERO, colour=looks.INK), at=0.0, axis="y")]
         if envelope is not None:
             low, high = (getattr(envelope, f"{quantity}_{end}_{ending}") for end in ("low", "high"))
-            inside = Look(name=f"envelope: {envelope.name}", colour=GREEN, alpha=0.12)
+            inside = Look(name=f"envelope: {envelope.name}", colour=looks.GREEN, alpha=0.12)
             parts.append(Band(look=inside, x=envelope.omega, low=low, high=high))
             parts += [Curve(look=_BOUND, x=envelope.omega, y=bound) for bound in (low, high)]
         for name, one in comparison.mismatches.items():
@@ -205,7 +190,7 @@ _WIDEST = 4  # responses side by side
 def plot(fit: ResponseFit) -> Any:
     """Return a column for each response, points measured, a line fitted, for a notebook."""
     columns = []
-    (fitted_so,) = looks(["fitted"]).values()
+    (fitted_so,) = looks.of_models(["fitted"]).values()
     for label, one in fit.responses.items():
         fitted = fit.fitted[label]
         turn = 360.0 * np.round(np.mean(phase_deg(one.response) - phase_deg(fitted)) / 360.0)

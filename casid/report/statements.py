@@ -44,17 +44,11 @@ def numbered(name: str, number: int) -> str:
 
 def statements(document: Document, figures: Collection[str]) -> dict[str, list[Statement]]:
     """Those under `data`, `values`, `causes` and `unexplained`; `figures` are the names of those that there are."""
-    found = {
-        "data": list(_data(document)),
-        "values": list(_values(document)),
-        "causes": list(_causes(document)),
-        "unexplained": list(_unexplained(document)),
+    found = {"data": _data, "values": _values, "causes": _causes, "unexplained": _unexplained}
+    return {
+        kind: [replace(one, figures=tuple(name for name in one.figures if name in figures)) for one in made(document)]
+        for kind, made in found.items()
     }
-    return {kind: [_with_figures(one, figures) for one in some] for kind, some in found.items()}
-
-
-def _with_figures(statement: Statement, figures: Collection[str]) -> Statement:
-    return replace(statement, figures=tuple(name for name in statement.figures if name in figures))
 
 
 def _data(document: Document) -> Iterator[Statement]:

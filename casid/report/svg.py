@@ -23,22 +23,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FixedLocator, FuncFormatter, LogLocator, MaxNLocator, MultipleLocator, NullLocator
 
-from casid.report.figure import (
-    Axis,
-    Band,
-    Bar,
-    Cells,
-    Curve,
-    Figure,
-    Look,
-    Marked,
-    Note,
-    Panel,
-    Rule,
-    Scale,
-    Span,
-    thinned,
-)
+from casid.report.figure import Axis, Band, Bar, Cells, Curve, Figure, Marked, Note, Panel, Rule, Scale, Span, thinned
+from casid.report.looks import Look
 from casid.report.margins import Margins
 
 _HEAD = 0.2  # inches above a panel for its heading, and for notes above it
@@ -53,33 +39,31 @@ _DECADES = (0.7, 1.7, 4.0)  # of a logarithmic axis: numbers 1 to 9; 1, 2, 5; po
 _TEXT = 0.55  # of a scale: on darker cells a text is white
 _LUMINANCE = (0.3, 0.59, 0.11)  # of red, green and blue
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_RC: Mapping[str, Any] = MappingProxyType(
-    {
-        "font.size": 10.5,
-        "axes.titlesize": 10.0,
-        "axes.labelsize": 10.0,
-        "legend.fontsize": 9.5,
-        "xtick.labelsize": 9.5,
-        "ytick.labelsize": 9.5,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "axes.grid": True,
-        "grid.color": "#E4E4E4",
-        "grid.linewidth": 0.6,
-        "axes.axisbelow": True,
-        "legend.frameon": False,
-        "svg.hashsalt": "casid",
-        "path.simplify": True,
-        "path.simplify_threshold": 0.3,
-        "figure.facecolor": "white",
-        "figure.constrained_layout.h_pad": 0.06,
-    }
-)
+_RC: dict[Any, Any] = {
+    "font.size": 10.5,
+    "axes.titlesize": 10.0,
+    "axes.labelsize": 10.0,
+    "legend.fontsize": 9.5,
+    "xtick.labelsize": 9.5,
+    "ytick.labelsize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#E4E4E4",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "legend.frameon": False,
+    "svg.hashsalt": "casid",
+    "path.simplify": True,
+    "path.simplify_threshold": 0.3,
+    "figure.facecolor": "white",
+    "figure.constrained_layout.h_pad": 0.06,
+}
 
 
 def settings() -> AbstractContextManager[None]:
     """Return the context in which figures are made and written."""
-    return mpl.rc_context(rc={key: value for key, value in _RC.items()})  # pyright: ignore[reportArgumentType]
+    return mpl.rc_context(rc=_RC)
 
 
 def blank(height: float, width: float) -> FigureOfMatplotlib:
@@ -116,7 +100,7 @@ def paint(figure: Figure, empty: Callable[[float, float], FigureOfMatplotlib] = 
     rows = figure.rows
     columns = math.lcm(*(len(row) for row in rows))
     heights = [max((one.height for one in row if one), default=1.0) for row in rows]
-    legend = _legend(figure)
+    legend = {name: _handle(part) for name, part in figure.legend.items()}
     across = _columns(legend, figure.width)
     around = sum(_HEAD * _lines_above(row) for row in rows) + _FOOT * (1 if figure.linked else len(rows))
     scale = figure.scale
@@ -149,10 +133,6 @@ def paint(figure: Figure, empty: Callable[[float, float], FigureOfMatplotlib] = 
 
 def _lines_above(row: Sequence[Panel | None]) -> int:
     return max((bool(one.heading) + any(note.y is None for note in one.of(Note)) for one in row if one), default=0)
-
-
-def _legend(figure: Figure) -> dict[str, Artist]:
-    return {name: _handle(part) for name, part in figure.legend.items()}
 
 
 def _handle(part: Marked) -> Artist:
@@ -239,10 +219,11 @@ def _powers(axis: AxisOfMatplotlib) -> None:
 
 
 def _curve(ax: Axes, one: Curve) -> None:
-    x, y = (one.x, one.y) if one.std is not None or one.std_x is not None else thinned(one.x, one.y, _POINTS)
+    with_bars = one.std is not None or one.std_x is not None
+    x, y = (one.x, one.y) if with_bars else thinned(one.x, one.y, _POINTS)
     dots = not one.look.dash
     ax.plot(x, y, **_line(one.look), rasterized=dots and len(x) > _DOTS, clip_on=not dots, zorder=2.5)
-    if one.std is not None or one.std_x is not None:
+    if with_bars:
         bars = {"ecolor": one.look.colour, "elinewidth": 1.3, "capsize": 2.5, "fmt": "none"}
         ax.errorbar(one.x, one.y, xerr=one.std_x, yerr=one.std, **bars)
 

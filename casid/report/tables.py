@@ -10,12 +10,12 @@ from typing import Any
 from casid.data_check.reading import Finding
 from casid.diagnosis.cause import NAMED
 from casid.diagnosis.document import Document, ReportedCause, Simulated
+from casid.diagnosis.facts import Parameter
 from casid.model.vocabulary import KINDS
-from casid.report.aircraft_figures import compared
-from casid.report.figure import channel_scale
+from casid.report.aircraft_figures import contradicted_first
 from casid.report.sections import ReportTable, where
 from casid.report.statements import about_value
-from casid.report.words import digits, pretty, probability_in_words, quantity, with_std
+from casid.report.words import channel_scale, digits, percent, pretty, probability_in_words, quantity, with_std
 
 _TOLD = 4  # explanations listed one by one
 
@@ -229,14 +229,14 @@ def derivatives(document: Document) -> ReportTable:
     of = document.source
     witness = document.witness
     given = "aircraft file" if document.coefficients else of
-    found = compared(document)
-    against = where(one.against for one in found)
+    found = sorted(document.parameters, key=lambda one: not one.flight.determined)
+    found.sort(key=contradicted_first(document))
+    contradicted = {one.parameter for one in document.contradicted}
+    against = where(one.flight.determined and one.name in contradicted for one in found)
+    told = {k: f"against {witness}" for k in against}
     return ReportTable(
         head=("parameter", given, f"{witness} ± 1σ", "deviation", "in σ", ""),
-        rows=[
-            (one.name, one.file, one.flight, one.deviation, one.sigmas, f"against {witness}" if one.against else "")
-            for one in found
-        ],
+        rows=[(one.name, *_beside_flight(one), told.get(k, "")) for k, one in enumerate(found)],
         marked=against,
         claims={k: about_value(found[k].name) for k in against},
         caption=f"{'Derivatives per rad. ' if document.coefficients else ''}{witness.capitalize()}: estimates from "
@@ -245,3 +245,14 @@ def derivatives(document: Document) -> ReportTable:
         f"{of} states, or a tenth where it states none, and beyond 3σ.",
         numeric=True,
     )
+
+
+def _beside_flight(one: Parameter) -> tuple[str, str, str, str]:
+    """Return a number of the file, that of flight, how far they are apart, and the same over the 1-sigma."""
+    says = one.flight
+    unit = "1" if one.unit.startswith("1/") else one.unit
+    given = with_std(one.a_priori, 0.0, unit)
+    if not says.determined:
+        return given, "not identifiable from these records", "", ""
+    sigmas = digits(abs(says.value - one.a_priori) / says.std, 2) if says.std > 0.0 else "–"
+    return given, with_std(says.value, says.std, unit), percent(says.value, one.a_priori, says.std), sigmas

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from casid.report.figure import Band, Curve, Figure, Look, Marked, Note, Panel, Rule, Span, thinned
+from casid.report.figure import Band, Curve, Figure, Marked, Note, Panel, Rule, Span, thinned
+from casid.report.looks import Look
 
 _CODES = 32000  # levels of a curve, more than the pixels of any screen
 _NO_VALUE = -32768

@@ -12,8 +12,7 @@ from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.terms import in_words
 from casid.model.vocabulary import LABELS, title_of
-from casid.report.figure import shown_unit
-from casid.signals import label_of
+from casid.signals import label_of, unit_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
@@ -56,6 +55,26 @@ def place(station: str) -> str:
     if where.kind == "reading":
         return f"reading of {where.name}"
     return f"{LABELS.get(where.name, '')} {where.name}".strip()
+
+
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return (factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
+    if unit.startswith("rad"):
+        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
+    return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
+        "rad3", "rad³"
+    )
+
+
+def channel_scale(channel: str) -> tuple[float, str]:
+    """Return (factor, unit) for showing a channel."""
+    return shown_unit(unit_of(channel))
+
+
+def channel_axis(channel: str) -> str:
+    """Return the label of an axis of a channel with its unit, e.g. "q [deg/s]"."""
+    unit = channel_scale(channel)[1]
+    return f"{channel} [{unit}]" if unit else channel
 
 
 def digits(value: float, significant: int = 3) -> str:

@@ -11,7 +11,9 @@ from casid.design import Experiment, InputDesign
 from casid.estimation import Problem, solve
 from casid.model.dynamics import aircraft_model
 from casid.model.trim import trim
-from casid.report.figure import INK, Axis, Bar, Curve, Figure, Look, Panel, Part, Picture, Rule, each
+from casid.report import looks
+from casid.report.figure import Axis, Bar, Curve, Figure, Panel, Part, Picture, Rule
+from casid.report.looks import Look
 from problems.do328 import THRUST, V_TRIM, do328
 
 NOISE = MappingProxyType(
@@ -123,12 +125,12 @@ def scatter_bars(name: str, parameters: Sequence[str], ratios: Mapping[str, Sequ
     """(measured, predicted) scatter over that of the standard input, per design and parameter."""
     at = np.arange(len(parameters))
     height = 0.8 / len(ratios)
-    parts: list[Part] = [Rule(look=Look(colour=INK, width=1.0), at=1.0)]
+    parts: list[Part] = [Rule(look=Look(colour=looks.INK, width=1.0), at=1.0)]
     for k, (title, pairs) in enumerate(ratios.items()):
         places = at + 0.8 * ((k + 0.5) / len(ratios) - 0.5)
-        look = each(k + 1, title)
+        look = looks.each(k + 1, title)
         parts += [Bar(look=look, at=y, low=0.0, high=m, height=height) for y, (m, _) in zip(places, pairs, strict=True)]
-        mark = Look(colour=INK, dash="", marker="|", size=8.0)
+        mark = Look(colour=looks.INK, dash="", marker="|", size=8.0)
         parts.append(Curve(look=mark, x=np.array([p for _, p in pairs]), y=places))
     panel = Panel(
         parts=tuple(parts),

@@ -13,8 +13,9 @@ from casid.model.flown_records import flown_records
 from casid.model.simulate import simulate
 from casid.model.trim import trim
 from casid.records.record import Record
+from casid.report import looks
 from casid.report.estimate_figures import estimates
-from casid.report.figure import ORANGE, Curve
+from casid.report.figure import Curve
 from problems.do328 import do328
 
 
@@ -27,7 +28,7 @@ def test_estimates_stand_at_their_ratio_to_the_reference() -> None:
     np.testing.assert_allclose(flight.x, [1.138 / 1.6, -0.8])
     assert ratios.y.names == ("Cm_alpha", "Cl_delta_a")
     assert zeros.of(Curve)[1].x == pytest.approx(3.0)  # standard errors
-    assert file.look.colour == ORANGE != flight.look.colour, "what is given has one colour in every figure"
+    assert file.look.colour == looks.ORANGE != flight.look.colour, "what is given has one colour in every figure"
 
 
 def test_a_priori_values_of_an_estimate_have_the_bars_of_their_prior() -> None:

@@ -34,8 +34,8 @@ from casid.model.effects import effect_named
 from casid.model.simulate import simulate
 from casid.model.vocabulary import title_of
 from casid.report.evidence_figures import kinematic
-from casid.report.figure import Bar, Curve, Picture, Span, smooth
-from casid.report.history_figures import tracks
+from casid.report.figure import Bar, Curve, Picture, Span
+from casid.report.history_figures import smooth, tracks
 from casid.report.next_flight import next_flights
 from casid.report.page import FIGURES, Report, gained
 from casid.report.statements import statements
@@ -52,8 +52,7 @@ def test_gain_in_words_is_the_gain_in_numbers_and_names_what_got_worse(
     ratios = diagnosis.to_dict()["gain"]["held_out"]["rms_ratio"]
     before, after = diagnosis.held_out_as_given.channels, diagnosis.held_out_extended.channels
     assert ratios == {o: pytest.approx(after[o].rms / before[o].rms) for o in before}
-    told = gained(document)
-    assert f"{100.0 * (min(ratios.values()) - 1.0):+.0f}\u00a0%".replace("-", "−") in told.better
+    assert bool(gained(document).worse) == (max(ratios.values()) > 1.005)
     lost = {o: replace(after[o], rms=k * before[o].rms) for k, o in ((3.0, "p"), (5.0, "V"))}
     view = replace(diagnosis.held_out_extended, channels={**after, **lost})
     worse = gained(replace(document, rms_ratio=replace(diagnosis, held_out_extended=view).rms_ratio)).worse

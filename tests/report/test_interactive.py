@@ -15,7 +15,8 @@ import pytest
 from casid.acceptance.match import proof_of_match
 from casid.cli.options import DEMO
 from casid.report import uplot
-from casid.report.figure import Axis, Band, Curve, Figure, Look, Note, Panel, Rule, Span, stacked, thinned
+from casid.report.figure import Axis, Band, Curve, Figure, Note, Panel, Rule, Span, stacked, thinned
+from casid.report.looks import Look
 from casid.report.match_page import write_match
 from casid.report.pdf import browser
 from casid.report.svg import paint

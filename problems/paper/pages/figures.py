@@ -7,27 +7,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from casid.report.figure import (
-    BLUE,
-    GREEN,
-    MEASURED,
-    ORANGE,
-    TIME,
-    Axis,
-    Curve,
-    Figure,
-    Look,
-    Panel,
-    Picture,
-    channel_axis,
-    stacked,
-)
+from casid.report import looks
+from casid.report.figure import TIME, Axis, Curve, Figure, Panel, Picture, stacked
+from casid.report.looks import Look
+from casid.report.words import channel_axis
 
-_TRUTH = MEASURED.called("truth")
+_TRUTH = looks.MEASURED.called("truth")
 _LOOKS = {
-    "equation": Look(name="equation error", colour=ORANGE, dash="--"),
-    "output": Look(name="output error", colour=BLUE, dash=":"),
-    "combined": Look(name="combined error", colour=GREEN),
+    "equation": Look(name="equation error", colour=looks.ORANGE, dash="--"),
+    "output": Look(name="output error", colour=looks.BLUE, dash=":"),
+    "combined": Look(name="combined error", colour=looks.GREEN),
 }
 
 

@@ -9,12 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from casid.report.figure import FAINT, GREEN, INK, ORANGE, Axis, Bar, Curve, Figure, Look, Panel, Picture, stacked
+from casid.report import looks
+from casid.report.figure import Axis, Bar, Curve, Figure, Panel, Picture, stacked
+from casid.report.looks import Look
 from problems.paper.pages.page import Section, figure, paragraph, table, write_page
 
 Results = Mapping[str, Mapping[str, Any]]  # "aircraft/method/kind ..." -> result
 _KINDS = ("right optimum", "wrong, claimed converged", "wrong, said so")
-_LOOKS = tuple(Look(name=name, colour=colour) for name, colour in zip(_KINDS, (GREEN, ORANGE, FAINT), strict=True))
+_LOOKS = tuple(
+    Look(name=name, colour=colour)
+    for name, colour in zip(_KINDS, (looks.GREEN, looks.ORANGE, looks.FAINT), strict=True)
+)
 
 
 def outcome(result: Mapping[str, Any]) -> int:
@@ -97,7 +102,7 @@ def success_picture(results: Results, aircraft: Sequence[str], methods: Sequence
 def basin_picture(results: Results, aircraft: Sequence[str], methods: Sequence[str], names: Sequence[str]) -> Picture:
     """Where a start may lie in the plane of two derivatives: one square per start, coloured by what became of it."""
     panels = []
-    truth = Curve(look=Look(colour=INK, dash="", marker="P", size=7.0), x=np.ones(1), y=np.ones(1))
+    truth = Curve(look=Look(colour=looks.INK, dash="", marker="P", size=7.0), x=np.ones(1), y=np.ones(1))
     for name in aircraft:
         for method in methods:
             kinds: dict[int, list[tuple[float, float]]] = {}

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from casid.report.figure import ZERO, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, each
+from casid.report import looks
+from casid.report.figure import Axis, Curve, Figure, Note, Panel, Part, Picture, Rule
 from problems.paper.pages.page import table
 
 _ENDS = {"0": "output", "1": "equation"}
@@ -46,10 +47,10 @@ def curve_table(rows: Sequence[Sequence[Any]], domains: Mapping[str, Sequence[st
 
 def trade_off(rows: Sequence[Sequence[Any]], cases: Mapping[str, str]) -> Picture:
     """Output-domain match over equation-domain match, one curve per case, along the weight."""
-    parts: list[Part] = [Rule(look=ZERO, at=1.0), Rule(look=ZERO, at=1.0, axis="y")]
+    parts: list[Part] = [Rule(look=looks.ZERO, at=1.0), Rule(look=looks.ZERO, at=1.0, axis="y")]
     for i, (case, words) in enumerate(cases.items()):
         own = [row for row in rows if row[0] == case]
-        look = replace(each(i, f"{case}: {words}"), dash="-")
+        look = replace(looks.each(i, f"{case}: {words}"), dash="-")
         parts.append(Curve(look=look, x=np.array([row[2] for row in own]), y=np.array([row[3] for row in own])))
         parts += [
             Note(text=_ENDS[row[1]], x=row[2], y=row[3], align="center", offset=(0.0, 9.0), colour=look.colour)
