@@ -16,6 +16,15 @@ from casid.estimation.fit import Fit
 from casid.model.effects import effect_of
 
 
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A value, its 1-sigma (NaN where nothing is known of the parameters) and its unit."""
+
+    value: float
+    std: float
+    unit: str
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Known:
     """(parameters,) values of a model's parameters, and (parameters, parameters) covariance of their errors; None where
@@ -30,6 +39,10 @@ class Known:
         if self.covariance is None:
             return float("nan")
         return float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
+
+    def number(self, value: float, slope: np.ndarray, unit: str) -> Number:
+        """Return a number with these derivatives by the parameters."""
+        return Number(value=float(value), std=self.std(slope), unit=unit)
 
 
 def known_by_file(flight: SteadyFlight) -> Known:
