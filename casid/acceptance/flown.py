@@ -100,7 +100,7 @@ def _fly(
 ) -> Flown:
     """`followed`: the record made ready for the model, its `measured` channels smoothed."""
     model = applied.model
-    ready = _part(followed, window)
+    ready = window.part_of(followed)
     begins = {name: float(ready[name][0]) for name in measured}
     start = state_of_outputs(model, ready, begins, model.guess(ready)[0])
     law = None
@@ -113,11 +113,6 @@ def _fly(
     channels = {name: flown.outputs[:, i] for i, name in enumerate(model.outputs)}
     corrections = {} if law is None else _corrections(law, model, flown.states, ready)
     return Flown(channels=channels, corrections=corrections)
-
-
-def _part(record: Record, window: Window) -> Record:
-    """The samples of a window, both ends with it."""
-    return record.between(window.start, np.nextafter(window.end, np.inf))
 
 
 def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[Model, Record, ca.Function]:
