@@ -87,8 +87,8 @@ class LinearModel:
         InputError
             For a name that the model does not have.
         """
-        for what, name, valid in (("input", input, self.inputs), ("output", output, self.outputs)):
-            check_known(what, (name,), valid, f"linear model of '{self.name}'")
+        check_known("input", (input,), self.inputs, f"linear model of '{self.name}'")
+        check_known("output", (output,), self.outputs, f"linear model of '{self.name}'")
         omega = np.atleast_1d(np.asarray(omega, dtype=float))
         column = self.inputs.index(input)
         row = self.outputs.index(output)
@@ -218,7 +218,6 @@ def _medians(model: Model, records: Sequence[Record]) -> dict[str, float]:
     states = np.concatenate([model.guess(record) for record in records])
     inputs = np.concatenate([record.matrix(model.inputs) for record in records])
     both = np.hstack([states, inputs])
-    middle = np.array(
-        [np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 0.0 for column in both.T]
-    )
-    return dict(zip((*model.states, *model.inputs), middle.tolist(), strict=True))
+    columns = zip((*model.states, *model.inputs), both.T, strict=True)
+    known = {name: column[np.isfinite(column)] for name, column in columns}
+    return {name: float(np.median(values)) if len(values) else 0.0 for name, values in known.items()}

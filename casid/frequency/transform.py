@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.records.record import Record
 
 _JITTER = 0.05  # of an interval: a reading that is as late as that is less wrong than one between two others
@@ -62,9 +62,7 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
     amplitude, the same in every channel); a longer one ends a stretch. Raises InputError for a channel that the record
     does not have, and an omega_max [rad/s] above Nyquist's frequency.
     """
-    for name in channels:
-        if name not in record:
-            raise unknown("channel", name, record.channels, f"record '{record.name}'")
+    check_known("channel", channels, record.channels, f"record '{record.name}'")
     matrix = record.matrix(channels)
     there = np.isfinite(matrix).all(axis=1)
     if len(record) < 2 or there.sum() < 2:
