@@ -148,10 +148,8 @@ class Isolability:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of isolability.json; an infinite size is None."""
-        return {
-            "schema": "casid.isolability/1",
-            **plain(self, "aircraft manoeuvres channels told causes sets additions left_out"),
-        }
+        told = plain(self, "aircraft manoeuvres channels told causes sets additions left_out")
+        return {"schema": "casid.isolability/1", **told}
 
 
 @single_threaded()
@@ -290,9 +288,8 @@ def _wanted(flight: Subject, causes: Iterable[str | Effect] | str | None) -> tup
         chosen: list[Effect] = []
         for one in [causes] if isinstance(causes, str) else causes:
             require(one, (str, Effect), "isolability: one of the causes", "'sensor_*' or an Effect")
-            found = (
-                [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, one.replace("[", "[[]"))]
-            )
+            glob = str(one).replace("[", "[[]")
+            found = [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, glob)]
             if not found:
                 raise unknown("cause", str(one), [e.name for e in every], "isolability: causes")
             chosen += [e for e in found if e.name not in {c.name for c in chosen}]

@@ -190,13 +190,13 @@ def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence
             "linear_model: an aircraft is linearised at records or at a cs.trim(...); cs.aircraft_model(aircraft) is a "
             "model that takes states and inputs by name"
         )
-    records = (_steady(aircraft, at),) if isinstance(at, Trim) else given_records(at, "linear_model")
+    records = (_steady(at),) if isinstance(at, Trim) else given_records(at, "linear_model")
     axes = axes or axes_of(records)
     chosen = outputs if outputs is not None else aircraft_model(aircraft, axes=axes, effects=()).outputs
     return flown_records(aircraft, records, axes, chosen)
 
 
-def _steady(aircraft: Aircraft, at: Trim) -> Record:
+def _steady(at: Trim) -> Record:
     """Two samples of steady flight."""
     channels = {"V": at.V, "alpha": at.alpha, "theta": at.theta, **dict.fromkeys(("beta", "p", "q", "r", "phi"), 0.0)}
     both = {name: np.full(2, value) for name, value in (channels | at.inputs).items()}

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 USABLE = 0.6  # coherence: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012)
-_PERIODS = (
-    2.0  # in a window, below which it contains nothing: the main lobe of Hann's window reaches down to zero there
-)
+# in a window, below which it contains nothing: the main lobe of Hann's window reaches down to zero there
+_PERIODS = 2.0
 _FULL = 4.0  # periods in a window, from which it has its full weight beside a longer one
 _COUNT = 100  # frequencies of a response
 _WINDOWS = 5  # lengths, of which the longest is half a stretch
