@@ -118,7 +118,7 @@ class Comparison:
     @property
     def points(self) -> tuple[str, ...]:
         """What to know beside that, a sentence each."""
-        first, second = self.names
+        second = self.names[1]
         gone = [one.name for one in self.causes if one.sizes[0] and not one.sizes[1]]
         new = [one.name for one in self.causes if one.sizes[1] and not one.sizes[0]]
         changed = [one.name for one in self.values if one.given[0] != one.given[1]]

@@ -20,7 +20,7 @@ import numpy as np
 from casid.above import ask_above
 from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
-from casid.acceptance.parameters import Known, Number, known_by_diagnosis, known_by_file, known_by_fit
+from casid.acceptance.parameters import Known, Number, known_by_diagnosis, known_by_estimate, known_by_file
 from casid.acceptance.steady import Implicit, SteadyFlight
 from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
@@ -198,8 +198,10 @@ def modes(
     flight = SteadyFlight(file)
     if isinstance(fit, Diagnosis):
         known = known_by_diagnosis(flight, fit)
+    elif fit is not None:
+        known = known_by_estimate(flight, fit.values, fit.covariance_corrected)
     else:
-        known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
+        known = known_by_file(flight)
     return handbook(flight, known, point, _speeds(speeds, point["V"]))
 
 

@@ -101,7 +101,7 @@ def rationale_of(
     moved = [f"Values of {', '.join(rows)} in the file do not fit this flight; they were re-estimated."] if rows else []
     return Rationale(
         differs=tuple(f"{_capital(check.tolerance.words)}: {in_words(check)}." for check in out),
-        why=tuple([*sentences, *moved]) or ("No part of the extended aircraft explains it alone.",),
+        why=(*sentences, *moved) or ("No part of the extended aircraft explains it alone.",),
         changed=tuple(f"{c.part}: {', '.join(c.changes)}" if c.changes else c.part for c in parts),
         proof=(_same_test(one), _unused_records(findings), _other_tests(one, tests, lost)),
         accepted=one.sides[EXTENDED].passed is True and not lost,

@@ -96,11 +96,11 @@ class SteadyFlight:
     def _point(self) -> tuple[ca.SX, ca.SX]:
         """States and inputs of the model in steady flight."""
         s = self.setting
-        zero = {name: 0.0 for name in self.model.states}
+        zero = dict.fromkeys(self.model.states, 0.0)
         theta = s["alpha"] + s["climb_angle"]
         state = zero | {"u": s["V"] * ca.cos(s["alpha"]), "w": s["V"] * ca.sin(s["alpha"]), "theta": theta}
         state |= dict(zip(self.further, ca.vertsplit(self._further), strict=True))
-        inputs = {name: 0.0 for name in self.model.inputs} | {n: s[n] for n in ("delta_e", "thrust", "rho")}
+        inputs = dict.fromkeys(self.model.inputs, 0.0) | {n: s[n] for n in ("delta_e", "thrust", "rho")}
         return ca.vertcat(*(state[n] for n in self.model.states)), ca.vertcat(*(inputs[n] for n in self.model.inputs))
 
     def here(self, expression: ca.SX) -> ca.SX:
@@ -181,12 +181,10 @@ class SteadyFlight:
         m = self.model
         s = self.setting
         if name == "alpha":
-            u, w = (self.here(ca.jacobian(self.accelerations, m.x[m.states.index(n)])) for n in ("u", "w"))
-            return s["V"] * (w * ca.cos(s["alpha"]) - u * ca.sin(s["alpha"]))
-        for names, symbols in ((m.states, m.x), (m.inputs, m.u), (m.disturbances, m.w)):
-            if name in names:
-                return self.here(ca.jacobian(self.accelerations, symbols[names.index(name)]))
-        raise KeyError(name)
+            return s["V"] * (self.by("w") * ca.cos(s["alpha"]) - self.by("u") * ca.sin(s["alpha"]))
+        names = (*m.states, *m.inputs, *m.disturbances)
+        symbol = ca.vertcat(m.x, m.u, m.w)[names.index(name)]
+        return self.here(ca.jacobian(self.accelerations, symbol))
 
     def slopes(self, name: str) -> tuple[ca.SX, ca.SX]:
         """Derivatives of lift and pitching moment coefficient (true c.g., thrust included) by alpha, q [rad/s] or an
