@@ -45,14 +45,6 @@ _PUSHES = ("bound_push", "bound_frac", "slack_bound_push", "slack_bound_frac", "
 _WARM = {"acceptable_iter": 0, "warm_start_init_point": "yes", "mu_init": 1e-4} | {
     f"warm_start_{name}": _NEAR for name in _PUSHES
 }
-_BY_BFGS = {"hessian_approximation": "limited-memory"}
-_STANDING = {"acceptable_tol": 1e2, "acceptable_obj_change_tol": _STANDS, "acceptable_iter": 8}
-# options of IPOPT
-_SOLVERS: Mapping[str, dict[str, Any]] = {
-    "first steps": {"max_iter": _FIRST_ITERATIONS, **_BY_BFGS},
-    "BFGS": {"max_iter": _ITERATIONS, "limited_memory_max_history": _MEMORY, **_BY_BFGS, **_WARM, **_STANDING},
-    "exact": {"max_iter": _EXACT_ITERATIONS, **_WARM},
-}
 _SLACK = 1e-3  # of a limit: what a solution may exceed it by
 _LOOSE = 1e-6  # of the information of readings on an initial state: that of its prior, where readings have none
 
@@ -269,8 +261,15 @@ class _InputSearch:
 
     def _solver(self, name: str) -> ca.Function:
         if name not in self._solvers:
+            bfgs = {"hessian_approximation": "limited-memory"}
+            standing = {"acceptable_tol": 1e2, "acceptable_obj_change_tol": _STANDS, "acceptable_iter": 8}
+            own = {
+                "first steps": bfgs | {"max_iter": _FIRST_ITERATIONS},
+                "BFGS": bfgs | {"max_iter": _ITERATIONS, "limited_memory_max_history": _MEMORY} | _WARM | standing,
+                "exact": {"max_iter": _EXACT_ITERATIONS} | _WARM,
+            }
             common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
-            whole = {"print_time": False, "error_on_fail": False, "ipopt": common | _SOLVERS[name]}
+            whole = {"print_time": False, "error_on_fail": False, "ipopt": common | own[name]}
             self._solvers[name] = ca.nlpsol("design", "ipopt", self._nlp, whole)
         return self._solvers[name]
 

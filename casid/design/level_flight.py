@@ -97,13 +97,10 @@ def _is_of(plane: Plane, name: str) -> bool:
 def plane_of(*names: str) -> Plane:
     """The plane of motion that surfaces, channels or coefficients are of; "full" where they are of both, or of none."""
     for plane in _ALONE:
-        if names and all(_lies_in(plane, name) for name in names):
+        own = {*SURFACES[plane], *OUTPUTS[plane], *_COEFFICIENTS[plane], *_REGRESSORS[plane]}
+        if names and own.issuperset(names):
             return plane
     return "full"
-
-
-def _lies_in(plane: Plane, name: str) -> bool:
-    return name in (*SURFACES[plane], *OUTPUTS[plane], *_COEFFICIENTS[plane], *_REGRESSORS[plane])
 
 
 def level_rivals(

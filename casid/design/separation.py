@@ -73,17 +73,15 @@ class _Flights:
     def of(self, value: EffectValue) -> FlownRecords:
         """The aircraft with one of the effects, and the records made ready for it."""
         name = effect_of(value).name
+        if name not in self._models:
+            aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
+            self._models[name] = flown_records(aircraft, self.records, self.rivals.axes, tuple(self.rivals.noise))
         if (name, value.value) not in self._made:
-            like = self._models.get(name)
-            if like is None:
-                aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
-                made = flown_records(aircraft, self.records, self.rivals.axes, tuple(self.rivals.noise))
-                self._models[name] = made
-            else:
-                nominal = {**like.model.nominal, name: value.value}
-                model = share_cache(replace(like.model, nominal=nominal), like.model)
-                made = replace(like, model=model, records=tuple(map(model.ready, self.records)))
-            self._made[name, value.value] = made
+            like = self._models[name]
+            nominal = {**like.model.nominal, name: value.value}
+            model = share_cache(replace(like.model, nominal=nominal), like.model)
+            records = tuple(map(model.ready, self.records))
+            self._made[name, value.value] = replace(like, model=model, records=records)
         return self._made[name, value.value]
 
     @property
@@ -317,7 +315,7 @@ def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[in
         if steps == 1:
             return replace(best, log_odds=min(best.log_odds, 0.5 * remaining))
         second = replace(second, value=second.value + moved[0])
-        p = dict(zip(applied.model.parameters, applied.model.nominal_vector(values), strict=True))
+        p = {**applied.model.nominal, **values}
         values = {name: p[name] + d for name, d in zip(free, moved[1 : 1 + len(free)], strict=True)}
         changes = moved[1 + len(free) :].reshape(len(which), -1)
         starts = {r: x0 + d for (r, x0), d in zip(starts.items(), changes, strict=True)}
