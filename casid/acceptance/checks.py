@@ -20,6 +20,7 @@ from casid.records.record import Record
 GIVEN = "as given"
 EXTENDED = "extended"
 VERDICTS = {True: "pass", False: "fail", None: "not judged"}
+_WORST_FIRST = (False, None, True)
 _ROUNDING = 1e-9  # of a limit: at the limit is within
 
 
@@ -54,37 +55,34 @@ class Check:
 
 def smoothed_channels(record: Record, names: Sequence[str]) -> dict[str, Smooth]:
     """Channels that a record measures, over its whole length."""
-    there = {name: _with_calibrated(record.channels, record, name) for name in names}
-    return {
-        n: smooth(record.t, values) for n, values in there.items() if values is not None and np.isfinite(values).any()
-    }
+    there = _compared(record.channels, record, names)
+    return {n: smooth(record.t, values) for n, values in there.items() if np.isfinite(values).any()}
 
 
 def flight_of(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], window: Window) -> Flight:
     """Return the part of a record, whose channels are `smoothed`, that a test compares."""
     inside = (record.t >= window.start) & (record.t <= window.end)
-    part = record.between(window.start, np.nextafter(window.end, np.inf))
-    there = [name for name in test.channels if name in smoothed]
-    samples = {name: _with_calibrated(part.channels, part, name) for name in there}
-    y = {name: values for name, values in samples.items() if values is not None}
+    part = window.part_of(record)
+    samples = _compared(part.channels, part, [name for name in test.channels if name in smoothed])
     return Flight(
         t=part.t,
-        samples=y,
-        curves={name: smoothed[name].curve[inside] for name in there},
-        noise={name: smoothed[name].sigma for name in there},
-        quantities=_quantities(test, part.t, y, window),
+        samples=samples,
+        curves={name: smoothed[name].curve[inside] for name in samples},
+        noise={name: smoothed[name].sigma for name in samples},
+        quantities=_quantities(test, part.t, samples, window),
     )
 
 
-def _with_calibrated(channels: Mapping[str, np.ndarray], record: Record, name: str) -> np.ndarray | None:
-    """A channel, or the calibrated airspeed from what there is; density and altitude are those of flight for both."""
-    if name != CALIBRATED:
-        return channels.get(name)
-    altitude = smooth(record.t, record["altitude"]).curve if "altitude" in record else None
-    rho = record["rho"] if "rho" in record else None if altitude is None else standard_density(altitude)
-    if "V" not in channels or rho is None:
-        return None
-    return calibrated_airspeed(channels["V"], rho, altitude)
+def _compared(channels: Mapping[str, np.ndarray], record: Record, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Those of the channels that are there, the calibrated airspeed computed; density and altitude are those of flight
+    for both sides."""
+    found = {name: values for name, values in channels.items() if name != CALIBRATED}
+    if CALIBRATED in names and "V" in channels:
+        altitude = smooth(record.t, record["altitude"]).curve if "altitude" in record else None
+        rho = record["rho"] if "rho" in record else None if altitude is None else standard_density(altitude)
+        if rho is not None:
+            found[CALIBRATED] = calibrated_airspeed(channels["V"], rho, altitude)
+    return {name: found[name] for name in names if name in found}
 
 
 def _quantities(
@@ -93,19 +91,20 @@ def _quantities(
     """Row -> its quantity; one oscillation is fitted for all rows that look at the same channels and span."""
     fitted: dict[tuple, Oscillation | None] = {}
     found = {}
-    for row in (one for one in test.tolerances if one.quantity is not None):
-        names = [name for name in (row.channel, row.reference) if name]
-        if any(name not in y for name in names):
+    for row in test.tolerances:
+        if row.quantity is None:
+            continue
+        if any(name not in y for name in row.channels):
             found[row] = UNKNOWN
             continue
         inside = span(row, t, window)
-        kind = QUANTITIES[row.quantity or ""]
+        kind = QUANTITIES[row.quantity]
         if kind.of_response is not None:
             found[row] = kind.of_response(t[inside], y[row.channel][inside])
             continue
-        key = (*names, row.from_s, row.to_s)
+        key = (*row.channels, row.from_s, row.to_s)
         if key not in fitted:
-            fitted[key] = oscillation(t[inside], [y[name][inside] for name in names])
+            fitted[key] = oscillation(t[inside], [y[name][inside] for name in row.channels])
         one = fitted[key]
         found[row] = UNKNOWN if one is None or kind.of_oscillation is None else kind.of_oscillation(one)
     return found
@@ -120,9 +119,7 @@ def span(row: Tolerance, t: np.ndarray, window: Window) -> np.ndarray:
 
 def compared_channels(flown: Flown, record: Record, window: Window, names: Sequence[str]) -> dict[str, np.ndarray]:
     """Channels of a simulation as they are compared with flight; without those that it does not give."""
-    part = record.between(window.start, np.nextafter(window.end, np.inf))
-    given = {name: _with_calibrated(flown.channels, part, name) for name in names}
-    return {name: values for name, values in given.items() if values is not None}
+    return _compared(flown.channels, window.part_of(record), names)
 
 
 def checks_of(test: StandardTest, record: Record, window: Window, flight: Flight, flown: Flown) -> tuple[Check, ...]:
@@ -142,7 +139,7 @@ def _check(
     simulated: Mapping[str, np.ndarray],
     measured: Mapping[Tolerance, Quantity],
 ) -> Check:
-    for name in (one for one in (row.channel, row.reference) if one):
+    for name in row.channels:
         if name not in flight.curves:
             return Check(tolerance=row, passed=None, why=f"{name} is not measured")
         if name not in simulated:
@@ -208,19 +205,11 @@ def _quantity_check(row: Tolerance, test: StandardTest, flight: Quantity, simula
 
 def verdict(checks: Sequence[Check]) -> bool | None:
     """Return False if any row of a test fails and has no alternative that passes; None when a row is not judged."""
-    groups: dict[str, list[bool | None]] = {}
+    best: dict[str, bool | None] = {}  # of each group of alternatives
     for i, one in enumerate(checks):
-        groups.setdefault(one.tolerance.either or f"row {i}", []).append(one.passed)
-    outcomes = [_of_alternatives(some) for some in groups.values()]
-    if False in outcomes:
-        return False
-    return None if None in outcomes else True
-
-
-def _of_alternatives(passed: Sequence[bool | None]) -> bool | None:
-    if True in passed:
-        return True
-    return None if None in passed else False
+        group = one.tolerance.either or f"row {i}"
+        best[group] = max(one.passed, best.get(group, False), key=_WORST_FIRST.index)
+    return min(best.values(), key=_WORST_FIRST.index, default=True)
 
 
 def in_words(check: Check) -> str:

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from casid.errors import InputError
+from casid.acceptance.justification import DIAGNOSIS, read_diagnosis
 from casid.frames import Rows
 from casid.keeping import plain
 from casid.model.numbers import digits, with_deviation
-from casid.records.limits import read_json, sound
+from casid.records.limits import sound
 from casid.signals import label_of
 
-_EXPECTED = "the folder that casid diagnose --out wrote"
 _WORSE = 1.1  # times the error of the first: the second is worse, or the first
 _LISTED = 6  # names in a sentence
 _SIGMAS = 3.0  # standard deviations from which two values differ
@@ -98,16 +97,18 @@ class Comparison:
     @property
     def worse(self) -> bool:
         """Whether the simulation as given of the second is further from flight, or has a cause that the first lacks."""
+        return self._worsened or any(one.sizes[1] and not one.sizes[0] for one in self.causes)
+
+    @property
+    def _worsened(self) -> bool:
         before, after = self.together.as_given
-        return not after <= _WORSE * before or any(one.sizes[1] and not one.sizes[0] for one in self.causes)
+        return not after <= _WORSE * before
 
     @property
     def sentence(self) -> str:
         """What changed from the first to the second."""
         before, after = self.together.as_given
-        change = (
-            "is worse" if not after <= _WORSE * before else "is better" if before > _WORSE * after else "is as good"
-        )
+        change = "is worse" if self._worsened else "is better" if before > _WORSE * after else "is as good"
         first, second = self.names
         return (
             f"The simulation as given of '{second}' {change}: {_times(after)} the noise, and {_times(before)} in "
@@ -117,21 +118,19 @@ class Comparison:
     @property
     def points(self) -> tuple[str, ...]:
         """What to know beside that, a sentence each."""
-        first, second = self.names
+        second = self.names[1]
         gone = [one.name for one in self.causes if one.sizes[0] and not one.sizes[1]]
         new = [one.name for one in self.causes if one.sizes[1] and not one.sizes[0]]
         changed = [one.name for one in self.values if one.given[0] != one.given[1]]
         apart = [one.name for one in self.values if one.sigmas > _SIGMAS]
+        judged = " and ".join(", ".join(some) for some in self.held_out)
         told = (
             (self.verdicts[0] != self.verdicts[1], f"Verdict: {self.verdicts[0]}, then {self.verdicts[1]}."),
             (gone, f"No longer named in {second}: {', '.join(gone)}."),
             (new, f"Named in {second} alone: {', '.join(new)}."),
             (changed, f"Changed in the file: {_some(changed)}."),
             (apart, f"The records of the two say different values of {_some(apart)}."),
-            (
-                self.held_out[0] != self.held_out[1],
-                f"They judge different records: {' and '.join(', '.join(some) for some in self.held_out)}.",
-            ),
+            (self.held_out[0] != self.held_out[1], f"They judge different records: {judged}."),
         )
         return tuple(text for there, text in told if there)
 
@@ -139,9 +138,7 @@ class Comparison:
         """Return the content of compare.json."""
         return {
             "schema": "casid.compare/1",
-            "worse": self.worse,
-            "sentence": self.sentence,
-            **plain(self, "names verdicts held_out together channels records causes"),
+            **plain(self, "worse sentence names verdicts held_out together channels records causes"),
             "values": [plain(one, "name given flight std sigmas differs") for one in self.values],
         }
 
@@ -151,12 +148,13 @@ class Comparison:
             *(f"  - {one}" for one in self.points),
             "",
             self.rows().text(),
+            *(f"{one.name}: {one.sizes[0] or 'not named'} -> {one.sizes[1] or 'not named'}" for one in self.causes),
+            *(
+                f"{one.name}: as given {value_pair(one.given)}; by the records {flight_pair(one)}"
+                for one in self.values
+                if one.differs
+            ),
         ]
-        for one in self.causes:
-            lines.append(f"{one.name}: {one.sizes[0] or 'not named'} -> {one.sizes[1] or 'not named'}")
-        for one in self.values:
-            if one.differs:
-                lines.append(f"{one.name}: as given {value_pair(one.given)}; by the records {flight_pair(one)}")
         return "\n".join(lines)
 
     def rows(self) -> Rows:
@@ -172,8 +170,7 @@ class Comparison:
 
 def named(channel: str) -> str:
     """Return a channel with its label, "pitch rate q"; a record as it is."""
-    label = label_of(channel)
-    return channel if label == channel else f"{label} {channel}"
+    return " ".join(dict.fromkeys((label_of(channel), channel)))
 
 
 def _in_words(error: float) -> str:
@@ -217,12 +214,9 @@ def compare_diagnoses(first: str | Path, second: str | Path) -> Comparison:
     >>> print(cs.compare_diagnoses("out/before", "out/after"))  # doctest: +SKIP
     """
     files = [Path(one) / "diagnosis.json" if os.path.isdir(one) else Path(one) for one in (first, second)]
-    told = [read_json(file, _EXPECTED) for file in files]
-    for file, one in zip(files, told, strict=True):
-        if not str(one.get("schema", "")).startswith("casid.diagnosis/"):
-            raise InputError(f"{file}: no diagnosis; expected {_EXPECTED}")
-    with sound(Path(f"{files[0]}, {files[1]}"), _EXPECTED):
-        return _compared(_names(files), told[0], told[1])
+    told = [read_diagnosis(file) for file in files]
+    with sound(Path(f"{files[0]}, {files[1]}"), DIAGNOSIS):
+        return _compared(_names(files), told)
 
 
 def _names(files: list[Path]) -> tuple[str, str]:
@@ -233,15 +227,14 @@ def _names(files: list[Path]) -> tuple[str, str]:
     return (first.name, second.name) if first.name != second.name else (str(first), str(second))
 
 
-def _compared(names: tuple[str, str], first: Mapping[str, Any], second: Mapping[str, Any]) -> Comparison:
-    both = (first, second)
+def _compared(names: tuple[str, str], both: Sequence[Mapping[str, Any]]) -> Comparison:
     budgets = [one["budget"] for one in both]
     by_record = [{one["record"]: one for one in told.get("records") or []} for told in both]
     channels = _errors([one["channels"] for one in budgets], "structure")
     causes = [{one["name"]: _size(one) for one in told["causes"]} for told in both]
     return Comparison(
         names=names,
-        verdicts=(str(first["verdict"]), str(second["verdict"])),
+        verdicts=(str(both[0]["verdict"]), str(both[1]["verdict"])),
         held_out=(tuple(budgets[0]["records"]), tuple(budgets[1]["records"])),
         together=_error("all channels", [one["all"] for one in budgets], "structure"),
         channels=tuple(sorted(channels, key=lambda one: -_change(one))),
@@ -250,7 +243,7 @@ def _compared(names: tuple[str, str], first: Mapping[str, Any], second: Mapping[
             ComparedCause(name=name, sizes=(causes[0].get(name, ""), causes[1].get(name, "")))
             for name in dict.fromkeys([*causes[0], *causes[1]])
         ),
-        values=tuple(sorted(_values(first, second), key=lambda one: (not one.differs, one.name))),
+        values=tuple(sorted(_values([one["parameters"] for one in both]), key=lambda one: (not one.differs, one.name))),
     )
 
 
@@ -260,9 +253,12 @@ def _errors(tables: list[dict[str, Any]], left: str) -> Iterator[ComparedError]:
 
 
 def _error(name: str, steps: list[dict[str, Any]], left: str) -> ComparedError:
-    given = [_number(one, "as_given", math.inf) for one in steps]
-    rest = [_number(one, left, math.inf) for one in steps]
-    return ComparedError(name=name, as_given=(given[0], given[1]), left=(rest[0], rest[1]))
+    return ComparedError(name=name, as_given=_pair(steps, "as_given", math.inf), left=_pair(steps, left, math.inf))
+
+
+def _pair(tables: Sequence[Mapping[str, Any]], name: str, absent: float) -> tuple[float, float]:
+    first, second = (_number(one, name, absent) for one in tables)
+    return first, second
 
 
 def _number(table: Mapping[str, Any], name: str, absent: float) -> float:
@@ -287,16 +283,15 @@ def _size(cause: Mapping[str, Any]) -> str:
     return f"{size}{f' {unit}' if unit not in ('', '1') else ''}{sure}"
 
 
-def _values(first: Mapping[str, Any], second: Mapping[str, Any]) -> Iterator[ComparedValue]:
-    tables = (first["parameters"], second["parameters"])
+def _values(tables: Sequence[Mapping[str, Any]]) -> Iterator[ComparedValue]:
     for name in [one for one in tables[0] if one in tables[1]]:
         pair = [table[name] for table in tables]
         flight = [one.get("flight") or {} for one in pair]
         yield ComparedValue(
             name=name,
-            given=(_number(pair[0], "a_priori", math.nan), _number(pair[1], "a_priori", math.nan)),
-            flight=(_number(flight[0], "value", math.nan), _number(flight[1], "value", math.nan)),
-            std=(_number(flight[0], "std", math.inf), _number(flight[1], "std", math.inf)),
+            given=_pair(pair, "a_priori", math.nan),
+            flight=_pair(flight, "value", math.nan),
+            std=_pair(flight, "std", math.inf),
         )
 
 

@@ -45,7 +45,8 @@ def conditions_of(
     how = MANOEUVRES[test.manoeuvre]
     if how.inputs and not how.free:
         before = (record.t >= window.start) & (record.t <= window.begin)
-        found += [*_steady(record, smoothed, before), *_controls(aircraft, record, how.inputs, before)]
+        if before.sum() >= 2:
+            found += [*_steady(smoothed, before), *_controls(aircraft, record, before)]
     return (*found, *_rest(test, window))
 
 
@@ -80,11 +81,11 @@ def _speed(aircraft: Aircraft, record: Record, smoothed: Mapping[str, Smooth], w
     )
 
 
-def _steady(record: Record, smoothed: Mapping[str, Smooth], before: np.ndarray) -> Iterator[Condition]:
-    rates = {name: smoothed[name].curve[before] for name in ("p", "q", "r") if name in smoothed}
-    if not rates or before.sum() < 2:
+def _steady(smoothed: Mapping[str, Smooth], before: np.ndarray) -> Iterator[Condition]:
+    rates = [name for name in ("p", "q", "r") if name in smoothed]
+    if not rates:
         return
-    peaks = {name: float(np.abs(values).max()) for name, values in rates.items()}
+    peaks = {name: float(np.abs(smoothed[name].curve[before]).max()) for name in rates}
     worst = max(peaks, key=lambda name: peaks[name])
     yield Condition(
         name="steady flight before the input",
@@ -94,12 +95,9 @@ def _steady(record: Record, smoothed: Mapping[str, Smooth], before: np.ndarray) 
     )
 
 
-def _controls(aircraft: Aircraft, record: Record, moved: tuple[str, ...], before: np.ndarray) -> Iterator[Condition]:
+def _controls(aircraft: Aircraft, record: Record, before: np.ndarray) -> Iterator[Condition]:
     """Aileron and rudder: an elevator off the trim of the file is a matter of the simulation, not of the flight."""
-    if before.sum() < 2:
-        return
-    trim = lateral_trim(aircraft)
-    for name, own in trim.items():
+    for name, own in lateral_trim(aircraft).items():
         if name not in record or not np.isfinite(record[name][before]).all():
             continue
         at = float(np.median(record[name][before]))
@@ -128,7 +126,6 @@ def _rest(test: StandardTest, window: Window) -> Iterator[Condition]:
         parts = [("rest before the manoeuvre", window.begin - window.start, test.before_s)]
         parts.append(("rest after the last movement", window.rest, test.after_s))
     for name, has, wanted in parts:
+        met = has >= wanted - _SHORT
         if wanted > 0.0:
-            yield Condition(
-                name=name, asked=f"{wanted:g} s", found=f"{has:.1f} s", met=has >= wanted - _SHORT, of_rest=True
-            )
+            yield Condition(name=name, asked=f"{wanted:g} s", found=f"{has:.1f} s", met=met, of_rest=True)

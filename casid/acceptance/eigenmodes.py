@@ -18,8 +18,6 @@ LONGITUDINAL = ("u", "w", "q", "theta")
 LATERAL = ("v", "p", "r", "phi")
 _REAL = 1e-9  # of the size of an eigenvalue: an imaginary part below is rounding
 _COUPLED = 1e-12  # of the largest entry of the matrix: what is less couples no planes
-_SHORT_AND_LONG = ("short period", "phugoid")
-_ROLL_AND_SPIRAL = ("roll", "spiral")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -123,8 +121,8 @@ def named(modes: Sequence[Eigenmode]) -> dict[str, Eigenmode]:
     }
     found: dict[str, Eigenmode] = {}
     for which, pair_names, real_names in (
-        ("longitudinal", _SHORT_AND_LONG, ()),
-        ("lateral", ("dutch roll", "lateral phugoid"), _ROLL_AND_SPIRAL),
+        ("longitudinal", ("short period", "phugoid"), ()),
+        ("lateral", ("dutch roll", "lateral phugoid"), ("roll", "spiral")),
     ):
         pairs = [m for m in plane[which] if m.oscillates]
         single = [m for m in plane[which] if not m.oscillates]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 from casid.model.aircraft import Aircraft
 from casid.model.effect_value import EffectValue
@@ -55,11 +55,10 @@ def _effects(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
     for i, effect in enumerate(extended.effects):
         if effect not in given.effects:
             before = own.get((effect.kind, effect.target, effect.term))
-            effects = [*extended.effects[:i], *([before] if before else []), *extended.effects[i + 1 :]]
-            title = effect_title(effect.kind, effect.target, effect.term)
+            effects = (*extended.effects[:i], *([before] if before else []), *extended.effects[i + 1 :])
             yield FoundPart(
-                title=title,
-                without=replace(extended, effects=tuple(effects)),
+                title=effect_title(effect.kind, effect.target, effect.term),
+                without=replace(extended, effects=effects),
                 subject=effect_of(effect).name,
                 changes=(_size(effect),),
             )
@@ -107,7 +106,7 @@ def _row(aircraft: Aircraft, coefficient: str) -> tuple[dict[str, float], dict[s
 
 
 def _bodies(given: Aircraft, extended: Aircraft) -> Iterator[FoundPart]:
-    for one in fields(Aircraft):
-        if one.name in _BODY and getattr(given, one.name) != getattr(extended, one.name):
-            words = one.name.replace("_", " ")
-            yield FoundPart(title=words, without=replace(extended, **{one.name: getattr(given, one.name)}))
+    for name in _BODY:
+        own = getattr(given, name)
+        if own != getattr(extended, name):
+            yield FoundPart(title=name.replace("_", " "), without=replace(extended, **{name: own}))

@@ -10,19 +10,17 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
+from casid.acceptance.theil import fly
 from casid.errors import EstimationError, InputError
 from casid.estimation import Fit, OutputError, Problem, solve
-from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.frames import Rows
 from casid.keeping import plain
 from casid.model.aircraft import Aircraft
-from casid.model.flown_records import FlownRecords, default_free, flown_records
+from casid.model.flown_records import default_free, flown_records
 from casid.model.numbers import digits, with_deviation
-from casid.model.simulate import simulate
 from casid.records.noise import pooled_sigma
 from casid.records.record import Record
 
-WINDOW_S = 5.0  # of a record, to which the initial state is fitted
 _CHANCE = 0.01  # that one of all comparisons of a fleet without any change is reported
 _MATTERS = 0.1  # of a value: smaller changes are none to an engineer
 
@@ -121,15 +119,14 @@ class Fleet:
     @property
     def sentence(self) -> str:
         """What changed between the flights."""
-        apart = [one for one in self.flights if one.changes]
+        apart = [f"{one.record}: {one.changes[0]}" for one in self.flights if one.changes]
         errors = [one.error for one in self.flights if math.isfinite(one.error)]
         span = f"{digits(min(errors), 2)} to {digits(max(errors), 2)} times the noise" if errors else "no record"
         flown = f"{len(self.flights)} records of {self.aircraft}: as given, off by {span}"
         if not apart:
             return f"{flown}; no value changed between the flights."
-        told = "; ".join(f"{one.record}: {one.changes[0]}" for one in apart[:3])
         more = f"; and {len(apart) - 3} more" if len(apart) > 3 else ""
-        return f"{flown}. What changed between the flights: {told}{more}."
+        return f"{flown}. What changed between the flights: {'; '.join(apart[:3])}{more}."
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of compare.json."""
@@ -139,13 +136,7 @@ class Fleet:
             | {"values": {name: {"value": v, "std": s} for name, (v, s) in one.values.items()}}
             for one in self.flights
         ]
-        return {
-            "schema": "casid.compare/1",
-            "aircraft": self.aircraft,
-            "changed": self.changed,
-            "sentence": self.sentence,
-            "records": plain(rows),
-        }
+        return {"schema": "casid.compare/1", **plain(self, "aircraft changed sentence"), "records": plain(rows)}
 
     def __str__(self) -> str:
         return f"{'changed' if self.changed else 'the same'}: {self.sentence}\n\n{self.rows().text()}"
@@ -159,16 +150,6 @@ class Fleet:
             rows.append((one.record, one.duration, one.error, one.worst, told or "-"))
         heads = {"record": "", "s": ".1f", "error": ".3g", "worst": "", "what differs": ""}
         return Rows(heads=heads, rows=rows)
-
-
-def fly(applied: FlownRecords, record: Record) -> np.ndarray | str:
-    """Return (N, outputs) what the instruments would have read; or where the simulation diverged."""
-    try:
-        start = fit_initial_state(applied.model, record, WINDOW_S)
-        flown = simulate(applied.model, record, measured_start(applied.model, record, start))
-    except (InputError, np.linalg.LinAlgError) as fault:
-        return str(fault)
-    return flown.outputs
 
 
 def compare_flights(
@@ -210,10 +191,8 @@ def compare_flights(
     rows = [_row(aircraft, record, noise, tuple((faults or {}).get(record.name, ()))) for record in records]
     count = sum(len(one.values) for one in rows)
     limit = float(norm.isf(0.5 * _CHANCE / max(count, 1)))
-    return Fleet(
-        aircraft=aircraft.name,
-        flights=tuple(replace(one, changes=tuple(_changes(one, rows, limit))) for one in rows),
-    )
+    flights = tuple(replace(one, changes=tuple(_changes(one, rows, limit))) for one in rows)
+    return Fleet(aircraft=aircraft.name, flights=flights)
 
 
 def _noise(aircraft: Aircraft, records: Sequence[Record]) -> dict[str, float]:
@@ -270,13 +249,8 @@ def _changes(row: FlightRow, rows: Sequence[FlightRow], limit: float) -> Iterato
         weight = others[:, 1] ** -2.0
         mean = float(np.sum(weight * others[:, 0]) / np.sum(weight))
         spread = float(np.std(others[:, 0], ddof=1)) if len(others) > 2 else 0.0
-        change = Change(
-            parameter=name,
-            value=value,
-            std=std,
-            others=mean,
-            others_std=max(float(np.sum(weight)) ** -0.5, spread),
-        )
+        others_std = max(float(np.sum(weight)) ** -0.5, spread)
+        change = Change(parameter=name, value=value, std=std, others=mean, others_std=others_std)
         if change.sigmas > limit and abs(value - mean) > _MATTERS * abs(mean):
             found.append(change)
     yield from sorted(found, key=lambda one: -one.sigmas)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -10,7 +10,8 @@ import numpy as np
 
 from casid.acceptance.conditions import TRIM_TOLERANCE
 from casid.acceptance.manoeuvres import Window
-from casid.acceptance.smoothing import smooth
+from casid.acceptance.smoothing import Smooth, smooth
+from casid.acceptance.tolerances import CALIBRATED, StandardTest
 from casid.errors import InputError
 from casid.filtering.initial_state import state_of_outputs
 from casid.model.aircraft import Aircraft
@@ -43,7 +44,7 @@ class Flown:
     diverged: str = ""  # where and why it left the range of numbers; "": it did not
 
 
-def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...]:
+def _outputs(record: Record, axes: str, wanted: Collection[str]) -> tuple[str, ...]:
     """Measured channels that a model of these axes gives: those of its state, and those that are compared."""
     given = {
         "full": (*DIRECT, "ax", "ay", "az", "pdot", "qdot", "rdot"),
@@ -56,23 +57,23 @@ def _outputs(record: Record, axes: str, wanted: Sequence[str]) -> tuple[str, ...
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ToFly:
-    """Part of a record that is flown: its windows, with smoothed channels `curves` and channels that are `wanted`."""
+    """A record, its smoothed channels, and the tests that it shows, each in a window."""
 
     record: Record
-    curves: Mapping[str, np.ndarray]
+    smoothed: Mapping[str, Smooth]
     axes: str
-    wanted: Sequence[str]
-    windows: Sequence[Window]
+    chosen: Sequence[tuple[StandardTest, Window]]
 
     @property
     def model(self) -> tuple:
         """Records that have the same fly the same model."""
         record = self.record
-        return self.axes, _outputs(record, self.axes, self.wanted), record.dt, force_inputs([record])
+        wanted = {"V" if name == CALIBRATED else name for test, _ in self.chosen for name in test.channels}
+        return self.axes, _outputs(record, self.axes, wanted), record.dt, force_inputs([record])
 
 
-def fly(aircraft: Aircraft, flights: Sequence[ToFly], closed: bool) -> list[list[Flown]]:
-    """Simulate every window of each flight; `closed`: with the controller of `_LOOPS`."""
+def fly(aircraft: Aircraft, flights: Sequence[ToFly], closed: bool) -> list[dict[Window, Flown]]:
+    """Simulate every window of each flight, once for all its tests; `closed`: with the controller of `_LOOPS`."""
     applied: dict[tuple, FlownRecords] = {}
     for model in {one.model: None for one in flights}:
         axes, outputs, *_ = model
@@ -81,26 +82,25 @@ def fly(aircraft: Aircraft, flights: Sequence[ToFly], closed: bool) -> list[list
     return [_flown(applied[one.model], next(ready[one.model]), one, closed) for one in flights]
 
 
-def _flown(applied: FlownRecords, ready: Record, flight: ToFly, closed: bool) -> list[Flown]:
+def _flown(applied: FlownRecords, ready: Record, flight: ToFly, closed: bool) -> dict[Window, Flown]:
     """`ready`: its record made ready for the model."""
     record = flight.record
     measured = {
-        name: flight.curves[name]
+        name: flight.smoothed[name].curve
         if np.array_equal(ready[name], record[name], equal_nan=True)
         else smooth(ready.t, ready[name]).curve
         for name in DIRECT
         if name in record and name in applied.model.outputs
     }
     followed = ready.with_channels(**measured)
-    return [_fly(applied, record, followed, tuple(measured), window, closed) for window in flight.windows]
+    windows = dict.fromkeys(window for _, window in flight.chosen)
+    return {window: _fly(applied, followed, tuple(measured), window, closed) for window in windows}
 
 
-def _fly(
-    applied: FlownRecords, record: Record, followed: Record, measured: Sequence[str], window: Window, closed: bool
-) -> Flown:
+def _fly(applied: FlownRecords, followed: Record, measured: Sequence[str], window: Window, closed: bool) -> Flown:
     """`followed`: the record made ready for the model, its `measured` channels smoothed."""
     model = applied.model
-    ready = _part(followed, window)
+    ready = window.part_of(followed)
     begins = {name: float(ready[name][0]) for name in measured}
     start = state_of_outputs(model, ready, begins, model.guess(ready)[0])
     law = None
@@ -113,11 +113,6 @@ def _fly(
     channels = {name: flown.outputs[:, i] for i, name in enumerate(model.outputs)}
     corrections = {} if law is None else _corrections(law, model, flown.states, ready)
     return Flown(channels=channels, corrections=corrections)
-
-
-def _part(record: Record, window: Window) -> Record:
-    """The samples of a window, both ends with it."""
-    return record.between(window.start, np.nextafter(window.end, np.inf))
 
 
 def _with_controller(model: Model, record: Record, start: np.ndarray) -> tuple[Model, Record, ca.Function]:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from casid.acceptance.parameters import Known
-from casid.acceptance.steady import SETTINGS, Implicit, Solved, SteadyFlight
+from casid.acceptance.steady import SETTINGS, Equations, Implicit, Solved, SteadyFlight
 from casid.errors import InputError
 
 GLIDE = ("alpha", "delta_e", "climb_angle")
@@ -33,13 +33,11 @@ def best_glide(flight: SteadyFlight, known: Known, level: Solved) -> tuple[Quant
         return {}, (f"no best glide: {error}",)
     flattest = flight.once(("glide",), lambda: _Flattest(flight))
     z, held = flight.at(GLIDE, at)
+    # multipliers of a glide that need not be the flattest
+    slope = flight.equations(GLIDE).function(z, held, known.values)[1].full()
+    start = np.r_[z, V, np.linalg.solve(slope.T, flattest.towards)]
     held = [value for name, value in zip(_HELD, held, strict=True) if name != "V"]
-    found = scipy.optimize.root(
-        lambda y: flattest.residual(y, held, known.values)[0].full()[:, 0],
-        np.r_[z, V, flattest.multipliers(z, V, held, known.values)],
-        jac=lambda y: flattest.residual(y, held, known.values)[1].full(),
-        tol=1e-12,
-    )
+    found = flattest.equations.root(start, held, known.values, tol=1e-12)
     if np.abs(found.fun).max() < _SMALL:
         return _named(*flattest.quantities(found.x, held, known.values)), ()
     # at the corner of a table, where the slope jumps, the optimum stays: the values are those of a glide at its speed
@@ -69,20 +67,16 @@ class _Flattest:
         R = equations.residual
         V = flight.setting["V"]
         m = ca.SX.sym("multiplier", z.shape[0])
-        towards = ca.DM.zeros(z.shape)
-        towards[GLIDE.index("climb_angle")] = 1.0
-        whole = ca.vertcat(R, ca.jacobian(R, z).T @ m - towards, ca.jacobian(R, V).T @ m)
-        unknown = ca.vertcat(z, V, m)
-        held = ca.vertcat(*(flight.setting[name] for name in _HELD if name != "V"))
-        (told,) = ca.substitute([_told(flight)], [flight.setting["climb_angle"]], [z[GLIDE.index("climb_angle")]])
-        self._towards = towards.full()[:, 0]
-        self._slope = ca.Function("slope", [z, V, held, flight.p], [ca.jacobian(R, z)])
-        self.residual = ca.Function("glide", [unknown, held, flight.p], [whole, ca.jacobian(whole, unknown)])
-        self.quantities = Implicit(unknown=unknown, residual=whole, held=held, p=flight.p, quantities=told)
-
-    def multipliers(self, z: np.ndarray, V: float, held: list[float], p: np.ndarray) -> np.ndarray:
-        """Return the multipliers of a glide that need not be the flattest."""
-        return np.linalg.solve(self._slope(z, V, held, p).full().T, self._towards)
+        climb = GLIDE.index("climb_angle")
+        self.towards = np.eye(z.shape[0])[climb]  # (unknowns,) derivative of the climb angle by them
+        self.equations = Equations(
+            unknown=ca.vertcat(z, V, m),
+            residual=ca.vertcat(R, ca.jacobian(R, z).T @ m - self.towards, ca.jacobian(R, V).T @ m),
+            held=ca.vertcat(*(flight.setting[name] for name in _HELD if name != "V")),
+            p=flight.p,
+        )
+        (told,) = ca.substitute([_told(flight)], [flight.setting["climb_angle"]], [z[climb]])
+        self.quantities = Implicit(self.equations, told)
 
 
 def _search(flight: SteadyFlight, known: Known, level: Solved) -> tuple[float, Solved]:

@@ -20,7 +20,7 @@ import numpy as np
 from casid.above import ask_above
 from casid.acceptance.eigenmodes import Eigenmode, by_plane, named
 from casid.acceptance.glide import best_glide
-from casid.acceptance.parameters import Known, known_by_diagnosis, known_by_file, known_by_fit
+from casid.acceptance.parameters import Known, Number, known_by_diagnosis, known_by_estimate, known_by_file
 from casid.acceptance.steady import Implicit, SteadyFlight
 from casid.arguments import number, require
 from casid.diagnosis.result import Diagnosis
@@ -38,15 +38,6 @@ _HEIGHTS = (-1e3, 2e4)  # m, of the standard atmosphere
 _CURVE = 21  # speeds of the trim curves
 # deg beyond the trim of the file: wing sections stall 8 to 12 deg above cruise (Abbott and von Doenhoff, 1959)
 _LINEAR_DEG = 10.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class Number:
-    """A value, its 1-sigma (NaN where nothing is known of the parameters) and its unit."""
-
-    value: float
-    std: float
-    unit: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -146,12 +137,9 @@ class Handbook:
 
 def labelled(found: Handbook) -> list[tuple[str, Number]]:
     """(label, number) of all modes and numbers, in the order of the table."""
-    of_modes = [
-        (f"{name}: {key.replace('_', ' ')}", one)
-        for name, mode in found.modes.items()
-        for key, one in mode.numbers.items()
-    ]
-    return of_modes + [(label_of(key).replace("_", " "), one) for key, one in found.numbers.items()]
+    of_modes = {f"{name}: {key}": one for name, mode in found.modes.items() for key, one in mode.numbers.items()}
+    rest = {label_of(key): one for key, one in found.numbers.items()}
+    return [(label.replace("_", " "), one) for label, one in (*of_modes.items(), *rest.items())]
 
 
 @single_threaded()
@@ -210,8 +198,10 @@ def modes(
     flight = SteadyFlight(file)
     if isinstance(fit, Diagnosis):
         known = known_by_diagnosis(flight, fit)
+    elif fit is not None:
+        known = known_by_estimate(flight, fit.values, fit.covariance_corrected)
     else:
-        known = known_by_file(flight) if fit is None else known_by_fit(flight, fit)
+        known = known_by_file(flight)
     return handbook(flight, known, point, _speeds(speeds, point["V"]))
 
 
@@ -224,15 +214,13 @@ def handbook(flight: SteadyFlight, known: Known, point: Mapping[str, float], spe
     value, slope = along(*flight.at(LEVEL, solved), known.values)
     matrix, slopes = (part[: n * n].reshape((n, n, -1), order="F") for part in (value, slope))
     told, silent = by_plane(matrix[..., 0], slopes, flight.moving)
-    numbers = {
-        name: Number(value=float(v), std=known.std(d), unit=units[name])
-        for name, v, d in zip(units, value[n * n :], slope[n * n :], strict=True)
-    }
+    static = zip(units.items(), value[n * n :], slope[n * n :], strict=True)
+    numbers = {name: known.number(v, d, unit) for (name, unit), v, d in static}
     glide, without = best_glide(flight, known, solved)
     if not numbers["CD"].value > 0.0:
         del numbers["lift_over_drag"]
         without = (*without, "the drag of the file at this point is not positive: no lift over drag is given")
-    numbers |= {name: Number(value=v, std=known.std(d), unit=unit) for name, (v, d, unit) in glide.items()}
+    numbers |= {name: known.number(*one) for name, one in glide.items()}
     return Handbook(
         aircraft=flight.aircraft.name,
         flight=solved.values,
@@ -278,18 +266,18 @@ def _matrix_and_numbers(flight: SteadyFlight) -> tuple[Implicit, dict[str, str]]
     m = flight.model
     index = [m.states.index(name) for name in flight.moving]
     matrix = flight.here(ca.jacobian(m.f, m.x)[index, index])
-    expressions, units = _expressions(flight)
-    return flight.along(LEVEL, ca.vertcat(ca.vec(matrix), *expressions.values())), units
+    numbers = _numbers(flight)
+    expressions = (expression for expression, _ in numbers.values())
+    return flight.along(LEVEL, ca.vertcat(ca.vec(matrix), *expressions)), {n: unit for n, (_, unit) in numbers.items()}
 
 
-def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]]:
-    """Expressions of the static numbers, and their units: lift and drag by the balance of forces, margins as how far
+def _numbers(flight: SteadyFlight) -> dict[str, tuple[ca.SX, str]]:
+    """Expressions of the static numbers and their units: lift and drag by the balance of forces, margins as how far
     the c.g. may move back until a change of lift makes no moment (Etkin and Reid, Dynamics of Flight, 3rd ed., 2.3 and
     3.1)."""
     s = flight.setting
     a = flight.aircraft
     W = flight.mass * a.gravity
-    length = a.moment_length_pitch
     qS = 0.5 * s["rho"] * s["V"] ** 2 * a.area
     lift_by_alpha, moment_by_alpha = (flight.here(one) for one in flight.slopes("alpha"))
     lift_by_q, moment_by_q = (flight.here(one) for one in flight.slopes("q"))
@@ -303,7 +291,7 @@ def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]
     manoeuvre = -(moment_by_alpha * alpha_per_g + moment_by_q * q_per_g) * qS / W
     determinant = normal * moment_by_e - lift_by_e * moment_by_alpha
     elevator = (-normal * moment_by_q * q_per_g - moment_by_alpha * needed) / determinant
-    told = {
+    return {
         "alpha": (s["alpha"], "rad"),
         "delta_e": (s["delta_e"], "rad"),
         "thrust": (s["thrust"], "N"),
@@ -311,27 +299,24 @@ def _expressions(flight: SteadyFlight) -> tuple[dict[str, ca.SX], dict[str, str]
         "CD": (flight.drag / qS, "1"),
         "lift_over_drag": (flight.lift / flight.drag, "1"),
         "static_margin": (margin, "1"),
-        "neutral_point": (margin * length, "m"),
+        "neutral_point": (margin * a.moment_length_pitch, "m"),
         "manoeuvre_margin": (manoeuvre, "1"),
         "elevator_per_g": (elevator, "rad"),
     }
-    return {name: one for name, (one, _) in told.items()}, {name: unit for name, (_, unit) in told.items()}
 
 
 def _told(name: str, mode: Eigenmode, known: Known) -> Mode:
-    numbers = {key: Number(value=v, std=known.std(d), unit=unit) for key, (v, d, unit) in mode.numbers().items()}
     return Mode(
         name=name,
         eigenvalue=mode.eigenvalue,
         eigenvalue_std=(known.std(np.real(mode.derivatives)), known.std(np.imag(mode.derivatives))),
         participation=mode.participation,
-        numbers=numbers,
+        numbers={key: known.number(*one) for key, one in mode.numbers().items()},
     )
 
 
 def _curves(flight: SteadyFlight, known: Known, point: Mapping[str, float], V: np.ndarray) -> TrimCurves:
-    values = {name: np.full(len(V), np.nan) for name in LEVEL}
-    std = {name: np.full(len(V), np.nan) for name in LEVEL}
+    values, std = ({name: np.full(len(V), np.nan) for name in LEVEL} for _ in range(2))
     along = flight.once(("curves",), lambda: flight.along(LEVEL, ca.vertcat(*(flight.setting[n] for n in LEVEL))))
     for k, speed in enumerate(V):
         try:

@@ -125,7 +125,7 @@ class Isolability:
     @property
     def told(self) -> float:
         """Mean over the causes of the probability that one is rightly named at the size that matters."""
-        return float(np.mean([one.told for one in self.causes.values()]))
+        return _mean_told(self.causes)
 
     @property
     def sets(self) -> list[tuple[str, ...]]:
@@ -148,10 +148,8 @@ class Isolability:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of isolability.json; an infinite size is None."""
-        return {
-            "schema": "casid.isolability/1",
-            **plain(self, "aircraft manoeuvres channels told causes sets additions left_out"),
-        }
+        told = plain(self, "aircraft manoeuvres channels told causes sets additions left_out")
+        return {"schema": "casid.isolability/1", **told}
 
 
 @single_threaded()
@@ -220,13 +218,13 @@ def isolability(
     of_inputs = {name.removeprefix("d_"): s for name, s in flight.noise().inputs.items()}
     flown = replace(flown, aircraft=replace(flown.aircraft, noise={**flown.aircraft.noise, **of_inputs}))
     judged = _judged(flown, sigma, effects, criteria)
-    if not judged.names:
+    if not judged.causes:
         raise InputError("isolability: none of the causes has a size that matters here; ask for others with causes")
     found = Isolability(
         aircraft=file.name,
         manoeuvres=tuple(record.name for record in flown.records),
         channels={name: sigma[name] for name in judged.channels},
-        causes=judged.causes(criteria),
+        causes=judged.causes,
         confusion=judged.confusion,
         additions=(),
         left_out=(*left_out, *judged.left_out),
@@ -242,44 +240,18 @@ def confusion(a: np.ndarray, cosine: np.ndarray) -> np.ndarray:
     return ndtr(u) * ndtr(-v) + ndtr(-u) * ndtr(v)
 
 
+def _mean_told(causes: Mapping[str, IsolableCause]) -> float:
+    return float(np.mean([one.told for one in causes.values()]))
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Judged:
-    """Causes with a size that matters: `shows` (n,) 1-sigmas at that size, `cosine` (n, n) of their responses."""
+    """Causes with a size that matters, by name, and (n, n) their confusion."""
 
     channels: tuple[str, ...]
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    matters: np.ndarray
-    shows: np.ndarray
-    cosine: np.ndarray
+    causes: Mapping[str, IsolableCause]
+    confusion: np.ndarray
     left_out: tuple[str, ...]
-
-    @property
-    def confusion(self) -> np.ndarray:
-        found = confusion(self.shows[:, None], self.cosine)
-        found[:, self.shows == 0.0] = 0.0  # what does not show at all explains nothing
-        np.fill_diagonal(found, 0.0)
-        return found
-
-    def causes(self, criteria: Criteria) -> dict[str, IsolableCause]:
-        """Return the causes by name."""
-        enough = criteria.significance.detectable
-        found = {}
-        table = self.confusion
-        for i, name in enumerate(self.names):
-            rivals = {self.names[j]: float(table[i, j]) for j in np.argsort(-table[i], kind="stable")}
-            found[name] = IsolableCause(
-                name=name,
-                unit=self.units[i],
-                matters=float(self.matters[i]),
-                smallest=float(self.matters[i] * enough / self.shows[i]) if self.shows[i] > 0.0 else float("inf"),
-                detection=float(ndtr(self.shows[i] - (enough - ndtri(_POWER)))),
-                confusion={rival: p for rival, p in rivals.items() if p > 0.01},
-            )
-        return found
-
-    def told(self, criteria: Criteria) -> float:
-        return float(np.mean([one.told for one in self.causes(criteria).values()]))
 
 
 def _noise(
@@ -316,9 +288,8 @@ def _wanted(flight: Subject, causes: Iterable[str | Effect] | str | None) -> tup
         chosen: list[Effect] = []
         for one in [causes] if isinstance(causes, str) else causes:
             require(one, (str, Effect), "isolability: one of the causes", "'sensor_*' or an Effect")
-            found = (
-                [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, one.replace("[", "[[]"))]
-            )
+            glob = str(one).replace("[", "[[]")
+            found = [one] if isinstance(one, Effect) else [e for e in every if fnmatchcase(e.name, glob)]
             if not found:
                 raise unknown("cause", str(one), [e.name for e in every], "isolability: causes")
             chosen += [e for e in found if e.name not in {c.name for c in chosen}]
@@ -384,15 +355,30 @@ class _Shown:
         length = sigmas_shown(np.diag(left), np.diag(gram), self.fitted.criteria)
         inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
         # the response of an effect that is not linear is that to the whole of it
-        per_size = np.array([1.0 if not e.linear else size for e, size in zip(kinds, sizes[sized], strict=True)])
+        shows = length * np.where([e.linear for e in kinds], sizes[sized], 1.0)
+        table = confusion(shows[:, None], np.clip(left * inverse[:, None] * inverse, -1.0, 1.0))
+        table[:, shows == 0.0] = 0.0  # what does not show at all explains nothing
+        np.fill_diagonal(table, 0.0)
         return _Judged(
             channels=self.fitted.flight.outputs,
-            names=tuple(e.name for e in kinds),
-            units=tuple(e.unit for e in kinds),
-            matters=sizes[sized],
-            shows=per_size * length,
-            cosine=np.clip(left * inverse[:, None] * inverse, -1.0, 1.0),
+            causes={e.name: self._cause(i, kinds, sizes[sized], shows, table) for i, e in enumerate(kinds)},
+            confusion=table,
             left_out=tuple(row[0].name for i, row in enumerate(self.rows) if i not in sized),
+        )
+
+    def _cause(
+        self, i: int, kinds: Sequence[Effect], matters: np.ndarray, shows: np.ndarray, table: np.ndarray
+    ) -> IsolableCause:
+        """One of the causes: (n,) sizes that matter, 1-sigmas that they show by then, and (n, n) their confusion."""
+        enough = self.fitted.criteria.significance.detectable
+        rivals = {kinds[j].name: float(table[i, j]) for j in np.argsort(-table[i], kind="stable")}
+        return IsolableCause(
+            name=kinds[i].name,
+            unit=kinds[i].unit,
+            matters=float(matters[i]),
+            smallest=float(matters[i] * enough / shows[i]) if shows[i] > 0.0 else float("inf"),
+            detection=float(ndtr(shows[i] - (enough - ndtri(_POWER)))),
+            confusion={rival: p for rival, p in rivals.items() if p > 0.01},
         )
 
 
@@ -424,13 +410,13 @@ def _additions(
     for name in flown.outputs:
         more = flown.aircraft.noise.get(name) or TYPICAL_NOISE.get(name)
         if name not in sigma and more:
-            told = _judged(flown, {**sigma, name: more}, effects, criteria).told(criteria)
-            found.append(Addition(kind="channel", what=name, told=told))
+            judged = _judged(flown, {**sigma, name: more}, effects, criteria)
+            found.append(Addition(kind="channel", what=name, told=_mean_told(judged.causes)))
     if further := further_manoeuvres(flown):  # all flown at once, each of them judged beside the given ones
         given = range(len(flown.records))
         records = (*flown.records, *further)
         shown = _Shown.of(_fitted(replace(flown, records=records), sigma, criteria), effects)
         for i, one in enumerate(further, len(given)):
-            told = shown.judged([*given, i]).told(criteria)
-            found.append(Addition(kind="manoeuvre", what=one.name, told=told))
+            judged = shown.judged([*given, i])
+            found.append(Addition(kind="manoeuvre", what=one.name, told=_mean_told(judged.causes)))
     return tuple(sorted(found, key=lambda one: -one.told))

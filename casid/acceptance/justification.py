@@ -15,9 +15,7 @@ from casid.errors import InputError
 from casid.records.limits import read_json, sound
 
 _TOLD = 3  # parts that are listed where no single one decides
-
-
-_EXPECTED = "the folder that casid diagnose --out wrote"
+DIAGNOSIS = "the folder that casid diagnose --out wrote"  # what an error expects
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,21 +52,27 @@ def findings_of(diagnosis: Diagnosis | str | Path) -> Findings:
         return _findings(diagnosis.to_dict(), diagnosis.extended_aircraft)
     folder = Path(diagnosis)
     file = folder / "diagnosis.json"
-    told = read_json(file, _EXPECTED)
-    if not str(told.get("schema", "")).startswith("casid.diagnosis/"):
-        raise InputError(f"{file}: no diagnosis; expected {_EXPECTED}")
-    with sound(file, _EXPECTED):
+    told = read_diagnosis(file)
+    with sound(file, DIAGNOSIS):
         return _findings(told, folder / "extended.toml")
+
+
+def read_diagnosis(file: Path) -> dict[str, Any]:
+    """Read a diagnosis.json. Raises InputError for any other file."""
+    told = read_json(file, DIAGNOSIS)
+    if not str(told.get("schema", "")).startswith("casid.diagnosis/"):
+        raise InputError(f"{file}: no diagnosis; expected {DIAGNOSIS}")
+    return told
 
 
 def _findings(told: Mapping[str, Any], extended: Any) -> Findings:
     gain = (told.get("gain") or {}).get("held_out") or {}
     held_out = tuple(map(str, gain.get("records") or ()))
-    named = [*(told.get("causes") or []), *(told.get("data") or [])]
-    quoted = (*(told.get("notes") or {}), *(name for one in named for name in one.get("records") or []))
-    records = set(map(str, quoted))
+    causes = told.get("causes") or []
+    named = [name for one in (*causes, *(told.get("data") or [])) for name in one.get("records") or []]
+    records = set(map(str, (*(told.get("notes") or {}), *named)))
     return Findings(
-        sentences={str(one["name"]): _with_probability(one) for one in told.get("causes") or []},
+        sentences={str(one["name"]): _with_probability(one) for one in causes},
         fitted=tuple(sorted(records - set(held_out))),
         held_out=held_out,
         ratios={str(name): float(ratio) for name, ratio in (gain.get("rms_ratio") or {}).items() if ratio is not None},
@@ -97,7 +101,7 @@ def rationale_of(
     moved = [f"Values of {', '.join(rows)} in the file do not fit this flight; they were re-estimated."] if rows else []
     return Rationale(
         differs=tuple(f"{_capital(check.tolerance.words)}: {in_words(check)}." for check in out),
-        why=tuple([*sentences, *moved]) or ("No part of the extended aircraft explains it alone.",),
+        why=(*sentences, *moved) or ("No part of the extended aircraft explains it alone.",),
         changed=tuple(f"{c.part}: {', '.join(c.changes)}" if c.changes else c.part for c in parts),
         proof=(_same_test(one), _unused_records(findings), _other_tests(one, tests, lost)),
         accepted=one.sides[EXTENDED].passed is True and not lost,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from types import MappingProxyType
 
 import numpy as np
@@ -62,6 +64,10 @@ class Window:
     end: float
     rest: float
 
+    def part_of(self, record: Record) -> Record:
+        """Return the samples of the window, both ends with it."""
+        return record.between(self.start, np.nextafter(self.end, np.inf))
+
 
 def windows(record: Record, manoeuvre: str, before_s: float = 0.0) -> tuple[Window, ...]:
     """Find where a manoeuvre is flown: one input moves, and no other until the end. The simulation starts `before_s`
@@ -99,16 +105,10 @@ def _phugoid_period(record: Record) -> float:
 
 def _runs(record: Record) -> list[tuple[str, float, float]]:
     """(input, first, last movement) of consecutive movements of one input, in the order of time."""
-    spans = sorted(
-        (span for name in _INPUTS if name in record for span in _movements(record, name)), key=lambda span: span[1]
-    )
-    runs: list[tuple[str, float, float]] = []
-    for name, first, last in spans:
-        if runs and runs[-1][0] == name:
-            runs[-1] = (name, runs[-1][1], last)
-        else:
-            runs.append((name, first, last))
-    return runs
+    spans = [span for name in _INPUTS if name in record for span in _movements(record, name)]
+    in_order = sorted(spans, key=itemgetter(1))
+    runs = [list(run) for _, run in groupby(in_order, key=itemgetter(0))]
+    return [(run[0][0], run[0][1], run[-1][2]) for run in runs]
 
 
 def _movements(record: Record, name: str) -> list[tuple[str, float, float]]:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,7 @@ from casid.acceptance.manoeuvres import MANOEUVRES, Window, window_between, wind
 from casid.acceptance.matched import Cost, MatchedTest, Side
 from casid.acceptance.proof import ProofOfMatch
 from casid.acceptance.smoothing import Smooth
-from casid.acceptance.tolerances import CALIBRATED, Standard, StandardTest, told
+from casid.acceptance.tolerances import Standard, StandardTest, told
 from casid.arguments import given as named
 from casid.arguments import number
 from casid.diagnosis.result import Diagnosis
@@ -103,15 +101,14 @@ def proof_of_match(
         raise InputError("proof_of_match: records is empty; expected at least one record")
     standard = tolerances if isinstance(tolerances, Standard) else Standard.read(tolerances)
     asked = _asked(tests, standard, read)
-    parts = found_parts(own, sides[EXTENDED]) if EXTENDED in sides else ()
     left_out: dict[str, str] = {}
-    flights: list[_Flight] = []
+    flights: list[ToFly] = []
     for record in map(_without_jumps, read):
-        smoothed = smoothed_channels(record, _looked_at(standard.tests[name] for name in asked))
+        smoothed = smoothed_channels(record, _looked_at([standard.tests[name] for name in asked]))
         if chosen := _windows(asked, standard, record, smoothed, left_out):
-            axes_of_record = axes or _axes(own, record)
-            flights.append(_Flight(record=record, smoothed=smoothed, axes=axes_of_record, chosen=chosen))
-    flown = _match(flights, sides, parts, findings or Findings(), closed_loop)
+            along = axes or _axes(own, record)
+            flights.append(ToFly(record=record, smoothed=smoothed, axes=along, chosen=chosen))
+    flown = _match(flights, sides, findings or Findings(), closed_loop)
     if tests is None:
         flown, idle = [one for one in flown if _judged(one)], [one for one in flown if not _judged(one)]
         left_out |= {one.test.id: one.sides[GIVEN].checks[0].why for one in idle}
@@ -180,12 +177,11 @@ def _windows(
     found = []
     for name, at in asked.items():
         test = standard.tests[name]
-        places = (
-            (window_between(record, test.manoeuvre, *at),) if at else windows(record, test.manoeuvre, test.before_s)
-        )
+        how = test.manoeuvre
+        places = (window_between(record, how, *at),) if at else windows(record, how, test.before_s)
         if not places:
-            known = bool(MANOEUVRES[test.manoeuvre].inputs)
-            why = f"no {test.manoeuvre} is found" if known else f"no input tells of a {test.manoeuvre}: give its time"
+            known = bool(MANOEUVRES[how].inputs)
+            why = f"no {how} is found" if known else f"no input tells of a {how}: give its time"
             left_out.setdefault(name, why)
         for window in places:
             why = _unfit(test, record, smoothed, window)
@@ -213,82 +209,50 @@ def _unfit(test: StandardTest, record: Record, smoothed: Mapping[str, Smooth], w
     if one.peak_from <= peak <= one.peak_to:
         return ""
     factor = si_factor(one.unit, "")
-    low = one.peak_from / factor
-    high = one.peak_to / factor
+    low, high = (bound / factor for bound in (one.peak_from, one.peak_to))
     return f"{told(one.channel)} peaks at {peak / factor:.3g} {one.unit}, the standard asks for {low:g} to {high:g}"
 
 
-def _looked_at(tests: Iterable[StandardTest]) -> list[str]:
+def _looked_at(tests: Sequence[StandardTest]) -> list[str]:
     """Channels whose curves are needed: those that tests compare, and those of the state."""
-    seen = set(DIRECT)
-    for test in tests:
-        seen |= {*test.channels, *([test.condition.channel] if test.condition else [])}
-    return sorted(seen)
+    seen = {name for test in tests for name in test.channels}
+    conditions = {test.condition.channel for test in tests if test.condition}
+    return sorted({*DIRECT, *seen, *conditions})
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Flight:
-    """A record, its smoothed channels, and the tests that it shows."""
-
-    record: Record
-    smoothed: Mapping[str, Smooth]
-    axes: str
-    chosen: Sequence[tuple[StandardTest, Window]]
-
-    @cached_property
-    def to_fly(self) -> ToFly:
-        """A window that several tests share is flown once."""
-        return ToFly(
-            record=self.record,
-            curves={name: one.curve for name, one in self.smoothed.items()},
-            axes=self.axes,
-            wanted=sorted({"V" if name == CALIBRATED else name for test, _ in self.chosen for name in test.channels}),
-            windows=tuple(dict.fromkeys(window for _, window in self.chosen)),
-        )
-
-    @cached_property
-    def measured(self) -> list[Measured]:
-        """Flight data of each test."""
-        return [flight_of(test, self.record, self.smoothed, window) for test, window in self.chosen]
-
-
-def _judged_by(aircraft: Aircraft, flights: Sequence[_Flight], closed: bool) -> list[Side]:
-    """Every test of all flights, simulated by an aircraft."""
-    sides = []
-    for flight, flown in zip(flights, fly(aircraft, [one.to_fly for one in flights], closed), strict=True):
-        by_window = dict(zip(flight.to_fly.windows, flown, strict=True))
-        for (test, window), measured in zip(flight.chosen, flight.measured, strict=True):
-            found = by_window[window]
-            sides.append(Side(flown=found, checks=checks_of(test, flight.record, window, measured, found)))
-    return sides
+def _judged_by(
+    aircraft: Aircraft, flights: Sequence[ToFly], measured: Iterable[Measured], closed: bool
+) -> Iterator[Side]:
+    """Every test of all flights, simulated by an aircraft; `measured` are the flight data of each."""
+    of_each = iter(measured)
+    for flight, flown in zip(flights, fly(aircraft, flights, closed), strict=True):
+        for test, window in flight.chosen:
+            found = flown[window]
+            yield Side(flown=found, checks=checks_of(test, flight.record, window, next(of_each), found))
 
 
 def _match(
-    flights: Sequence[_Flight],
-    sides: Mapping[str, Aircraft],
-    parts: Sequence[FoundPart],
-    findings: Findings,
-    closed: bool,
+    flights: Sequence[ToFly], sides: Mapping[str, Aircraft], findings: Findings, closed: bool
 ) -> list[MatchedTest]:
     """The tests of all flights."""
-    by_side = {label: _judged_by(one, flights, closed) for label, one in sides.items()}
-    without = [(part, _judged_by(part.without, flights, closed)) for part in parts]
-    every = [(flight, j) for flight in flights for j in range(len(flight.chosen))]
+    parts = found_parts(sides[GIVEN], sides[EXTENDED]) if EXTENDED in sides else ()
+    every = [(flight, test, window) for flight in flights for test, window in flight.chosen]
+    measured = [flight_of(test, flight.record, flight.smoothed, window) for flight, test, window in every]
+    by_side = {label: list(_judged_by(one, flights, measured, closed)) for label, one in sides.items()}
+    without = [(part, list(_judged_by(part.without, flights, measured, closed))) for part in parts]
     return [
         MatchedTest(
-            test=flight.chosen[j][0],
+            test=test,
             record=flight.record,
-            window=flight.chosen[j][1],
+            window=window,
             axes=flight.axes,
-            flight=flight.measured[j],
+            flight=measured[i],
             sides={label: some[i] for label, some in by_side.items()},
             costs=tuple(_cost(part, by_side[EXTENDED][i], some[i]) for part, some in without),
-            conditions=conditions_of(
-                flight.chosen[j][0], sides[GIVEN], flight.record, flight.smoothed, flight.chosen[j][1]
-            ),
+            conditions=conditions_of(test, sides[GIVEN], flight.record, flight.smoothed, window),
             fitted=findings.was_fitted(flight.record.name),
         )
-        for i, (flight, j) in enumerate(every)
+        for i, (flight, test, window) in enumerate(every)
     ]
 
 

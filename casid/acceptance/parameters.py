@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +11,16 @@ import numpy as np
 from casid.acceptance.steady import SteadyFlight
 from casid.diagnosis.result import Diagnosis
 from casid.errors import InputError
-from casid.estimation.fit import Fit
 from casid.model.effects import effect_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number:
+    """A value, its 1-sigma (NaN where nothing is known of the parameters) and its unit."""
+
+    value: float
+    std: float
+    unit: str
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,6 +38,10 @@ class Known:
             return float("nan")
         return float(np.sqrt(max(float(slope @ self.covariance @ slope), 0.0)))
 
+    def number(self, value: float, slope: np.ndarray, unit: str) -> Number:
+        """Return a number with these derivatives by the parameters."""
+        return Number(value=float(value), std=self.std(slope), unit=unit)
+
 
 def known_by_file(flight: SteadyFlight) -> Known:
     """Return what the file states: the 1-sigmas of its estimates and effects, else `relative_uncertainty`; all
@@ -40,13 +51,7 @@ def known_by_file(flight: SteadyFlight) -> Known:
     of_effects = {effect_of(e).name: e.std for e in aircraft.effects if e.std > 0.0}
     std = {**model.prior_std, **aircraft.std, **of_effects}
     by_name = np.array([std.get(name, 0.0) for name in model.parameters])
-    values = np.asarray(model.nominal_vector(), dtype=float)
-    return Known(values=values, covariance=np.diag(by_name**2) if by_name.any() else None)
-
-
-def known_by_fit(flight: SteadyFlight, fit: Fit) -> Known:
-    """Return what an estimate gives, with its corrected covariance."""
-    return known_by_estimate(flight, fit.values, fit.covariance_corrected)
+    return Known(values=model.nominal_vector(), covariance=np.diag(by_name**2) if by_name.any() else None)
 
 
 def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
@@ -57,8 +62,7 @@ def known_by_diagnosis(flight: SteadyFlight, diagnosis: Diagnosis) -> Known:
     # a minor cause that is a term is a term of the file
     terms = {one.name: f"{one.effect.target}_{one.effect.term}" for one in fitted.attached if one.effect.term}
     named = [s.name if s.name in parameters else terms.get(s.name, s.name) for s in fitted.slots]
-    values = dict(zip(parameters, flight.model.nominal_vector(), strict=True))
-    ordered = {name: float(values.get(name, 0.0)) for name in named}
+    ordered = {name: float(flight.model.nominal.get(name, 0.0)) for name in named}
     std = np.sqrt(np.diag(fitted.covariance))
     corrected = np.array([diagnosis.flight[s.name].std for s in fitted.slots])
     with np.errstate(divide="ignore"):
@@ -82,7 +86,7 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
     at = [model.parameters.index(n) for n in shared]
     whole = np.zeros((len(model.parameters), len(model.parameters)))
     whole[np.ix_(at, at)] = np.asarray(covariance)[np.ix_(of, of)]
-    known = np.asarray(model.nominal_vector({name: values[name] for name in shared}), dtype=float)
+    known = model.nominal_vector({name: values[name] for name in shared})
     notes = () if np.isfinite(whole).all() else ("an estimate has no finite standard deviation: none is given",)
     return Known(values=known, covariance=whole if np.isfinite(whole).all() else None, notes=notes)
 
@@ -90,20 +94,15 @@ def known_by_estimate(flight: SteadyFlight, values: Mapping[str, float], covaria
 def known_by_document(flight: SteadyFlight, document: Mapping[str, Any], where: str) -> Known:
     """Return what an estimate.json gives, which `where` names in errors; InputError for any other file."""
     try:
-        parameters = document["parameters"]
         correlation = document["correlation"]
-        values = {name: float(one["value"]) for name, one in parameters.items()}
+        estimates = {name: document["parameters"][name] for name in correlation["names"]}
         key = "std_corrected" if document.get("schema") == "casid.estimate/1" else "std"
-        std = np.array([_number(parameters[name][key]) for name in correlation["names"]])
-        matrix = np.array([[_number(value) for value in row] for row in correlation["matrix"]])
+        std = np.array([one[key] for one in estimates.values()], dtype=float)  # None: not a number
+        matrix = np.array(correlation["matrix"], dtype=float).reshape(len(std), len(std))
         covariance = matrix * std[:, None] * std
-        ordered = {name: values[name] for name in correlation["names"]}
+        ordered = {name: float(one["value"]) for name, one in estimates.items()}
     except (KeyError, TypeError, ValueError, IndexError):
         raise InputError(
             f"{where}: is no estimate.json of `casid estimate`; expected parameters and correlation"
         ) from None
     return known_by_estimate(flight, ordered, covariance)
-
-
-def _number(value: float | None) -> float:
-    return math.nan if value is None else float(value)

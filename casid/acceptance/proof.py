@@ -76,9 +76,8 @@ class ProofOfMatch:
         told_of = []
         for label in self.aircraft:
             outcomes = [one.sides[label].passed for one in self.tests]
-            left = f", and {outcomes.count(None)} cannot be judged" if None in outcomes else ""
-            passed = outcomes.count(True)
-            failed = outcomes.count(False)
+            passed, failed, undecided = (outcomes.count(one) for one in VERDICTS)
+            left = f", and {undecided} cannot be judged" if undecided else ""
             told_of.append(
                 f"{label} it is within tolerance in {passed} of {len(outcomes)} tests and out in {failed}{left}"
             )
@@ -108,7 +107,7 @@ class ProofOfMatch:
     def rows(self) -> Rows:
         """A row for each row of each test and side."""
         numbers = ("used", "deviation", "limit", "at_s", "in_s", "out_s")
-        every = ((one, *sides) for one in self.tests for sides in one.sides.items())
+        every = ((one, *side) for one in self.tests for side in one.sides.items())
         rows = []
         for one, label, check in ((one, label, check) for one, label, side in every for check in side.checks):
             name = f"{one.test.id} {one.record.name} {one.window.start:g} s: {check.tolerance.name}, {label}"
@@ -161,10 +160,8 @@ def _side_dict(side: Side) -> dict[str, Any]:
         name: {"rms": float(np.sqrt(np.mean(values**2))), "peak": float(np.abs(values).max())}
         for name, values in side.flown.corrections.items()
     }
-    rows = []
-    for check in side.checks:
-        told = "passed used deviation limit at_s in_s out_s flight simulation why"
-        rows.append({"name": check.tolerance.name, **plain(check.tolerance), **plain(check, told)})
+    told = "passed used deviation limit at_s in_s out_s flight simulation why"
+    rows = [{"name": one.tolerance.name, **plain(one.tolerance), **plain(one, told)} for one in side.checks]
     return {"passed": side.passed, "corrections": added, "diverged": side.flown.diverged, "rows": rows}
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -306,11 +306,7 @@ class _Step:
         return self.local(float(self.t[0]), half)[0][0], self.samples[self.settled].mean(axis=0)
 
 
-def _rise(step: _Step) -> np.ndarray:
-    low = step.crossing(_LOW)
-    high = step.crossing(_HIGH)
-    if not math.isfinite(high - low):
-        return np.full(step.samples.shape[1], math.nan)
+def _rise(step: _Step, low: float, high: float) -> np.ndarray:
     half = _LOCAL_SHARE * (high - low)
     first, final = step.first_and_final(half)
     times = []
@@ -324,11 +320,7 @@ def _rise(step: _Step) -> np.ndarray:
     return times[1] - times[0]
 
 
-def _beyond(step: _Step) -> np.ndarray:
-    low = step.crossing(_LOW)
-    high = step.crossing(_HIGH)
-    if not math.isfinite(high - low):
-        return np.full(step.samples.shape[1], math.nan)
+def _beyond(step: _Step, low: float, high: float) -> np.ndarray:
     half = _LOCAL_SHARE * (high - low)
     first, final = step.first_and_final(half)
     c, _ = step.local(float(step.t[np.argmax(step.rough)]), 2.0 * half)
@@ -337,15 +329,19 @@ def _beyond(step: _Step) -> np.ndarray:
     return peak.max(axis=0) / np.abs(final - first) - np.sign(final - first) * first / np.abs(final - first) - 1.0
 
 
-def _of_step(t: np.ndarray, response: np.ndarray, function: Callable[[_Step], np.ndarray]) -> Quantity:
-    """A function of the response to a step, with its deviation over draws of the noise."""
+def _of_step(t: np.ndarray, response: np.ndarray, function: Callable[[_Step, float, float], np.ndarray]) -> Quantity:
+    """A function of the response to a step and of the times when it has gone 10 and 90 % of its way, with its deviation
+    over draws of the noise."""
     smoothed = smooth(t, response)
     samples = np.where(np.isfinite(response), response, smoothed.curve)[:, None]
-    value = float(function(_Step(t=t, curve=smoothed.curve, samples=samples))[0])
+    step = _Step(t=t, curve=smoothed.curve, samples=samples)
+    low = step.crossing(_LOW)
+    high = step.crossing(_HIGH)
+    value = float(function(step, low, high)[0]) if math.isfinite(high - low) else math.nan
     if not math.isfinite(value):
         return UNKNOWN
     noise = np.random.default_rng(0).normal(0.0, smoothed.sigma, (len(t), _DRAWS))
-    drawn = function(_Step(t=t, curve=smoothed.curve, samples=samples + noise))
+    drawn = function(replace(step, samples=samples + noise), low, high)
     good = drawn[np.isfinite(drawn)]
     return Quantity(value=value, std=float(good.std()) if 2 * len(good) > _DRAWS else math.inf)
 

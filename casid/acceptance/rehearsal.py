@@ -9,20 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from casid.design.level_flight import SURFACES, Limits, experiment_of
+from casid.design.level_flight import SURFACES, Limits, experiment_of, level_flight, level_values
 from casid.design.manoeuvres import flyable
 from casid.errors import EstimationError, InputError
 from casid.model.aircraft import Aircraft
-from casid.model.dynamics import MOVING, aircraft_model
+from casid.model.dynamics import aircraft_model
 from casid.model.simulate import simulate
 from casid.model.system import Model
-from casid.model.trim import trim
 from casid.records.record import Record
 
 # what further manoeuvres may not exceed, as changes from trim: ordinary flight-test limits, those of `casid design`
 _LIMITS = Limits(
     surfaces=dict.fromkeys(SURFACES["full"], math.radians(3.0)),
-    channels={name: math.radians(3.0) for name in ("alpha", "beta")} | {name: 0.5 * 9.80665 for name in ("az", "ay")},
+    channels=dict.fromkeys(("alpha", "beta"), math.radians(3.0)) | dict.fromkeys(("az", "ay"), 0.5 * 9.80665),
     duration=10.0,
 )
 _SHAPES = ("3-2-1-1 with a shortest pulse of 0.40 s", "doublet with pulses of 0.80 s", "sweep")
@@ -60,12 +59,8 @@ def rehearsed(aircraft: Aircraft, manoeuvres: Sequence[Record], axes: str) -> Re
     """The aircraft flown through manoeuvres from level flight at the [trim] of its file. Raises InputError when it has
     no trim or diverges."""
     bare = replace(aircraft, effects=())
-    known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
-    if "V" not in known or len(known) < 2:
-        raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, to be flown; add them to the file")
-    known.pop("altitude" if "rho" in known else "rho", None)
-    at = trim(bare, V=known["V"], altitude=known.get("altitude"), rho=known.get("rho"))
-    level = dict(zip(MOVING["full"], at.state.tolist(), strict=True)) | at.inputs
+    at = level_flight(bare, "to be flown")
+    level = level_values(at)
     found = {name: level[name] for name in ("theta", "delta_e", "thrust", "rho")} | {"V": at.V, "alpha": at.alpha}
     file = replace(bare, trim={**aircraft.trim, **found})
     empty = Rehearsal(aircraft=file, axes=axes, records=(), model=aircraft_model(bare, axes=axes), level=level)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -37,11 +38,29 @@ class Solved:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Equations:
-    """Unknowns, residuals and what is held, as CasADi symbols and expressions."""
+    """Unknowns, residuals, what is held and the parameters, as CasADi symbols and expressions."""
 
     unknown: ca.SX
     residual: ca.SX
     held: ca.SX
+    p: ca.SX
+
+    @cached_property
+    def function(self) -> ca.Function:
+        """(unknown, held, p) -> residual and its Jacobian by the unknowns."""
+        slope = ca.jacobian(self.residual, self.unknown)
+        return ca.Function("steady", [self.unknown, self.held, self.p], [self.residual, slope])
+
+    def root(
+        self, start: np.ndarray, held: Sequence[float], p: np.ndarray, tol: float
+    ) -> scipy.optimize.OptimizeResult:
+        """Solve for the unknowns; `fun` of the result is the residual that is left."""
+        return scipy.optimize.root(
+            lambda z: self.function(z, held, p)[0].full()[:, 0],
+            start,
+            jac=lambda z: self.function(z, held, p)[1].full(),
+            tol=tol,
+        )
 
 
 class SteadyFlight:
@@ -60,6 +79,8 @@ class SteadyFlight:
         self.moving = tuple(name for name in model.states if name not in INTEGRALS)
         self.further = tuple(name for name in self.moving if name not in STATES)
         self.setting = {name: ca.SX.sym(name) for name in SETTINGS}
+        self.p: ca.SX = model.p  # (parameters,) symbols of the model's parameters
+        self.mass: ca.SX = aircraft.mass + self._parameter("mass")  # with the effect on it, if there is one [kg]
         self._further = ca.SX.sym("further", len(self.further))
         self._at = self._point()
         index = [model.states.index(name) for name in (*_BALANCED, *self.further)]
@@ -67,29 +88,19 @@ class SteadyFlight:
         self.accelerations = model.f[index]
         self.imbalance = self.here(self.accelerations)
 
-    @property
-    def p(self) -> ca.SX:
-        """(parameters,) symbols of the model's parameters."""
-        return self.model.p
-
     def _parameter(self, name: str) -> ca.SX:
         """A parameter of the model; zero where it has none of this name."""
         names = self.model.parameters
         return self.p[names.index(name)] if name in names else ca.SX(0.0)
 
-    @property
-    def mass(self) -> ca.SX:
-        """Mass with the effect on it, if there is one [kg]."""
-        return self.aircraft.mass + self._parameter("mass")
-
     def _point(self) -> tuple[ca.SX, ca.SX]:
         """States and inputs of the model in steady flight."""
         s = self.setting
-        zero = {name: 0.0 for name in self.model.states}
+        zero = dict.fromkeys(self.model.states, 0.0)
         theta = s["alpha"] + s["climb_angle"]
         state = zero | {"u": s["V"] * ca.cos(s["alpha"]), "w": s["V"] * ca.sin(s["alpha"]), "theta": theta}
         state |= dict(zip(self.further, ca.vertsplit(self._further), strict=True))
-        inputs = {name: 0.0 for name in self.model.inputs} | {n: s[n] for n in ("delta_e", "thrust", "rho")}
+        inputs = dict.fromkeys(self.model.inputs, 0.0) | {n: s[n] for n in ("delta_e", "thrust", "rho")}
         return ca.vertcat(*(state[n] for n in self.model.states)), ca.vertcat(*(inputs[n] for n in self.model.inputs))
 
     def here(self, expression: ca.SX) -> ca.SX:
@@ -100,13 +111,13 @@ class SteadyFlight:
 
     def equations(self, unknown: Sequence[str]) -> Equations:
         """Steady flight with three of the SETTINGS unknown, the others held."""
+        return self.once(("equations", *unknown), lambda: self._equations(unknown))
+
+    def _equations(self, unknown: Sequence[str]) -> Equations:
         z = ca.SX.sym("z", len(unknown) + len(self.further))
         residual = ca.substitute([self.imbalance], *self._unknown_in(z, unknown))[0]
-        return Equations(unknown=z, residual=residual, held=self.held(unknown))
-
-    def held(self, unknown: Sequence[str]) -> ca.SX:
-        """The SETTINGS that are not unknown."""
-        return ca.vertcat(*(self.setting[name] for name in SETTINGS if name not in unknown))
+        held = ca.vertcat(*(self.setting[name] for name in SETTINGS if name not in unknown))
+        return Equations(unknown=z, residual=residual, held=held, p=self.p)
 
     def once(self, key: tuple, make: Callable[[], Any]) -> Any:
         """Make something once for this aircraft, such as a compiled expression, and return it."""
@@ -117,14 +128,9 @@ class SteadyFlight:
     def solve(self, unknown: Sequence[str], held: Mapping[str, float], p: np.ndarray) -> Solved:
         """The steady flight with these settings held. Raises InputError when there is none."""
         values = [held[name] for name in SETTINGS if name not in unknown]
-        f = self.once(("solve", *unknown), lambda: _residual_function(self.equations(unknown), self.p))
-        found = scipy.optimize.root(
-            lambda z: f(z, values, p)[0].full()[:, 0],
-            np.array([_START[name] for name in unknown] + [0.0] * len(self.further)),
-            jac=lambda z: f(z, values, p)[1].full(),
-            tol=1e-13,
-        )
-        if not np.abs(f(found.x, values, p)[0].full()).max() < _SMALL:
+        start = np.array([_START[name] for name in unknown] + [0.0] * len(self.further))
+        found = self.equations(unknown).root(start, values, p, tol=1e-13)
+        if not np.abs(found.fun).max() < _SMALL:
             at = ", ".join(f"{name} = {value:.4g}" for name, value in held.items())
             raise InputError(f"'{self.aircraft.name}' has no steady flight at {at} ({' '.join(found.message.split())})")
         weight = self.aircraft.mass * self.aircraft.gravity
@@ -135,9 +141,7 @@ class SteadyFlight:
         """Expressions of SETTINGS and p as functions of p along steady flights with the same settings held."""
         equations = self.equations(unknown)
         (F,) = ca.substitute([quantities], *self._unknown_in(equations.unknown, unknown))
-        return Implicit(
-            unknown=equations.unknown, residual=equations.residual, held=equations.held, p=self.p, quantities=F
-        )
+        return Implicit(equations, F)
 
     def at(self, unknown: Sequence[str], solved: Solved) -> tuple[np.ndarray, list[float]]:
         """Return the point at which `along` is evaluated: unknowns and what is held."""
@@ -177,12 +181,10 @@ class SteadyFlight:
         m = self.model
         s = self.setting
         if name == "alpha":
-            u, w = (self.here(ca.jacobian(self.accelerations, m.x[m.states.index(n)])) for n in ("u", "w"))
-            return s["V"] * (w * ca.cos(s["alpha"]) - u * ca.sin(s["alpha"]))
-        for names, symbols in ((m.states, m.x), (m.inputs, m.u), (m.disturbances, m.w)):
-            if name in names:
-                return self.here(ca.jacobian(self.accelerations, symbols[names.index(name)]))
-        raise KeyError(name)
+            return s["V"] * (self.by("w") * ca.cos(s["alpha"]) - self.by("u") * ca.sin(s["alpha"]))
+        names = (*m.states, *m.inputs, *m.disturbances)
+        symbol = ca.vertcat(m.x, m.u, m.w)[names.index(name)]
+        return self.here(ca.jacobian(self.accelerations, symbol))
 
     def slopes(self, name: str) -> tuple[ca.SX, ca.SX]:
         """Derivatives of lift and pitching moment coefficient (true c.g., thrust included) by alpha, q [rad/s] or an
@@ -216,17 +218,13 @@ class SteadyFlight:
 class Implicit:
     """Quantities F(z, p) of unknowns that solve R(z, p) = 0, with their derivatives by p."""
 
-    def __init__(self, *, unknown: ca.SX, residual: ca.SX, held: ca.SX, p: ca.SX, quantities: ca.SX) -> None:
-        slopes = [ca.jacobian(e, by) for e in (quantities, residual) for by in (unknown, p)]
-        self._parts = ca.Function("implicit", [unknown, held, p], [quantities, *slopes])
+    def __init__(self, equations: Equations, quantities: ca.SX) -> None:
+        z = equations.unknown
+        p = equations.p
+        slopes = [ca.jacobian(e, by) for e in (quantities, equations.residual) for by in (z, p)]
+        self._parts = ca.Function("implicit", [z, equations.held, p], [quantities, *slopes])
 
     def __call__(self, z: np.ndarray, held: Sequence[float], p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (n,) and exact derivatives (n, parameters), at unknowns that solve the equations."""
         value, F_z, F_p, R_z, R_p = (np.asarray(part.full()) for part in self._parts(z, held, p))
         return value[:, 0], F_p - F_z @ np.linalg.solve(R_z, R_p)
-
-
-def _residual_function(equations: Equations, p: ca.SX) -> ca.Function:
-    """Residual and its Jacobian by the unknowns."""
-    slope = ca.jacobian(equations.residual, equations.unknown)
-    return ca.Function("steady", [equations.unknown, equations.held, p], [equations.residual, slope])

@@ -17,12 +17,12 @@ import numpy as np
 from casid.errors import InputError
 from casid.filtering.initial_state import fit_initial_state, measured_start
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.flown_records import flown_records
+from casid.model.flown_records import FlownRecords, flown_records
 from casid.model.simulate import simulate
 from casid.records.given import given_records
 from casid.records.record import Record
 
-WINDOW_S = 5.0  # of a record, to which the initial state is fitted
+_WINDOW_S = 5.0  # of a record, to which the initial state is fitted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,18 +93,22 @@ def theil(
     applied = flown_records(file, read, axes)
     found: dict[str, dict[str, Theil]] = {}
     for original, record in zip(read, applied.records, strict=True):
-        try:
-            start = fit_initial_state(applied.model, record, WINDOW_S)
-            flown = simulate(applied.model, record, measured_start(applied.model, record, start))
-        except (InputError, np.linalg.LinAlgError):
-            found[record.name] = {}
-            continue
+        flown = fly(applied, record)
         found[record.name] = {
-            name: theil_of(original[name], flown.outputs[:, i])
+            name: theil_of(original[name], flown[:, i])
             for i, name in enumerate(applied.model.outputs)
-            if name in original and np.isfinite(original[name]).any()
+            if not isinstance(flown, str) and name in original and np.isfinite(original[name]).any()
         }
     return found
+
+
+def fly(applied: FlownRecords, record: Record) -> np.ndarray | str:
+    """Return (N, outputs) what the instruments would have read; or where the simulation diverged."""
+    try:
+        start = fit_initial_state(applied.model, record, _WINDOW_S)
+        return simulate(applied.model, record, measured_start(applied.model, record, start)).outputs
+    except (InputError, np.linalg.LinAlgError) as fault:
+        return str(fault)
 
 
 def theil_of(measured: np.ndarray, simulated: np.ndarray) -> Theil:

@@ -10,10 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from casid.acceptance.manoeuvres import MANOEUVRES
 from casid.acceptance.quantities import QUANTITIES
 from casid.arguments import a_path, given, number, one_of
-from casid.errors import InputError, check_known, nearest
+from casid.errors import InputError, check_known
 from casid.records.toml_file import read_toml
 from casid.signals import CHANNELS, label_of, si_factor
 
@@ -42,20 +44,23 @@ class Tolerance:
     either: str | None = None  # rows of a test with the same word are alternatives: one of them suffices
 
     @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that it looks at."""
+        return (self.channel,) if self.reference is None else (self.channel, self.reference)
+
+    @property
     def name(self) -> str:
         """Its name among the rows of its test: "theta", "period of beta"."""
         if self.quantity is None:
             return self.channel
-        of = self.channel if self.reference is None else f"{self.channel} and {self.reference}"
-        return f"{self.quantity} of {of}"
+        return f"{self.quantity} of {' and '.join(self.channels)}"
 
     @property
     def words(self) -> str:
         """Name of what is compared: "pitch rate", "period of sideslip angle"."""
         if self.quantity is None:
             return told(self.channel)
-        of = told(self.channel) if self.reference is None else f"{told(self.channel)} and {told(self.reference)}"
-        return f"{QUANTITIES[self.quantity].words} of {of}"
+        return f"{QUANTITIES[self.quantity].words} of {' and '.join(map(told, self.channels))}"
 
     @property
     def factor(self) -> float:
@@ -66,7 +71,7 @@ class Tolerance:
         """Largest |simulation - flight| that is within tolerance, for a value of flight or an array of them."""
         base = peak if self.relative_to == "peak" else abs(flight)
         relative = (self.relative or 0.0) * base
-        return relative if self.absolute is None else _larger(self.absolute, relative + 0.0 * abs(flight))
+        return relative if self.absolute is None else np.maximum(self.absolute, relative + 0.0 * abs(flight))
 
     def __str__(self) -> str:
         parts = [] if self.absolute is None else [_plain(self.absolute / self.factor, self.unit)]
@@ -97,9 +102,8 @@ class StandardTest:
     condition: Condition | None = None  # what the flight must have been like; None: anything
     configurations: tuple[str, ...] = ()  # of `CONFIGURATIONS`, those in which the test is flown; none: any
     cycles: float = 0.0  # fewest cycles of an oscillation from which it may be judged
-    cycles_unless: str | None = (
-        None  # quantity for which fewer are enough where flight determines it within its tolerance
-    )
+    # quantity for which fewer are enough where flight determines it within its tolerance
+    cycles_unless: str | None = None
     # before_s, after_s: how long the inputs rest before the manoeuvre, and after it, by the standard
     before_s: float = 0.0
     after_s: float = 0.0
@@ -108,8 +112,7 @@ class StandardTest:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that its rows look at."""
-        seen = (name for row in self.tolerances for name in (row.channel, row.reference) if name)
-        return tuple(dict.fromkeys(seen))
+        return tuple(dict.fromkeys(name for row in self.tolerances for name in row.channels))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,14 +180,10 @@ def _plain(value: float, unit: str) -> str:
     return f"{float(f'{value:.9g}'):g} {unit}" if unit != "1" else f"{float(f'{value:.9g}'):g}"
 
 
-def _larger(first: float, second: Any) -> Any:
-    return max(first, second) if isinstance(second, float) else second.clip(min=first)
-
-
 def _standard(data: Mapping[str, Any]) -> Standard:
-    _only(data, ("standard", "test"), "the table")
+    check_known("key", data, ("standard", "test"), "the table")
     head = _table(data.get("standard"), "[standard]", "name = ..., edition = ..., source = ...")
-    _only(head, ("name", "edition", "source"), "[standard]")
+    check_known("key", head, ("name", "edition", "source"), "[standard]")
     texts = {key: _text(head, key, "[standard]") for key in ("name", "edition", "source")}
     tests: dict[str, StandardTest] = {}
     for i, one in enumerate(_rows(data.get("test"), "[[test]]"), 1):
@@ -198,21 +197,19 @@ def _standard(data: Mapping[str, Any]) -> Standard:
 def _test(data: Mapping[str, Any], where: str) -> StandardTest:
     where = f"test '{data['id']}'" if isinstance(data.get("id"), str) else where
     keys = ("id", "title", "manoeuvre", "paragraph", "tolerance", "condition", "remark")
-    _only(data, (*keys, "configurations", "cycles", "cycles_unless", "before_s", "after_s"), where)
+    check_known("key", data, (*keys, "configurations", "cycles", "cycles_unless", "before_s", "after_s"), where)
     texts = {key: _text(data, key, where) for key in ("id", "title", "manoeuvre", "paragraph")}
     one_of(texts["manoeuvre"], MANOEUVRES, f"{where}: manoeuvre")
     condition = data.get("condition")
+    unless = data.get("cycles_unless")
+    numbers = {n: number(data.get(n, 0.0), f"{where}: {n}", least=0.0) for n in ("cycles", "before_s", "after_s")}
     return StandardTest(
         **texts,
         tolerances=tuple(_tolerance(row, f"{where}: tolerance") for row in _rows(data.get("tolerance"), where)),
         configurations=_configurations(data.get("configurations", []), where),
         condition=None if condition is None else _condition(condition, f"{where}: condition"),
-        cycles=number(data.get("cycles", 0.0), f"{where}: cycles", least=0.0),
-        cycles_unless=one_of(data["cycles_unless"], QUANTITIES, f"{where}: cycles_unless")
-        if "cycles_unless" in data
-        else None,
-        before_s=number(data.get("before_s", 0.0), f"{where}: before_s", least=0.0),
-        after_s=number(data.get("after_s", 0.0), f"{where}: after_s", least=0.0),
+        cycles_unless=None if unless is None else one_of(unless, QUANTITIES, f"{where}: cycles_unless"),
+        **numbers,
         remark=_text(data, "remark", where) if "remark" in data else "",
     )
 
@@ -225,21 +222,20 @@ def _configurations(value: Any, where: str) -> tuple[str, ...]:
 
 def _tolerance(data: Mapping[str, Any], where: str) -> Tolerance:
     keys = ("channel", "quantity", "reference", "absolute", "relative", "relative_to", "unit", "from_s", "to_s")
-    _only(data, (*keys, "either"), where)
+    check_known("key", data, (*keys, "either"), where)
     channel = _compared(data, "channel", where)
     where = f"{where} of {channel}"
     quantity = one_of(data["quantity"], QUANTITIES, f"{where}: quantity") if "quantity" in data else None
     of_two = quantity is not None and QUANTITIES[quantity].of_two
     if of_two != ("reference" in data):
         raise InputError(f"{where}: 'reference' names the second channel of time_between_peaks, and of nothing else")
-    if "absolute" not in data and "relative" not in data:
+    given_limits = [key for key in ("absolute", "relative") if key in data]
+    if not given_limits:
         raise InputError(f"{where}: neither 'absolute' nor 'relative' is given; give at least one")
     if "absolute" in data and "unit" not in data:
         raise InputError(f"{where}: 'unit' is missing; say in which unit 'absolute' is, like \"deg\"")
     unit = _unit(data, channel, quantity, where)
-    limits = {
-        key: number(data[key], f"{where}: {key}", positive=True) for key in ("absolute", "relative") if key in data
-    }
+    limits = {key: number(data[key], f"{where}: {key}", positive=True) for key in given_limits}
     if "absolute" in limits:
         limits["absolute"] *= si_factor(unit, "", where)
     span = {key: number(data[key], f"{where}: {key}") for key in ("from_s", "to_s") if key in data}
@@ -274,7 +270,7 @@ def _si_unit(channel: str) -> str:
 
 def _condition(data: Any, where: str) -> Condition:
     table = _table(data, where, '{ channel = "q", peak_from = 0.5, peak_to = 2.0, unit = "deg/s" }')
-    _only(table, ("channel", "peak_from", "peak_to", "unit"), where)
+    check_known("key", table, ("channel", "peak_from", "peak_to", "unit"), where)
     channel = _compared(table, "channel", where)
     unit = _unit(table, channel, None, where)
     low, high = (number(table.get(key), f"{where}: {key}", least=0.0) for key in ("peak_from", "peak_to"))
@@ -286,14 +282,6 @@ def _compared(data: Mapping[str, Any], key: str, where: str) -> str:
     name = _text(data, key, where)
     check_known("channel", (name,), COMPARED, where)
     return name
-
-
-def _only(data: Mapping[str, Any], valid: tuple[str, ...], where: str) -> None:
-    for key in data:
-        if key not in valid:
-            near = nearest(key, valid)
-            hint = f"did you mean '{near}'?" if near else f"expected {', '.join(valid)}"
-            raise InputError(f"{where}: unknown key '{key}'; {hint}")
 
 
 def _table(value: Any, where: str, like: str) -> Mapping[str, Any]:

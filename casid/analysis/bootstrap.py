@@ -157,11 +157,10 @@ def replica(
 
 def collected(fit: Fit, estimates: Iterable[Mapping[str, float] | None]) -> Bootstrap:
     """The bootstrap of a fit from what `replica` gave. Raises EstimationError when fewer than two runs converged."""
-    all_runs = list(estimates)
-    kept = [[run[name] for name in fit.parameters] for run in all_runs if run is not None]
-    return Bootstrap(
-        estimates=np.reshape(kept, (-1, len(fit.parameters))), values=fit.values, failed=len(all_runs) - len(kept)
-    )
+    runs = list(estimates)
+    kept = [[run[name] for name in fit.parameters] for run in runs if run is not None]
+    table = np.reshape(kept, (-1, len(fit.parameters)))
+    return Bootstrap(estimates=table, values=fit.values, failed=len(runs) - len(kept))
 
 
 @single_threaded()
@@ -225,7 +224,5 @@ def bootstrap(
         for run, estimates in enumerate(Together(fit, usual.tolerance).solved(records)):
             if np.isfinite(estimates).all():
                 found[run] = natural(fit.problem, dict(zip(fit.parameters, estimates.tolist(), strict=True)))
-    return collected(
-        fit,
-        (one or replica(fit, (seed, run), input_noise, method, solver) for run, one in enumerate(found)),
-    )
+    every = (one or replica(fit, (seed, run), input_noise, method, solver) for run, one in enumerate(found))
+    return collected(fit, every)

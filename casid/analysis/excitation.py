@@ -34,15 +34,17 @@ _WORTH = 1.2  # factor that a suggested manoeuvre must gain
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Suggestion:
-    """A manoeuvre that would help: `form` on `control` with pulses of `unit_s` [s] and `amplitude` (SI) about the first
-    sample. `gain` is the factor by which the uncertainty of the direction falls with that record added."""
+    """A manoeuvre that could be flown: `form` on `control` with pulses of `unit_s` [s] and `amplitude` (SI) about the
+    first sample, and the information (shared, shared) that its record would bring. `gain` is the factor by which the
+    uncertainty of a direction falls with that record added."""
 
     control: str
     form: str
     unit_s: float
     amplitude: float
-    gain: float
     record: Record
+    information: np.ndarray
+    gain: float = math.nan
 
     @property
     def manoeuvre(self) -> str:
@@ -84,8 +86,7 @@ class Excitation:
 
     @property
     def _who(self) -> str:
-        label = label_of(self.control)
-        return f"{label} {self.control}" if label != self.control else self.control
+        return " ".join(dict.fromkeys((label_of(self.control), self.control)))
 
     @property
     def _where(self) -> str:
@@ -96,7 +97,7 @@ class Excitation:
 
 def excitations(records: Sequence[Record], controls: Sequence[str]) -> tuple[Excitation, ...]:
     """Describe how each control moved in the records together."""
-    moves = {name: max(_excursion(record[name]) for record in records) for name in controls}
+    moves = _moves(records, controls)
     largest = max(moves.values(), default=0.0)
     resolution = 1.0 / max(record.duration for record in records)
     found = []
@@ -106,8 +107,10 @@ def excitations(records: Sequence[Record], controls: Sequence[str]) -> tuple[Exc
     return tuple(found)
 
 
-def _excursion(values: np.ndarray) -> float:
-    return float(np.nanmax(np.abs(values - np.nanmedian(values))))
+def _moves(records: Sequence[Record], controls: Sequence[str]) -> dict[str, float]:
+    """Return the largest excursion of each control in all records."""
+    series = {name: [record[name] for record in records] for name in controls}
+    return {n: max(float(np.nanmax(np.abs(y - np.nanmedian(y)))) for y in some) for n, some in series.items()}
 
 
 def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
@@ -127,40 +130,16 @@ def _band(records: Sequence[Record], name: str) -> tuple[float, float]:
     return float(at[low]), float(at[min(high, len(at) - 1)])
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TriedInput:
-    """A manoeuvre that could be flown, and the information (shared, shared) that its record would bring."""
-
-    control: str
-    form: str
-    unit_s: float
-    amplitude: float
-    record: Record
-    information: np.ndarray
-
-
-def candidates(fit: Fit, controls: Sequence[str]) -> list[TriedInput]:
+def candidates(fit: Fit, controls: Sequence[str]) -> list[Suggestion]:
     """Doublets and 3-2-1-1 with several durations on every control, from the first sample of the first record.
 
     They are as large as in the records, or as the control that moved most; what leaves three times the range of the
     records' states is left out. Empty for what cannot be flown here: equation error, a control law in the loop.
     """
-    if not fit.problem.simulated or fit.problem.feedback is not None:
-        return []
-    return [
-        TriedInput(
-            control=control,
-            form=form,
-            unit_s=unit,
-            amplitude=amplitude,
-            record=motion.as_record(),
-            information=_information(fit, motion),
-        )
-        for control, form, unit, amplitude, motion in _flown(fit, controls)
-    ]
+    return list(_flown(fit, controls)) if fit.problem.simulated and fit.problem.feedback is None else []
 
 
-def best_manoeuvre(found: Sequence[TriedInput], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
+def best_manoeuvre(found: Sequence[Suggestion], information: np.ndarray, coordinate: np.ndarray) -> Suggestion | None:
     """The candidate that, added to the fit's data of this information (parameters, parameters), makes a linear function
     `coordinate` (parameters,) of the parameters most certain; None when none gains a fifth."""
     floor = 1e-12 * np.diag(np.maximum(np.diagonal(information), 1e-12))
@@ -171,13 +150,11 @@ def best_manoeuvre(found: Sequence[TriedInput], information: np.ndarray, coordin
         whole[: len(c.information), : len(c.information)] += c.information
         gain = float(np.sqrt(before / (coordinate @ np.linalg.solve(whole, coordinate))))
         if gain > max(_WORTH, best.gain if best else 0.0):
-            best = Suggestion(
-                control=c.control, form=c.form, unit_s=c.unit_s, amplitude=c.amplitude, gain=gain, record=c.record
-            )
+            best = replace(c, gain=gain)
     return best
 
 
-def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[tuple[str, str, float, float, Simulation]]:
+def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[Suggestion]:
     """Manoeuvres from the first sample of the first record that stay near the states of all records."""
     problem = fit.problem
     model = fit.problem.model
@@ -186,7 +163,7 @@ def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[tuple[str, str, float,
     start = fit.states[first.name].trajectory[0]
     flown = np.concatenate([fit.states[record.name].trajectory for record in problem.records])
     room = _FARTHEST * np.maximum(np.abs(flown - start).max(axis=0), 0.1 * model.scale_vector())
-    moves = {name: max(_excursion(record[name]) for record in problem.records) for name in controls}
+    moves = _moves(problem.records, controls)
     largest = max(moves.values(), default=0.0)
     theta = np.array(list(fit.values.values()))
     parameters = dict(zip(model.parameters, problem.model_parameters(theta)[0].tolist(), strict=True))
@@ -204,17 +181,20 @@ def _flown(fit: Fit, controls: Sequence[str]) -> Iterator[tuple[str, str, float,
                 except InputError:
                     continue  # it departs
                 if (np.abs(motion.states - start) <= room).all():
-                    yield control, form, unit, amplitude, motion
+                    yield Suggestion(
+                        control=control,
+                        form=form,
+                        unit_s=unit,
+                        amplitude=amplitude,
+                        record=motion.as_record(),
+                        information=_information(fit, motion),
+                    )
 
 
 def _pulses(t: np.ndarray, unit: float, pulses: Sequence[tuple[int, float]]) -> np.ndarray:
-    out = np.zeros(len(t))
-    begin = 0.0
-    for length, sign in pulses:
-        end = begin + length * unit
-        out[(t >= begin - 1e-9) & (t < end - 1e-9)] = sign
-        begin = end
-    return out
+    ends = unit * np.cumsum([0, *(length for length, _ in pulses)])
+    signs = np.array([0.0, *(sign for _, sign in pulses), 0.0])
+    return signs[np.searchsorted(ends - 1e-9, t, side="right")]
 
 
 def _information(fit: Fit, motion: Simulation) -> np.ndarray:

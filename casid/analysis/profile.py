@@ -145,12 +145,12 @@ class _ProfileSearch:
         self.name = name
         self.method = method
         self.solver = solver
-        index = list(fit.parameters).index(name)
-        variance = float(fit.covariance[index, index])
+        self.index = list(fit.parameters).index(name)
+        variance = float(fit.covariance[self.index, self.index])
         if not variance > 0.0:
             raise EstimationError(f"profile: '{name}' has no variance; it is held by a limit, or nothing moves it")
         self.std = math.sqrt(variance)
-        self.along = fit.covariance[:, index] / variance
+        self.along = fit.covariance[:, self.index] / variance
         self.best = negative_log_posterior(fit)
         constraints = fit.problem.constraints
         own = [c for c in constraints if isinstance(c, LinearConstraint) and set(c.coefficients) == {name}]
@@ -183,7 +183,7 @@ class _ProfileSearch:
         for _ in range(_SOLVES):
             distance = min(distance, room)
             value = centre + sign * distance * self.std
-            found = self._solve(value, theta + self.along * (value - theta[self._index]))
+            found = self._solve(value, theta + self.along * (value - theta[self.index]))
             if found is None:
                 return math.nan, f"no estimation at {self.name} = {value:.6g} converged"
             theta, root = found
@@ -197,10 +197,6 @@ class _ProfileSearch:
             known.append((distance, root))
             distance = _next_distance(known, reach)
         return math.nan, f"no end of {self.name} after {_SOLVES} estimations"
-
-    @property
-    def _index(self) -> int:
-        return list(self.fit.parameters).index(self.name)
 
     def _solve(self, value: float, start: np.ndarray) -> tuple[np.ndarray, float] | None:
         """(parameters, root of the deviance) with the parameter held at `value`."""

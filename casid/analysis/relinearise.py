@@ -65,25 +65,19 @@ def relinearise(fit: Fit, method: MultipleShooting = _DEFAULT_METHOD) -> AtFit:
         solved = fit.uncertainty.solved
         if solved.linear is None:
             raise EstimationError("identifiability: the fit has no linearisation; solve it anew")
-        return AtFit(
-            fit=fit,
-            objective=solved.objective,
-            point=solved.linear.point,
-            value=solved.value,
-            linear=solved.linear,
-        )
+        linear = solved.linear
+        return AtFit(fit=fit, objective=solved.objective, point=linear.point, value=solved.value, linear=linear)
     problem = along_splines(fit.problem)
     if method.substeps is None:
         method = replace(method, substeps=fit.substeps)
     objective = build_objective(problem, method)
     theta = np.array(list(fit.values.values()))
-    if objective.dynamics is None:
-        point = Point(theta=theta, nodes=np.zeros((0, 0)), noise=np.zeros((0, 0)))
-    else:
+    nodes = noise = np.zeros((0, 0))
+    if objective.dynamics is not None:
         states = [fit.states[record.name].trajectory[:: method.interval] for record in problem.records]
         nodes = np.concatenate(states)
         noise = np.zeros((len(objective.layout.tied), nodes.shape[1]))
-        point = Point(theta=theta, nodes=nodes, noise=noise)
+    point = Point(theta=theta, nodes=nodes, noise=noise)
     value, _ = objective.relaxed(point, objective.value(point))
     linear = objective.linearise(point, value)
     value = objective.reweighed(point, value, linear.noise)

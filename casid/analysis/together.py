@@ -46,9 +46,8 @@ class Together:
         self.tolerance = tolerance
         self.layout = shooting.layout
         self.one = Objective(solved, shooting)
-        names = [record.name for record in solved.records]
         assert end.linear is not None
-        nodes = [end.linear.point.nodes[end.objective.layout.first[r]] for r in range(len(names))]
+        nodes = [end.linear.point.nodes[end.objective.layout.first[r]] for r in range(len(solved.records))]
         self.theta, self.nodes = end.linear.point.theta, np.array(nodes)
         self.most = max(_SEGMENT_SAMPLES // shooting.layout.dt.size, 1)
 
@@ -118,7 +117,8 @@ class _Runs:
             off = self.layout.residuals(trajectory.y)
             squares = (off**2).reshape(B, -1, off.shape[2]).sum(axis=1)
             before = sigma
-            sigma = self._levels(sigma, squares)
+            if not common.one.noise.levels.fixed:  # those of highest likelihood
+                sigma = np.array([common.one.noise.levels.rms(one) for one in squares])
             # one noise for each run, whose patterns follow those of the run before
             weights = self.layout.seen.reshape(B, -1, len(sigma[0]), 1) * (np.eye(len(sigma[0])) / sigma[:, None, None])
             blocks = self.shooting.blocks(trajectory, parameters, weights.reshape(-1, *weights.shape[2:]))
@@ -131,11 +131,6 @@ class _Runs:
             theta = theta + change
             nodes = nodes + moved
         return np.where(done[:, None], theta, np.nan)
-
-    def _levels(self, sigma: np.ndarray, squares: np.ndarray) -> np.ndarray:
-        """(B, channels) the noise that was given, or that of highest likelihood."""
-        levels = self.common.one.noise.levels
-        return sigma if levels.fixed else np.array([levels.rms(one) for one in squares])
 
     def _step(self, blocks: Blocks, theta: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Changes of the parameters (B, parameters) and of the initial states (B, R, n), and the length (B,) of both in

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from functools import cached_property
 
 import numpy as np
 
 from casid.arguments import names, number, numbers_by_name, require, table_of
-from casid.errors import InputError, check_known, unknown
+from casid.errors import InputError, check_known
+from casid.estimation.problem import chosen_parameters
 from casid.model.simulate import simulate
 from casid.model.system import Model
 from casid.records.record import Record
@@ -99,21 +99,18 @@ class Experiment:
                 raise InputError(f"Experiment: rest has no value of the input '{name}'; give one for each input")
         if not 0.0 < 10 * self.dt < self.duration:
             raise InputError(f"Experiment: {self.duration} s in steps of {self.dt} s; expected more than ten samples")
-        for glob in self.parameters:
-            if not any(fnmatchcase(name, glob) for name in model.parameters):
-                raise unknown("parameter", glob, model.parameters, "Experiment: parameters")
+        chosen_parameters(self.parameters, model, "Experiment: parameters")
 
     @cached_property
     def free(self) -> tuple[str, ...]:
         """Parameters to be estimated, in the model's order."""
-        return tuple(n for n in self.model.parameters if any(fnmatchcase(n, glob) for glob in self.parameters))
+        return chosen_parameters(self.parameters, self.model, "Experiment: parameters")
 
     @cached_property
     def sizes(self) -> np.ndarray:
         """(free,) what a parameter's error is measured by: its value, or its a-priori 1-sigma where that is zero."""
-        p = dict(zip(self.model.parameters, self.model.nominal_vector(self.values), strict=True))
-        sizes = [abs(p[name]) or self.model.prior_std.get(name, 1.0) for name in self.free]
-        return np.array(sizes)
+        p = {**self.model.nominal, **self.values}
+        return np.array([abs(p[name]) or self.model.prior_std.get(name, 1.0) for name in self.free], dtype=float)
 
     @property
     def t(self) -> np.ndarray:

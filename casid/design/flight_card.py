@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from casid.design.experiment import Experiment
+from casid.keeping import plain
 from casid.records.record import Record
 from casid.signals import for_a_person, unit_of
 
@@ -79,8 +80,7 @@ class FlightCard:
     def to_dict(self) -> dict[str, Any]:
         """Return the entry `card` of design.json."""
         return {
-            "trim": dict(self.trim),
-            "units": dict(self.units),
+            **plain(self, "trim units"),
             "movements": [{"t": one.t, **one.change} for one in self.movements],
             "duration_s": self.duration,
             "expected": [
@@ -143,9 +143,8 @@ def _expected(name: str, record: Record, experiment: Experiment, scale: tuple[fl
     factor, unit = scale
     change = factor * (record[name] - record[name][0])
     limit = factor * experiment.limits.get(name, np.nan)
-    return Expected(
-        channel=name, unit=unit, least=float(np.min(change)), most=float(np.max(change)), limit=float(limit)
-    )
+    low, high = (float(end(change)) for end in (np.min, np.max))
+    return Expected(channel=name, unit=unit, least=low, most=high, limit=float(limit))
 
 
 def _word(unit: str) -> str:

@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -258,25 +257,21 @@ class _InputSearch:
         self.g_low = np.r_[np.zeros(len(ends)), -np.ones(self.g.shape[0] - len(ends))]
         self._value = ca.Function("value", [z], [cost, information, self.g])
         self._nlp = {"x": z, "f": cost, "g": self.g}
+        self._solvers: dict[str, ca.Function] = {}
 
-    @cached_property
-    def _first_steps(self) -> ca.Function:
-        return self._solver({"max_iter": _FIRST_ITERATIONS, "hessian_approximation": "limited-memory"})
-
-    @cached_property
-    def _quasi_newton(self) -> ca.Function:
-        memory = {"hessian_approximation": "limited-memory", "limited_memory_max_history": _MEMORY}
-        standing = {"acceptable_tol": 1e2, "acceptable_obj_change_tol": _STANDS, "acceptable_iter": 8}
-        return self._solver({"max_iter": _ITERATIONS} | memory | _WARM | standing)
-
-    @cached_property
-    def _exact(self) -> ca.Function:
-        return self._solver({"max_iter": _EXACT_ITERATIONS} | _WARM)
-
-    def _solver(self, options: dict[str, Any]) -> ca.Function:
-        common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
-        whole = {"print_time": False, "error_on_fail": False, "ipopt": common | options}
-        return ca.nlpsol("design", "ipopt", self._nlp, whole)
+    def _solver(self, name: str) -> ca.Function:
+        if name not in self._solvers:
+            bfgs = {"hessian_approximation": "limited-memory"}
+            standing = {"acceptable_tol": 1e2, "acceptable_obj_change_tol": _STANDS, "acceptable_iter": 8}
+            own = {
+                "first steps": bfgs | {"max_iter": _FIRST_ITERATIONS},
+                "BFGS": bfgs | {"max_iter": _ITERATIONS, "limited_memory_max_history": _MEMORY} | _WARM | standing,
+                "exact": {"max_iter": _EXACT_ITERATIONS} | _WARM,
+            }
+            common = {"print_level": 0, "sb": "yes", "tol": _TOLERANCE}
+            whole = {"print_time": False, "error_on_fail": False, "ipopt": common | own[name]}
+            self._solvers[name] = ca.nlpsol("design", "ipopt", self._nlp, whole)
+        return self._solvers[name]
 
     def _parts(self, z: Any) -> list[Any]:
         return [z[i * self.count : (i + 1) * self.count] for i in range(len(self.experiment.surfaces))]
@@ -324,19 +319,20 @@ class _InputSearch:
 
     def begun(self, guess: np.ndarray) -> _Found | None:
         """Take the first steps of BFGS from a guess; None when they end outside the limits."""
-        return self._run(self._first_steps, x0=np.clip(guess, self.low, self.high))
+        return self._run("first steps", x0=np.clip(guess, self.low, self.high))
 
     def finished(self, found: _Found) -> _Found:
         """Go on by BFGS, and with the exact Hessian from where that stops, unless it stops at an optimum."""
-        for solver in ("_quasi_newton", "_exact"):
-            if found.is_optimal or (solver == "_exact" and len(self.low) > _MOST_EXACT):
+        for solver in ("BFGS", "exact"):
+            if found.is_optimal or (solver == "exact" and len(self.low) > _MOST_EXACT):
                 break
-            further = self._run(getattr(self, solver), x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
+            further = self._run(solver, x0=found.z, lam_x0=found.lam_x, lam_g0=found.lam_g)
             if further is not None and self.cost(further.z) <= self.cost(found.z) + further.is_optimal * _SLACK:
                 found = further
         return found
 
-    def _run(self, solver: ca.Function, **start: np.ndarray) -> _Found | None:
+    def _run(self, name: str, **start: np.ndarray) -> _Found | None:
+        solver = self._solver(name)
         result = solver(**start, lbx=self.low, ubx=self.high, lbg=self.g_low, ubg=1.0)
         z, lam_x, lam_g = (np.asarray(result[name]).ravel() for name in ("x", "lam_x", "lam_g"))
         if not np.isfinite(z).all() or self.worst(z) > 1.0 + _SLACK or not math.isfinite(self.cost(z)):
@@ -349,8 +345,8 @@ class _InputSearch:
     def design(self, z: np.ndarray, status: str, name: str) -> InputDesign:
         experiment = self.experiment
         cost, information, _ = self._value(z)
-        covariance = _eliminated(experiment, np.asarray(information))
-        std = np.sqrt(np.diagonal(covariance)) * experiment.sizes
+        variances = np.diagonal(np.linalg.inv(np.asarray(information)))  # of initial states, then of parameters
+        std = np.sqrt(variances[len(experiment.start) :]) * experiment.sizes
         moves = {n: np.asarray(m).ravel() for n, m in self._moves(z).items()}
         return InputDesign(
             record=experiment.record(moves, name),
@@ -392,7 +388,7 @@ def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Fun
     f = len(experiment.free)
     step = step_function(model)
     output = output_function(model)
-    symbols = [ca.SX.sym(name, *size) for name, size in zip(("x", "u0", "u1", "dt", "p"), _sizes_of(step), strict=True)]
+    symbols = [ca.SX.sym(name, *step.size_in(i)) for i, name in enumerate(("x", "u0", "u1", "dt", "p"))]
     x, u0, u1, dt, q = symbols
     free = [model.parameters.index(name) for name in experiment.free]
     after = step(*symbols)
@@ -410,27 +406,16 @@ def _advance(experiment: Experiment, p: np.ndarray) -> tuple[ca.Function, ca.Fun
     lower = ca.vertcat(*[gained[i, j] for j in range(n + f) for i in range(j, n + f)])
     both = ca.vertcat(x, y)
     names = (*model.states, *model.outputs)
-    at_rest = ca.Function("rest", [x, u0, q], [both])(
-        experiment.start, [experiment.rest[name] for name in model.inputs], p
-    )
-    limited = [
-        (both[names.index(k)] - float(at_rest[names.index(k)])) / limit for k, limit in experiment.limits.items()
-    ]
-    results = [
-        ca.vertcat(after, ca.vec(following)),
-        lower,
-        after,
-        ca.vertcat(*limited) if limited else ca.SX(0, 1),
-    ]
+    rest = [experiment.rest[name] for name in model.inputs]
+    moved = both - ca.Function("rest", [x, u0, q], [both])(experiment.start, rest, p)
+    limited = [moved[names.index(k)] / limit for k, limit in experiment.limits.items()]
+    limits = ca.vertcat(*limited) if limited else ca.SX(0, 1)
+    results = [ca.vertcat(after, ca.vec(following)), lower, after, limits]
     results = ca.substitute([ca.densify(r) for r in results], [q], [ca.SX(ca.DM(p))])
     return (
         ca.Function("informed", [ca.vertcat(x, ca.vec(s)), u0, u1, dt], ca.cse(results[:2])),
         ca.Function("limited", [x, u0, u1, dt], ca.cse(results[2:])),
     )
-
-
-def _sizes_of(function: ca.Function) -> list[tuple[int, int]]:
-    return [function.size_in(i) for i in range(function.n_in())]
 
 
 def _criterion(experiment: Experiment, criterion: str) -> ca.Function:
@@ -445,9 +430,3 @@ def _criterion(experiment: Experiment, criterion: str) -> ca.Function:
     else:
         cost = ca.log(ca.sumsqr(ca.solve(root, ca.SX.eye(f))) / f)
     return ca.Function("criterion", [m], [cost])
-
-
-def _eliminated(experiment: Experiment, information: np.ndarray) -> np.ndarray:
-    """(free, free) covariance of the parameters over their sizes."""
-    n = len(experiment.model.states)
-    return np.linalg.inv(information)[n:, n:]

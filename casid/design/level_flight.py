@@ -13,11 +13,11 @@ from casid.design.experiment import Experiment
 from casid.design.separation import Rivals
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.dynamics import aircraft_model
+from casid.model.dynamics import MOVING, aircraft_model
 from casid.model.effect_value import EffectValue
 from casid.model.effects import effect_of
 from casid.model.terms import parse_term
-from casid.model.trim import trim
+from casid.model.trim import Trim, trim
 from casid.model.vocabulary import KINDS
 
 Plane = Literal["longitudinal", "lateral", "full"]
@@ -60,13 +60,7 @@ def experiment_of(
     """Level flight at the trim of the file, within limits; `free` are globs of the derivatives to be estimated
     (default: all of the plane), `noise` 1-sigma by channel in place of the file's or typical ones. Raises InputError
     without a trim point."""
-    known = {name: aircraft.trim[name] for name in ("V", "altitude", "rho") if name in aircraft.trim}
-    if "V" not in known or len(known) < 2:
-        raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, for a design; add them to the file")
-    known.pop("altitude" if "rho" in known else "rho", None)
-    at = trim(aircraft, V=known["V"], altitude=known.get("altitude"), rho=known.get("rho"))
-    whole = aircraft_model(aircraft, effects=())
-    level = dict(zip(whole.states, at.state.tolist(), strict=True)) | at.inputs
+    level = level_values(level_flight(aircraft, "for a design"))
     model = aircraft_model(aircraft, axes=plane, outputs=OUTPUTS[plane], effects=())
     return Experiment(
         model=model,
@@ -81,6 +75,20 @@ def experiment_of(
     )
 
 
+def level_flight(aircraft: Aircraft, purpose: str) -> Trim:
+    """Level flight at the [trim] of the file, without its effects. Raises InputError, with the `purpose` that needs it,
+    where there is none."""
+    V, altitude, rho = (aircraft.trim.get(name) for name in ("V", "altitude", "rho"))
+    if V is None or (altitude is None and rho is None):
+        raise InputError(f"'{aircraft.name}': [trim] needs V, and altitude or rho, {purpose}; add them to the file")
+    return trim(aircraft, V=V, altitude=altitude, rho=rho)
+
+
+def level_values(at: Trim) -> dict[str, float]:
+    """Return states and inputs of an aircraft model by name."""
+    return dict(zip(MOVING["full"], at.state.tolist(), strict=True)) | at.inputs
+
+
 def _is_of(plane: Plane, name: str) -> bool:
     coefficient, _, regressor = name.partition("_")
     return coefficient in _COEFFICIENTS[plane] and regressor in _REGRESSORS[plane]
@@ -89,13 +97,10 @@ def _is_of(plane: Plane, name: str) -> bool:
 def plane_of(*names: str) -> Plane:
     """The plane of motion that surfaces, channels or coefficients are of; "full" where they are of both, or of none."""
     for plane in _ALONE:
-        if names and all(_lies_in(plane, name) for name in names):
+        own = {*SURFACES[plane], *OUTPUTS[plane], *_COEFFICIENTS[plane], *_REGRESSORS[plane]}
+        if names and own.issuperset(names):
             return plane
     return "full"
-
-
-def _lies_in(plane: Plane, name: str) -> bool:
-    return name in (*SURFACES[plane], *OUTPUTS[plane], *_COEFFICIENTS[plane], *_REGRESSORS[plane])
 
 
 def level_rivals(

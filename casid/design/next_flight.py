@@ -135,19 +135,20 @@ def _at_trim(aircraft: Aircraft, flown: Sequence[Record]) -> Aircraft:
     """Return the aircraft with the trim that its file has, else that of the records."""
     if "V" in aircraft.trim and {"altitude", "rho"} & set(aircraft.trim):
         return aircraft
-    own = {name: _median(flown, name) for name in ("V", "rho") if any(name in r for r in flown)}
+    there = [name for name in ("V", "rho") if any(name in r for r in flown)]
+    own = {name: float(np.nanmedian(_series(flown, name))) for name in there}
     return replace(aircraft, trim={**aircraft.trim, **own})
 
 
-def _median(flown: Sequence[Record], name: str) -> float:
-    return float(np.nanmedian(np.concatenate([r[name] for r in flown if name in r])))
+def _series(flown: Sequence[Record], name: str) -> np.ndarray:
+    return np.concatenate([r[name] for r in flown if name in r])
 
 
 def _limits(flown: Sequence[Record]) -> Limits:
     """No further from the middle than the records went."""
 
     def reach(name: str) -> float:
-        series = np.concatenate([r[name] for r in flown if name in r])
+        series = _series(flown, name)
         return float(np.nanmax(np.abs(series - np.nanmedian(series))))
 
     def moved(names: Sequence[str]) -> dict[str, float]:

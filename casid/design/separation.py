@@ -73,17 +73,15 @@ class _Flights:
     def of(self, value: EffectValue) -> FlownRecords:
         """The aircraft with one of the effects, and the records made ready for it."""
         name = effect_of(value).name
+        if name not in self._models:
+            aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
+            self._models[name] = flown_records(aircraft, self.records, self.rivals.axes, tuple(self.rivals.noise))
         if (name, value.value) not in self._made:
-            like = self._models.get(name)
-            if like is None:
-                aircraft = replace(self.rivals.aircraft, effects=(*self.rivals.aircraft.effects, value))
-                made = flown_records(aircraft, self.records, self.rivals.axes, tuple(self.rivals.noise))
-                self._models[name] = made
-            else:
-                nominal = {**like.model.nominal, name: value.value}
-                model = share_cache(replace(like.model, nominal=nominal), like.model)
-                made = replace(like, model=model, records=tuple(map(model.ready, self.records)))
-            self._made[name, value.value] = made
+            like = self._models[name]
+            nominal = {**like.model.nominal, name: value.value}
+            model = share_cache(replace(like.model, nominal=nominal), like.model)
+            records = tuple(map(model.ready, self.records))
+            self._made[name, value.value] = replace(like, model=model, records=records)
         return self._made[name, value.value]
 
     @property
@@ -166,7 +164,7 @@ def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight |
     other = flights.of(rivals.second)
     plain = [_flown(other, r) for r in range(len(choice))]
     # an imitation only takes away: no manoeuvre separates better than without one
-    most = [_half_square(a - b, flights.sigma) for a, b in zip(truth, plain, strict=True)]
+    most = [0.5 * float(np.sum(((a - b) / flights.sigma) ** 2)) for a, b in zip(truth, plain, strict=True)]
     best = -1
     found = -1.0
     for k in sorted((k for k in range(len(choice)) if np.isfinite(most[k])), key=lambda k: -most[k]):
@@ -181,10 +179,6 @@ def separating_manoeuvre(rivals: Rivals, experiment: Experiment) -> NextFlight |
     record = flights.records[best]
     told = _imitated(flights, truth, [best])
     return NextFlight(manoeuvre=choice[best], amplitude=sizes[best], record=record, separation=told)
-
-
-def _half_square(left: np.ndarray, sigma: np.ndarray) -> float:
-    return 0.5 * float(np.sum((left / sigma) ** 2))
 
 
 def _within_limits(
@@ -317,11 +311,11 @@ def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[in
         if step == steps:
             break
         free = default_free(applied)
-        moved, remaining = _step(flights, second, _At(values, starts, left, flown, free))
+        moved, remaining = _step(flights, second, values, starts, left, flown)
         if steps == 1:
             return replace(best, log_odds=min(best.log_odds, 0.5 * remaining))
         second = replace(second, value=second.value + moved[0])
-        p = dict(zip(applied.model.parameters, applied.model.nominal_vector(values), strict=True))
+        p = {**applied.model.nominal, **values}
         values = {name: p[name] + d for name, d in zip(free, moved[1 : 1 + len(free)], strict=True)}
         changes = moved[1 + len(free) :].reshape(len(which), -1)
         starts = {r: x0 + d for (r, x0), d in zip(starts.items(), changes, strict=True)}
@@ -330,42 +324,39 @@ def _imitated(flights: _Flights, truth: Sequence[np.ndarray], which: Sequence[in
     return best
 
 
-@dataclass(frozen=True, eq=False)
-class _At:
-    """State of an imitation: derivatives, initial states, what is left over the noise, and its flights."""
-
-    values: Mapping[str, float]
-    starts: Mapping[int, np.ndarray]
-    left: Mapping[int, np.ndarray]
-    flown: Mapping[int, np.ndarray]
-    free: Sequence[str]
-
-
-def _step(flights: _Flights, second: EffectValue, at: _At) -> tuple[np.ndarray, float]:
+def _step(
+    flights: _Flights,
+    second: EffectValue,
+    values: Mapping[str, float],
+    starts: Mapping[int, np.ndarray],
+    left: Mapping[int, np.ndarray],
+    flown: Mapping[int, np.ndarray],
+) -> tuple[np.ndarray, float]:
     """Changes of (size of the second, derivatives, initial states of each record) that imitate best in the linear, and
-    the sum of squares that they leave."""
+    the sum of squares that they leave. An imitation has derivatives `values`, initial states `starts`, flights `flown`,
+    and what is `left` over the noise."""
     further = _DIFFERENCE * (second.value or 1.0)
     applied = flights.of(second)
     more = flights.of(replace(second, value=second.value + further))
     model = applied.model
     n = len(applied.model.states)
-    index = np.array([model.parameters.index(name) for name in at.free], dtype=int)
-    p = model.nominal_vector(at.values)
+    index = np.array([model.parameters.index(name) for name in default_free(applied)], dtype=int)
+    p = model.nominal_vector(values)
     blocks = []
-    for place, r in enumerate(at.starts):
-        by_size = (_flown(more, r, at.values, at.starts[r]) - at.flown[r]) / further / flights.sigma
-        by_rest = _columns(applied, r, p, at.starts[r], index) / flights.sigma[:, None]
-        block = np.zeros((by_size.size, 1 + len(index) + n * len(at.starts)))
+    for place, (r, start) in enumerate(starts.items()):
+        by_size = (_flown(more, r, values, start) - flown[r]) / further / flights.sigma
+        by_rest = _columns(applied, r, p, start, index) / flights.sigma[:, None]
+        block = np.zeros((by_size.size, 1 + len(index) + n * len(starts)))
         block[:, 0] = by_size.reshape(-1)
         block[:, 1 : 1 + len(index)] = by_rest[..., n:].reshape(by_size.size, -1)
         first = 1 + len(index) + n * place
         block[:, first : first + n] = by_rest[..., :n].reshape(by_size.size, -1)
         blocks.append(block)
     J = np.vstack(blocks)
-    left = np.concatenate([one.reshape(-1) for one in at.left.values()])
+    z = np.concatenate([one.reshape(-1) for one in left.values()])
     size = np.maximum(np.linalg.norm(J, axis=0), 1e-300)
-    scaled, *_ = np.linalg.lstsq(J / size, left, rcond=_RELATIVE)
-    return scaled / size, float(np.sum((left - (J / size) @ scaled) ** 2))
+    scaled, *_ = np.linalg.lstsq(J / size, z, rcond=_RELATIVE)
+    return scaled / size, float(np.sum((z - (J / size) @ scaled) ** 2))
 
 
 def _told(

@@ -87,8 +87,8 @@ class LinearModel:
         InputError
             For a name that the model does not have.
         """
-        for what, name, valid in (("input", input, self.inputs), ("output", output, self.outputs)):
-            check_known(what, (name,), valid, f"linear model of '{self.name}'")
+        check_known("input", (input,), self.inputs, f"linear model of '{self.name}'")
+        check_known("output", (output,), self.outputs, f"linear model of '{self.name}'")
         omega = np.atleast_1d(np.asarray(omega, dtype=float))
         column = self.inputs.index(input)
         row = self.outputs.index(output)
@@ -190,13 +190,13 @@ def _in_force(aircraft: Aircraft, at: Point, axes: str | None, outputs: Sequence
             "linear_model: an aircraft is linearised at records or at a cs.trim(...); cs.aircraft_model(aircraft) is a "
             "model that takes states and inputs by name"
         )
-    records = (_steady(aircraft, at),) if isinstance(at, Trim) else given_records(at, "linear_model")
+    records = (_steady(at),) if isinstance(at, Trim) else given_records(at, "linear_model")
     axes = axes or axes_of(records)
     chosen = outputs if outputs is not None else aircraft_model(aircraft, axes=axes, effects=()).outputs
     return flown_records(aircraft, records, axes, chosen)
 
 
-def _steady(aircraft: Aircraft, at: Trim) -> Record:
+def _steady(at: Trim) -> Record:
     """Two samples of steady flight."""
     channels = {"V": at.V, "alpha": at.alpha, "theta": at.theta, **dict.fromkeys(("beta", "p", "q", "r", "phi"), 0.0)}
     both = {name: np.full(2, value) for name, value in (channels | at.inputs).items()}
@@ -218,7 +218,6 @@ def _medians(model: Model, records: Sequence[Record]) -> dict[str, float]:
     states = np.concatenate([model.guess(record) for record in records])
     inputs = np.concatenate([record.matrix(model.inputs) for record in records])
     both = np.hstack([states, inputs])
-    middle = np.array(
-        [np.median(column[np.isfinite(column)]) if np.isfinite(column).any() else 0.0 for column in both.T]
-    )
-    return dict(zip((*model.states, *model.inputs), middle.tolist(), strict=True))
+    columns = zip((*model.states, *model.inputs), both.T, strict=True)
+    known = {name: column[np.isfinite(column)] for name, column in columns}
+    return {name: float(np.median(values)) if len(values) else 0.0 for name, values in known.items()}

@@ -22,10 +22,10 @@ from functools import cached_property
 
 import numpy as np
 
-from casid.errors import EstimationError, unknown
+from casid.errors import EstimationError, check_known
 from casid.estimation.problem import Problem
 from casid.estimation.transcriptions.equation import EquationValue
-from casid.frequency.regression import Piece, check_band, pieces_of, real_rows
+from casid.frequency.regression import Piece, check_band, fixing, pieces_of, real_rows
 from casid.frequency.sensitivity import LinearSensitivity, entering, sensitivity_at
 from casid.model.system import check_continuous
 from casid.records.record import Record
@@ -105,17 +105,12 @@ class FourierOutputs:
                     f"FourierOutputError: '{problem.model.name}' has no derivatives at the mean motion of record "
                     f"'{record.name}'; measure its states, or use OutputError"
                 )
-        steps = [_Outputs(one, self._linear(one, start)).eliminated for own in self._pieces for one in own]
-        self.eliminated = sum(steps)
+        self.eliminated = sum(_Outputs(one, self._linear(one, start)).eliminated for own in self._pieces for one in own)
 
     def value(self, parameters: np.ndarray) -> EquationValue:
         """Residuals at values (records, model parameters)."""
-        return EquationValue(
-            residuals=[
-                np.concatenate([_Outputs(one, self._linear(one, parameters)).residuals for one in own])
-                for own in self._pieces
-            ]
-        )
+        found = [[_Outputs(one, self._linear(one, parameters)).residuals for one in own] for own in self._pieces]
+        return EquationValue(residuals=[np.concatenate(rows) for rows in found])
 
     def slabs(self, parameters: np.ndarray, record: int) -> Iterator[tuple[slice, np.ndarray]]:
         """Rows of a record, and the derivatives (rows, outputs, free) of the residuals there."""
@@ -155,9 +150,7 @@ class _Transformed:
 def _transformed(problem: Problem, record: Record, index: int, band: tuple[float, float]) -> list[_Transformed]:
     """The pieces of a record with the transforms of its inputs and outputs."""
     model = problem.model
-    for name in model.inputs:
-        if name not in record:
-            raise unknown("channel", name, record.channels, f"record '{record.name}': input of '{model.name}'")
+    check_known("channel", model.inputs, record.channels, f"record '{record.name}': input of '{model.name}'")
     measured = [name for name in model.outputs if name in record and np.isfinite(record[name]).any()]
     held = np.array([record.hold_of(name) == "held" for name in model.inputs], dtype=bool)
     guess = np.asarray(model.guess(record), dtype=float)
@@ -171,16 +164,9 @@ def _transformed(problem: Problem, record: Record, index: int, band: tuple[float
         t = record.t
         stretch = piece.stretch
         within = (t >= stretch.t[0] - 0.5 * stretch.dt) & (t <= stretch.t[-1] + 0.5 * stretch.dt)
-        found.append(
-            _Transformed(
-                piece=piece,
-                held=held,
-                x=guess[within].mean(axis=0),
-                u=stretch.values[:, : len(model.inputs)].mean(axis=0),
-                outputs=outputs,
-                inputs=inputs,
-            )
-        )
+        x = guess[within].mean(axis=0)
+        u = stretch.values[:, : len(model.inputs)].mean(axis=0)
+        found.append(_Transformed(piece=piece, held=held, x=x, u=u, outputs=outputs, inputs=inputs))
     return found
 
 
@@ -210,10 +196,9 @@ class _Outputs:
     @cached_property
     def _steps(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
         """Output -> (rows, n) what unit steps of the states add to it, and the pseudo-inverse (n, rows) of that."""
-        return {o: (t, np.linalg.pinv(t, rcond=_SHOWN)) for o in self._present for t in [self._added(o)]}
-
-    def _added(self, o: int) -> np.ndarray:
-        return real_rows(self._measuring[o, : self._n] @ self._resolvent * self._z[:, None])
+        through = self._measuring[:, : self._n] @ self._resolvent * self._z[:, None, None]  # (M, o, n)
+        added = {o: real_rows(through[:, o]) for o in self._present}
+        return {o: (one, np.linalg.pinv(one, rcond=_SHOWN)) for o, one in added.items()}
 
     @property
     def eliminated(self) -> int:
@@ -267,8 +252,7 @@ def _check(problem: Problem) -> None:
     idle = [name for name, used in zip(names, entering(model, problem.free_index), strict=True) if not used]
     idle = [name for name in idle if not (problem.prior and name in model.prior_std)]
     if idle:
-        values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in idle)
         raise EstimationError(
             f"FourierOutputError: {', '.join(idle)} do not enter the linear model of '{model.name}', so a band of "
-            f"frequencies says nothing of them; fix them: fixed={{{values}}}"
+            f"frequencies says nothing of them; {fixing(model, idle)}"
         )

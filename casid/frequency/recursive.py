@@ -23,7 +23,7 @@ from casid.errors import EstimationError, InputError
 from casid.estimation.problem import chosen_parameters
 from casid.estimation.transcriptions.equation import equation_form
 from casid.frames import brief
-from casid.frequency.regression import constants, real_rows
+from casid.frequency.regression import constants, fixing, real_rows
 from casid.model.system import EquationForm, Model
 from casid.records.record import Record
 
@@ -137,19 +137,34 @@ def track_derivatives(
     chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
     own = tuple(name for name in chosen if name not in known)
     form = equation_form(model)
-    equations = _Equations(form, _regressors(model, form, own, known), _places(model, form, own))
-    channels = (form.channels, model.equation is None and bool(model.states))
-    return _tracked(equations, own, _samples(samples), channels, (grid, memory, every))
+    equations = _Equations(
+        form=form,
+        names=own,
+        function=_regressors(model, form, own, known),
+        places=_places(model, form, own),
+        by_states=model.equation is None and bool(model.states),
+    )
+    return _tracked(equations, _samples(samples), grid, memory, every)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Equations:
-    """form; function (channels) -> (target less what is known, regressors (equations, free)); and per equation the
-    free parameters in it."""
+    """Equations of a model, linear in its free parameters."""
 
     form: EquationForm
-    function: ca.Function
-    places: list[list[int]]
+    names: Sequence[str]  # of the free parameters
+    function: ca.Function  # (channels) -> (target less what is known, regressors (equations, free))
+    places: list[list[int]]  # per equation the free parameters in it
+    by_states: bool  # whether its targets are derivatives of states
+
+    def differentiated(self, sample: Mapping[str, float]) -> dict[str, str]:
+        """Derivative that the samples do not have -> the state that it is of. Raises InputError for a missing
+        channel."""
+        found = {name: name.removesuffix("dot") for name in self.form.channels if name not in sample}
+        for name, base in found.items():
+            if not self.by_states or base == name or base not in sample:
+                raise InputError(f"track_derivatives: the samples have no channel '{name}', which the equations need")
+        return found
 
 
 def _regressors(model: Model, form: EquationForm, own: Sequence[str], known: Mapping[str, float]) -> ca.Function:
@@ -169,9 +184,8 @@ def _places(model: Model, form: EquationForm, own: Sequence[str]) -> list[list[i
     """Per equation its free parameters. Raises EstimationError where none can be determined."""
     constant = constants(form, model, own)
     if constant:
-        values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in constant)
         raise EstimationError(
-            f"track_derivatives: {', '.join(constant)} add a constant, which is left out; fix them: fixed={{{values}}}"
+            f"track_derivatives: {', '.join(constant)} add a constant, which is left out; {fixing(model, constant)}"
         )
     symbols = ca.vertcat(*[model.p[model.parameters.index(name)] for name in own])
     pattern = np.array(ca.DM(ca.jacobian_sparsity(form.prediction, symbols), 1.0).full(), dtype=bool)
@@ -191,40 +205,22 @@ def _samples(samples: Record | Iterable[Mapping[str, float]]) -> Iterable[Mappin
 
 
 def _tracked(
-    equations: _Equations,
-    own: Sequence[str],
-    samples: Iterable[Mapping[str, float]],
-    channels: tuple[Sequence[str], bool],
-    options: tuple[np.ndarray, float, float],
+    equations: _Equations, samples: Iterable[Mapping[str, float]], omega: np.ndarray, memory: float, every: float
 ) -> Iterator[TrackedDerivatives]:
-    omega, memory, every = options
     sums: _Sums | None = None
     due = -np.inf
     given = -np.inf
-    last = np.nan
     for sample in samples:
         if sums is None:
-            sums = _Sums(equations, _differentiated(sample, *channels), omega, memory)
+            sums = _Sums(equations, equations.differentiated(sample), omega, memory)
             due = _value(sample, "t") + every
-        last = sums.add(sample)
-        if last >= due - 1e-9 * every:
-            due = due + every * np.ceil((last - due) / every + 1e-9)
-            given = last
-            yield from _estimates(sums, own, last)
-    if sums is not None and last > given:
-        yield from _estimates(sums, own, last)
-
-
-def _differentiated(sample: Mapping[str, float], channels: Sequence[str], by_states: bool) -> dict[str, str]:
-    """Derivative that the samples do not have -> the state that it is of. Raises InputError for a missing channel."""
-    found = {}
-    for name in channels:
-        base = name.removesuffix("dot")
-        if name not in sample:
-            if not by_states or base == name or base not in sample:
-                raise InputError(f"track_derivatives: the samples have no channel '{name}', which the equations need")
-            found[name] = base
-    return found
+        sums.add(sample)
+        if sums.last >= due - 1e-9 * every:
+            due = due + every * np.ceil((sums.last - due) / every + 1e-9)
+            given = sums.last
+            yield from _estimates(sums)
+    if sums is not None and sums.last > given:
+        yield from _estimates(sums)
 
 
 def _value(sample: Mapping[str, float], name: str) -> float:
@@ -242,11 +238,11 @@ class _Sums:
     def __init__(
         self, equations: _Equations, differentiated: Mapping[str, str], omega: np.ndarray, memory: float
     ) -> None:
-        self.equations, self.differentiated = equations, dict(differentiated)
+        self.equations, self.differentiated = equations, differentiated
         self.omega = omega
         self.memory = memory
         self._width = len(equations.form.names)
-        columns = self._width + sum(map(len, equations.places)) + len(self.differentiated) + 1
+        columns = self._width + sum(map(len, equations.places)) + len(differentiated) + 1
         self.total = np.zeros((len(omega), columns), complex)
         self.across = np.zeros((len(omega), len(omega)), complex)  # sum of w^2 e e^H
         self.along = np.zeros_like(self.across)  # sum of w^2 e e^T
@@ -256,8 +252,8 @@ class _Sums:
         self.weight = 1.0
         self.interval = np.nan
 
-    def add(self, sample: Mapping[str, float]) -> float:
-        """Add a sample; gives its time."""
+    def add(self, sample: Mapping[str, float]) -> None:
+        """Add a sample."""
         t = _value(sample, "t")
         decay = 1.0
         if self.count:
@@ -281,12 +277,11 @@ class _Sums:
                     f"track_derivatives: a sample is missing at t = {t:g} s; then the samples must have the channels "
                     f"{', '.join(self.differentiated)}"
                 )
-            return t
+            return
         turn = np.exp(-1j * self.omega * (t - self.first))
         self.total += np.outer(turn, row)
         self.across += np.outer(turn, turn.conj())
         self.along += np.outer(turn, turn)
-        return t
 
     def _check_even(self, t: float) -> None:
         """The interval is that of the first two samples. Where derivatives come from the samples, InputError for one
@@ -336,10 +331,11 @@ def _basis(shapes: np.ndarray, constant: float) -> np.ndarray:
     return directions[:, kept > _FORGOTTEN]
 
 
-def _estimates(sums: _Sums, own: Sequence[str], t: float) -> Iterator[TrackedDerivatives]:
+def _estimates(sums: _Sums) -> Iterator[TrackedDerivatives]:
     """The least-squares estimates of all equations, nothing while the samples do not determine them."""
     if sums.count < 2:
         return
+    own = sums.equations.names
     values = {}
     std = {}
     noise = {}
@@ -367,4 +363,4 @@ def _estimates(sums: _Sums, own: Sequence[str], t: float) -> Iterator[TrackedDer
         values |= {own[i]: float(value) for i, value in zip(places, theta, strict=True)}
         std |= {own[i]: float(value) for i, value in zip(places, spread, strict=True)}
         noise[sums.equations.form.names[equation]] = float(np.sqrt(variance))
-    yield TrackedDerivatives(t=t, values={n: values[n] for n in own}, std={n: std[n] for n in own}, noise=noise)
+    yield TrackedDerivatives(t=sums.last, values={n: values[n] for n in own}, std={n: std[n] for n in own}, noise=noise)

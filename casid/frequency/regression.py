@@ -202,9 +202,7 @@ class _Signals:
 
 def _free_of(step: np.ndarray, rows: np.ndarray, columns: list[int]) -> np.ndarray:
     """Rows (rows, columns, ...) with the direction `step` (rows,) taken out of some of the columns."""
-    if columns:
-        along = np.tensordot(step, rows[:, columns], axes=(0, 0))
-        rows[:, columns] -= np.multiply.outer(step, along)
+    rows[:, columns] -= np.multiply.outer(step, np.tensordot(step, rows[:, columns], axes=(0, 0)))
     return rows
 
 
@@ -253,8 +251,13 @@ def _check_constants(problem: Problem, form: EquationForm) -> None:
     """Raise EstimationError for free parameters without effect in a band of frequencies."""
     idle = constants(form, problem.model, problem.shared + problem.local)
     if idle:
-        values = ", ".join(f"'{name}': {problem.model.nominal[name]:g}" for name in idle)
         raise EstimationError(
             f"{type(problem.cost).__name__}: {', '.join(idle)} add a constant, which has no part in a band of "
-            f"frequencies; fix them: fixed={{{values}}}"
+            f"frequencies; {fixing(problem.model, idle)}"
         )
+
+
+def fixing(model: Model, names: Sequence[str]) -> str:
+    """Write how parameters are fixed that cannot be estimated."""
+    values = ", ".join(f"'{name}': {model.nominal[name]:g}" for name in names)
+    return f"fix them: fixed={{{values}}}"

@@ -12,7 +12,7 @@ import numpy as np
 
 from casid.above import ask_above
 from casid.arguments import given, names, number, require
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.frames import Rows, brief
 from casid.frequency.spectra import Spectra, spectra
 from casid.frequency.transform import Stretch, stretches
@@ -25,9 +25,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 USABLE = 0.6  # coherence: Tischler and Remple, Aircraft and Rotorcraft System Identification, 2nd ed. (2012)
-_PERIODS = (
-    2.0  # in a window, below which it contains nothing: the main lobe of Hann's window reaches down to zero there
-)
+# in a window, below which it contains nothing: the main lobe of Hann's window reaches down to zero there
+_PERIODS = 2.0
 _FULL = 4.0  # periods in a window, from which it has its full weight beside a longer one
 _COUNT = 100  # frequencies of a response
 _WINDOWS = 5  # lengths, of which the longest is half a stretch
@@ -49,7 +48,6 @@ _HEADS = {
     "averages": ("averages", ".1f"),
     "input_spectrum": ("input", ".3g"),
     "output_spectrum": ("output", ".3g"),
-    "usable": ("", ""),
 }
 
 
@@ -144,32 +142,20 @@ class FrequencyResponse:
         chosen = np.unique(np.linspace(0, count - 1, min(count, most or count)).round().astype(int))
         columns = [*self.columns().values(), np.where(self.usable, "", "not usable")]
         return Rows(
-            heads={head: form for head, form in _HEADS.values()},
-            keys={head: key for key, (head, _) in _HEADS.items()},
+            heads={**dict(_HEADS.values()), "": ""},
+            keys={**{head: key for key, (head, _) in _HEADS.items()}, "": "usable"},
             rows=[tuple(column[k].item() for column in columns) for k in chosen],
         )
 
     def columns(self) -> dict[str, np.ndarray]:
         """Name -> (frequencies,): what tables have."""
-        return {
-            "omega": self.omega,
-            "gain_db": self.gain_db,
-            "phase_deg": self.phase_deg,
-            "coherence": self.coherence,
-            "multiple_coherence": self.multiple_coherence,
-            "random_error": self.random_error,
-            "averages": self.averages,
-            "input_spectrum": self.input_spectrum,
-            "output_spectrum": self.output_spectrum,
-        }
+        return {name: getattr(self, name) for name in _HEADS}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of response.json: plain numbers, lists and texts; a number that does not exist is None."""
         return {
             "schema": "casid.response/1",
-            "input": self.input,
-            "output": self.output,
-            "other_inputs": list(self.other_inputs),
+            **plain(self, "input output other_inputs"),
             "unit": f"({unit_of(self.output)})/({unit_of(self.input)})",
             "records": list(self.records),
             "windows": [{"seconds": length, "averages": count} for length, count in self.windows.items()],
@@ -185,12 +171,8 @@ class FrequencyResponse:
     def __str__(self) -> str:
         given = f", given {', '.join(self.other_inputs)}" if self.other_inputs else ""
         lengths = ", ".join(f"{length:.3g} s ({count:.1f})" for length, count in self.windows.items())
-        lines = [
-            f"{self.output} to {self.input}{given}: {', '.join(self.records)}",
-            f"windows (independent averages): {lengths}",
-            self.rows(_SHOWN).text(),
-        ]
-        return "\n".join(lines)
+        head = f"{self.output} to {self.input}{given}: {', '.join(self.records)}"
+        return f"{head}\nwindows (independent averages): {lengths}\n{self.rows(_SHOWN).text()}"
 
 
 def frequency_response(
@@ -270,15 +252,8 @@ def frequency_response(
     highest = _highest(flown, channels) if wanted is None else float(wanted.max())
     parts = [part for record in flown for part in stretches(record, channels, highest)]
     lengths = _lengths(parts, windows, channels, highest)
-    if wanted is None:
-        wanted = np.geomspace(_lowest(lengths, highest), highest, _COUNT)
-    elif wanted.min() < _PERIODS * 2.0 * np.pi / lengths[0] * (1.0 - 1e-9):
-        least = _PERIODS * 2.0 * np.pi / lengths[0]
-        raise InputError(
-            f"frequency_response: {wanted.min():g} rad/s has fewer than two periods in the longest window, "
-            f"{lengths[0]:g} s; begin at {least:.3g} rad/s, or give longer windows"
-        )
-    every = [spectra(parts, channels, wanted, length, overlap) for length in lengths]
+    grid = _grid(wanted, lengths[0], highest)
+    every = [spectra(parts, channels, grid, length, overlap) for length in lengths]
     _check_motion(every[0])
     try:
         return _composite(every, [record.name for record in flown])
@@ -329,18 +304,19 @@ def _composite(every: Sequence[Spectra], records: Sequence[str]) -> FrequencyRes
     averages = weights.T @ np.array([one.averages for one in every]) - len(others)
     own = _conditioned(matrix)
     coherence = _coherence(own)
+    input_power, output_power = (np.real(own[:, k, k]) for k in range(2))
     return FrequencyResponse(
         input=input,
         output=output,
         other_inputs=tuple(others),
         omega=omega,
-        response=own[:, 0, 1] / np.real(own[:, 0, 0]),
+        response=own[:, 0, 1] / input_power,
         coherence=coherence,
         multiple_coherence=_multiple(matrix),
         random_error=random_error(coherence, averages),
         averages=averages,
-        input_spectrum=np.real(own[:, 0, 0]),
-        output_spectrum=np.real(own[:, 1, 1]),
+        input_spectrum=input_power,
+        output_spectrum=output_power,
         windows={one.window: one.averages for one in every},
         records=tuple(records),
     )
@@ -355,17 +331,19 @@ def _conditioned(matrix: np.ndarray) -> np.ndarray:
 
 
 def _coherence(two: np.ndarray) -> np.ndarray:
-    power = np.real(two[:, 0, 0]) * np.real(two[:, 1, 1])
-    return np.clip(np.abs(two[:, 0, 1]) ** 2 / np.where(power > 0.0, power, np.inf), 0.0, 1.0)
+    return _part_of(np.real(two[:, 0, 0]) * np.real(two[:, 1, 1]), np.abs(two[:, 0, 1]) ** 2)
 
 
 def _multiple(matrix: np.ndarray) -> np.ndarray:
     """(frequencies,) part of the second channel's power, the output's, that is linear in all others together."""
     inputs = [k for k in range(matrix.shape[1]) if k != 1]
     across = matrix[:, inputs, 1:2]
-    power = np.real(matrix[:, 1, 1])
     explained = across.conj().transpose(0, 2, 1) @ np.linalg.solve(matrix[:, inputs][:, :, inputs], across)
-    return np.clip(np.real(explained[:, 0, 0]) / np.where(power > 0.0, power, np.inf), 0.0, 1.0)
+    return _part_of(np.real(matrix[:, 1, 1]), np.real(explained[:, 0, 0]))
+
+
+def _part_of(power: np.ndarray, explained: np.ndarray) -> np.ndarray:
+    return np.clip(explained / np.where(power > 0.0, power, np.inf), 0.0, 1.0)
 
 
 def _between(band: tuple[float, float]) -> np.ndarray:
@@ -390,9 +368,7 @@ def _highest(records: Sequence[Record], channels: Sequence[str]) -> float:
     """The frequency [rad/s] with ten samples in a period, of the record with the slowest samples."""
     intervals = []
     for record in records:
-        for name in channels:
-            if name not in record:
-                raise unknown("channel", name, record.channels, f"record '{record.name}'")
+        check_known("channel", channels, record.channels, f"record '{record.name}'")
         t = record.t[np.isfinite(record.matrix(channels)).all(axis=1)]
         intervals += [float(np.median(np.diff(t)))] if len(t) > 1 else []
     if not intervals:
@@ -418,14 +394,20 @@ def _lengths(
     return sorted(set(found), reverse=True)
 
 
-def _lowest(lengths: Sequence[float], highest: float) -> float:
-    lowest = _PERIODS * 2.0 * np.pi / lengths[0]
-    if lowest >= highest:
+def _grid(wanted: np.ndarray | None, longest: float, highest: float) -> np.ndarray:
+    """The wanted frequencies, or all that the longest window [s] holds. Raises InputError where it is too short."""
+    lowest = _PERIODS * 2.0 * np.pi / longest
+    if wanted is None and lowest >= highest:
         raise InputError(
-            f"frequency_response: the longest window, {lengths[0]:.3g} s, is too short for any frequency up to "
+            f"frequency_response: the longest window, {longest:.3g} s, is too short for any frequency up to "
             f"{highest:.3g} rad/s; expected longer records or windows"
         )
-    return lowest
+    if wanted is not None and wanted.min() < lowest * (1.0 - 1e-9):
+        raise InputError(
+            f"frequency_response: {wanted.min():g} rad/s has fewer than two periods in the longest window, "
+            f"{longest:g} s; begin at {lowest:.3g} rad/s, or give longer windows"
+        )
+    return np.geomspace(lowest, highest, _COUNT) if wanted is None else wanted
 
 
 def _check_motion(longest: Spectra) -> None:

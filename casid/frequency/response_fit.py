@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from operator import attrgetter
 from typing import Any, Protocol
 
 import numpy as np
@@ -189,17 +190,8 @@ class ResponseFit:
     def rows(self) -> Rows:
         """Parameters as rows, with Cramer-Rao bound and insensitivity."""
         found = self.precision.parameters
-        free = (
-            (
-                name,
-                one.value,
-                one.std,
-                found[name].cramer_rao_percent,
-                found[name].insensitivity_percent,
-                found[name].remark,
-            )
-            for name, one in self.parameters.items()
-        )
+        rest = attrgetter("cramer_rao_percent", "insensitivity_percent", "remark")
+        free = ((name, one.value, one.std, *rest(found[name])) for name, one in self.parameters.items())
         fixed = ((name, value, None, None, None, "fixed") for name, value in self.fixed.items())
         heads = {"parameter": "", "value": ".5g", "std": ".3g", "Cramer-Rao %": ".2f", "insensitivity %": ".2f", "": ""}
         return Rows(heads=heads, rows=[*free, *fixed], keys={"": "remark"})
@@ -234,13 +226,10 @@ class ResponseModel(Protocol):
 
 
 def fit_responses(
-    model: ResponseModel,
-    measured: Sequence[Measured],
-    starts: np.ndarray,
-    fixed: Mapping[str, float],
-) -> tuple[ResponseFit, np.ndarray]:
-    """The best fit from several starts (starts, parameters), and its parameters (parameters,). Raises EstimationError
-    where no start has a finite cost, and for more parameters than numbers in the responses."""
+    model: ResponseModel, measured: Sequence[Measured], starts: np.ndarray, fixed: Mapping[str, float]
+) -> ResponseFit:
+    """The best fit from several starts (starts, parameters). Raises EstimationError where no start has a finite cost,
+    and for more parameters than numbers in the responses."""
     count = sum(2 * len(one.error) for one in measured)
     if starts.shape[1] >= count:
         raise EstimationError(
@@ -266,7 +255,7 @@ def fit_responses(
     if best is None:
         raise EstimationError("response fit: the model has no finite response at any start; give other start values")
     ended = CONVERGED if best.status > 0 else out_of_steps(_EVALUATIONS, "evaluations")
-    return _result(model, measured, best.x, fixed, ended), best.x
+    return _result(model, measured, best.x, fixed, ended)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -283,6 +272,11 @@ class Measured:
     def label(self) -> str:
         """Output over input."""
         return label_of(self.response)
+
+    @property
+    def factors(self) -> list[np.ndarray]:
+        """(M,) each: size in the root of J of a logarithm of the gain of one, and of a phase of 1 rad."""
+        return [size * np.sqrt(self.weight) for size in (_DB * np.sqrt(PER_DB2), np.degrees(1.0) * np.sqrt(PER_DEG2))]
 
 
 def label_of(response: AnyResponse) -> str:
@@ -309,21 +303,18 @@ def measured_responses(
                 f"{where}: {label_of(one)} has {int(use.sum())} usable frequencies (coherence {USABLE:g} or more) in "
                 "the band; expected at least 2"
             )
-        chosen = MeasuredResponse(
-            input=one.input,
-            output=one.output,
-            omega=one.omega[use],
-            response=one.response[use],
-            coherence=one.coherence[use],
-        )
+        parts = {name: getattr(one, name)[use] for name in ("omega", "response", "coherence")}
+        chosen = MeasuredResponse(input=one.input, output=one.output, **parts)
         error = np.sqrt((1.0 - chosen.coherence) / chosen.coherence)
         if isinstance(one, FrequencyResponse):
             error = one.random_error[use]
         if not error.any():
             error = np.ones(len(error))
-        weight = coherence_weight(chosen.coherence) * 20.0 / len(error)
         found[label_of(one)] = Measured(
-            response=chosen, weight=weight, error=error, correlation=_correlation(one, chosen.omega)
+            response=chosen,
+            weight=coherence_weight(chosen.coherence) * 20.0 / len(error),
+            error=error,
+            correlation=_correlation(one, chosen.omega),
         )
     if not found:
         raise InputError(f"{where}: no response given")
@@ -360,8 +351,7 @@ def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray
         found, gradient = model.response(one.response, values)
         with np.errstate(all="ignore"):
             error = np.log(found / one.response.response)
-        for part, size in ((np.real, _DB * np.sqrt(PER_DB2)), (np.imag, np.degrees(1.0) * np.sqrt(PER_DEG2))):
-            factor = size * np.sqrt(one.weight)
+        for part, factor in zip((np.real, np.imag), one.factors, strict=True):
             rows.append(part(error) * factor)
             slopes.append(part(gradient) * factor[:, None])
     return np.concatenate(rows), np.concatenate(slopes)
@@ -369,17 +359,13 @@ def _rows(model: ResponseModel, measured: Sequence[Measured], values: np.ndarray
 
 def _noise(measured: Sequence[Measured]) -> np.ndarray:
     """(rows, rows) covariance of the rows but for its size: random errors are as large in gain and in phase."""
-    count = sum(2 * len(one.error) for one in measured)
-    noise = np.zeros((count, count))
-    first = 0
-    for one in measured:
-        own = np.outer(one.error, one.error) * one.correlation
-        for size in (_DB * np.sqrt(PER_DB2), np.degrees(1.0) * np.sqrt(PER_DEG2)):
-            factor = size * np.sqrt(one.weight)
-            part = slice(first, first + len(one.error))
-            noise[part, part] = own * np.outer(factor, factor)
-            first = part.stop
-    return noise
+    return scipy.linalg.block_diag(
+        *(
+            np.outer(one.error, one.error) * one.correlation * np.outer(factor, factor)
+            for one in measured
+            for factor in one.factors
+        )
+    )
 
 
 def _result(
@@ -398,11 +384,7 @@ def _result(
     elif ended.converged:
         ended = Status(result=Results.NOT_IDENTIFIABLE, reason="the parameters cannot be told apart")
     std = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
-    costs = {}
-    first = 0
-    for one in measured:
-        rows = residual[first : first + 2 * len(one.error)]
-        costs[one.label], first = float(rows @ rows), first + len(rows)
+    ends = np.cumsum([2 * len(one.error) for one in measured])[:-1]
     return ResponseFit(
         parameters={
             name: ResponseParameter(name=name, value=float(values[i]), std=float(std[i]))
@@ -410,7 +392,7 @@ def _result(
         },
         fixed=dict(fixed),
         covariance=covariance,
-        costs=costs,
+        costs={one.label: float(rows @ rows) for one, rows in zip(measured, np.split(residual, ends), strict=True)},
         responses={one.label: one.response for one in measured},
         fitted={one.label: model.response(one.response, values)[0] for one in measured},
         ended=ended,

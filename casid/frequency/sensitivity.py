@@ -90,12 +90,9 @@ def sensitivity_at(model: Model, free: np.ndarray, x: np.ndarray, u: np.ndarray,
     m = len(model.inputs)
     o = len(model.outputs)
     function = cached(model, ("linear model", *free), lambda: _function(model, free))
-    matrix, slopes = (part.full() for part in function(x, u, p))
-    return LinearSensitivity(
-        matrix=matrix,
-        slopes=slopes.reshape((n + o, n + m, len(free)), order="F").transpose(2, 0, 1),
-        states=n,
-    )
+    matrix, columns = (part.full() for part in function(x, u, p))
+    slopes = columns.reshape((n + o, n + m, len(free)), order="F").transpose(2, 0, 1)
+    return LinearSensitivity(matrix=matrix, slopes=slopes, states=n)
 
 
 def entering(model: Model, free: np.ndarray) -> np.ndarray:

@@ -84,11 +84,8 @@ def fit_state_space(
     require(model, Model, f"{where}: model", "cs.aircraft_model(aircraft) or cs.define_model(...)")
     measured = measured_responses(responses, None if band is None else check_band(band, where), where)
     for one in measured:
-        for what, name, valid in (
-            ("input", one.response.input, model.inputs),
-            ("output", one.response.output, model.outputs),
-        ):
-            check_known(what, (name,), valid, f"{where}: model '{model.name}'")
+        check_known("input", (one.response.input,), model.inputs, f"{where}: model '{model.name}'")
+        check_known("output", (one.response.output,), model.outputs, f"{where}: model '{model.name}'")
     chosen = chosen_parameters(names(free, f"{where}: free"), model, f"{where}: free")
     known = numbers_by_name(fixed or {}, f"{where}: fixed")
     late = names(delays, f"{where}: delays")
@@ -113,7 +110,7 @@ def fit_state_space(
         u=np.array([point[name] for name in model.inputs]),
     )
     starts = np.array([[begin.get(name, model.nominal.get(name, 0.0)) for name in free_names]])
-    return fit_responses(problem, measured, starts, known)[0]
+    return fit_responses(problem, measured, starts, known)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

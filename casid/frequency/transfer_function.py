@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -112,34 +113,31 @@ class TransferFunction:
         return found, slopes
 
 
-_SHORT_PERIOD = [("zeta_sp", "omega_sp")]
-_DUTCH_ROLL = [("zeta_dr", "omega_dr")]
+def _low_order(output: str, **rest: Any) -> TransferFunction:
+    """Make a form with its own gain and delay."""
+    return TransferFunction(gain=f"K_{output}", delay=f"tau_{output}", **rest)
+
+
+_SHORT_PERIOD = {"pole_pairs": [("zeta_sp", "omega_sp")]}
+_DUTCH_ROLL = {"pole_pairs": [("zeta_dr", "omega_dr")]}
 LOW_ORDER: Mapping[str, Mapping[str, TransferFunction]] = MappingProxyType(
     {
         "short period": {
-            "q": TransferFunction(gain="K_q", zeros=["1/T_theta2"], pole_pairs=_SHORT_PERIOD, delay="tau_q"),
-            "theta": TransferFunction(
-                gain="K_theta", zeros=["1/T_theta2"], pole_pairs=_SHORT_PERIOD, integrators=1, delay="tau_theta"
-            ),
-            "alpha": TransferFunction(gain="K_alpha", pole_pairs=_SHORT_PERIOD, delay="tau_alpha"),
-            "az": TransferFunction(gain="K_az", pole_pairs=_SHORT_PERIOD, delay="tau_az"),
+            "q": _low_order("q", zeros=["1/T_theta2"], **_SHORT_PERIOD),
+            "theta": _low_order("theta", zeros=["1/T_theta2"], integrators=1, **_SHORT_PERIOD),
+            "alpha": _low_order("alpha", **_SHORT_PERIOD),
+            "az": _low_order("az", **_SHORT_PERIOD),
         },
         "roll": {
-            "p": TransferFunction(gain="K_p", poles=["1/T_roll"], delay="tau_p"),
-            "phi": TransferFunction(gain="K_phi", poles=["1/T_roll"], integrators=1, delay="tau_phi"),
+            "p": _low_order("p", poles=["1/T_roll"]),
+            "phi": _low_order("phi", poles=["1/T_roll"], integrators=1),
         },
         "roll and dutch roll": {
-            "p": TransferFunction(
-                gain="K_p",
-                poles=["1/T_roll"],
-                zero_pairs=[("zeta_phi", "omega_phi")],
-                pole_pairs=_DUTCH_ROLL,
-                delay="tau_p",
-            ),
+            "p": _low_order("p", poles=["1/T_roll"], zero_pairs=[("zeta_phi", "omega_phi")], **_DUTCH_ROLL),
         },
         "dutch roll": {
-            "beta": TransferFunction(gain="K_beta", pole_pairs=_DUTCH_ROLL, delay="tau_beta"),
-            "r": TransferFunction(gain="K_r", zeros=["1/T_r"], pole_pairs=_DUTCH_ROLL, delay="tau_r"),
+            "beta": _low_order("beta", **_DUTCH_ROLL),
+            "r": _low_order("r", zeros=["1/T_r"], **_DUTCH_ROLL),
         },
     }
 )
@@ -223,11 +221,11 @@ def fit_transfer_functions(
         raise InputError(f"{where}: every parameter is fixed; expected one that is free")
     model = _Forms(forms=used, names=free, fixed=known)
     starts = np.array([[one[name] for name in free] for one in _starts(used, measured, known | begin)])
-    fit, values = fit_responses(model, measured, starts, known)
-    positive = _positive(used, dict(zip(free, values.tolist(), strict=True)))
+    fit = fit_responses(model, measured, starts, known)
+    positive = _positive(used, fit.values)
     if positive == fit.values:
         return fit
-    return fit_responses(model, measured, np.array([[positive[name] for name in free]]), known)[0]
+    return fit_responses(model, measured, np.array([[positive[name] for name in free]]), known)
 
 
 def _forms(form: str | Mapping[str, TransferFunction]) -> Mapping[str, TransferFunction]:
@@ -263,7 +261,7 @@ def _starts(
     omega = np.concatenate([one.response.omega for one in measured])
     low = float(omega.min())
     high = float(omega.max())
-    pairs = list(dict.fromkeys(p for one in forms.values() for p in (*one.pole_pairs, *one.zero_pairs)))
+    pairs = _pairs(forms)
     real = list(dict.fromkeys(n for one in forms.values() for n in (*one.poles, *one.zeros)))
     found = []
     for at, damping, place in product(_PAIRS if pairs else (0.5,), _DAMPING if pairs else (0.5,), _REAL):
@@ -282,10 +280,14 @@ def _starts(
     return found
 
 
+def _pairs(forms: Mapping[str, TransferFunction]) -> list[tuple[str, str]]:
+    return list(dict.fromkeys(pair for one in forms.values() for pair in (*one.pole_pairs, *one.zero_pairs)))
+
+
 def _positive(forms: Mapping[str, TransferFunction], values: Mapping[str, float]) -> dict[str, float]:
     """The same transfer functions with positive natural frequencies."""
     found = dict(values)
-    for zeta, frequency in {p for one in forms.values() for p in (*one.pole_pairs, *one.zero_pairs)}:
+    for zeta, frequency in _pairs(forms):
         if found.get(frequency, 1.0) < 0.0 and zeta in found:
             found[zeta], found[frequency] = -found[zeta], -found[frequency]
     return found

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 import scipy
 
-from casid.errors import InputError, unknown
+from casid.errors import InputError, check_known
 from casid.records.record import Record
 
 _JITTER = 0.05  # of an interval: a reading that is as late as that is less wrong than one between two others
@@ -22,7 +22,6 @@ _POINTS_PER_PERIOD = 10  # a straight line over a tenth of a period is at most 5
 class Stretch:
     """Consecutive samples of several channels on an even time grid, without a gap."""
 
-    record: str  # name of the record
     start: float  # time of the first sample [s]
     dt: float  # sampling interval [s]
     values: np.ndarray  # (N, channels)
@@ -42,10 +41,9 @@ def chirp_z(values: np.ndarray, dt: float, omega: np.ndarray) -> np.ndarray:
     """Sum values[k] exp(-j omega k dt) over k, at omega (frequencies,) [rad/s]: (frequencies, ...), complex.
 
     Evenly spaced frequencies take the chirp-z algorithm (Rabiner, Schafer and Rader, IEEE Trans. Audio Electroacoustics
-    17, 1969), others the sums as written. Raises InputError for a missing sample, and above Nyquist's frequency.
+    17, 1969), others the sums as written. Samples and frequencies are those of `stretches`: none missing, and not above
+    Nyquist's.
     """
-    values = _samples(values)
-    omega = _frequencies(omega, dt)
     step = np.diff(omega)
     if len(omega) > 2 and np.allclose(step, step[0], rtol=1e-9, atol=0.0):
         return _czt(len(values), len(omega), float(omega[0]), float(step.mean()), dt)(values, axis=0)
@@ -62,9 +60,7 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
     amplitude, the same in every channel); a longer one ends a stretch. Raises InputError for a channel that the record
     does not have, and an omega_max [rad/s] above Nyquist's frequency.
     """
-    for name in channels:
-        if name not in record:
-            raise unknown("channel", name, record.channels, f"record '{record.name}'")
+    check_known("channel", channels, record.channels, f"record '{record.name}'")
     matrix = record.matrix(channels)
     there = np.isfinite(matrix).all(axis=1)
     if len(record) < 2 or there.sum() < 2:
@@ -72,51 +68,26 @@ def stretches(record: Record, channels: Sequence[str], omega_max: float) -> list
     t = record.t[there]
     values = matrix[there]
     dt = float(np.median(np.diff(t)))  # of a channel that has one sample in several rows, that of its samples
-    _frequencies(np.array([omega_max]), dt)
+    if not omega_max <= np.pi / dt * (1.0 + 1e-9):
+        raise InputError(
+            f"Fourier transform: {omega_max:g} rad/s is above the Nyquist frequency of samples every {dt:g} s, "
+            f"{np.pi / dt:.4g} rad/s; lower the band"
+        )
     longest = max(_GAP * dt, 2.0 * np.pi / omega_max / _POINTS_PER_PERIOD * (1.0 + 1e-9))
     ends = np.flatnonzero(np.diff(t) > longest) + 1
     parts = zip(np.split(t, ends), np.split(values, ends), strict=True)
-    return [_stretch(record.name, time, rows, dt) for time, rows in parts if len(time) > 1]
+    return [_stretch(time, rows, dt) for time, rows in parts if len(time) > 1]
 
 
-def _stretch(name: str, t: np.ndarray, values: np.ndarray, dt: float) -> Stretch:
+def _stretch(t: np.ndarray, values: np.ndarray, dt: float) -> Stretch:
     """These samples on a grid of about the interval dt, by straight lines where they are not there already."""
     count = int(np.round(np.diff(t) / dt).sum()) + 1  # whole intervals each, as the median may be off by a rounding
     grid = np.linspace(t[0], t[-1], count)
     if count != len(t) or np.abs(t - grid).max() > _JITTER * dt:
         values = np.stack([np.interp(grid, t, column) for column in values.T], axis=1)
-    return Stretch(record=name, start=float(t[0]), dt=float((t[-1] - t[0]) / (count - 1)), values=values)
+    return Stretch(start=float(t[0]), dt=float((t[-1] - t[0]) / (count - 1)), values=values)
 
 
 @lru_cache(maxsize=64)
 def _czt(count: int, frequencies: int, first: float, step: float, dt: float) -> scipy.signal.CZT:
     return scipy.signal.CZT(count, frequencies, w=np.exp(-1j * step * dt), a=np.exp(1j * first * dt))
-
-
-def _samples(values: np.ndarray) -> np.ndarray:
-    array = np.asarray(values)
-    if array.ndim not in (1, 2) or array.dtype.kind not in "fiuc":
-        raise InputError(
-            f"Fourier transform: values have the shape {array.shape}; expected numbers, (N,) or (N, channels)"
-        )
-    missing = np.flatnonzero(~np.isfinite(array).reshape(len(array), -1).all(axis=1))
-    if len(missing):
-        raise InputError(
-            f"Fourier transform: sample {missing[0]} is missing, {len(missing)} of {len(array)} in all; expected none: "
-            "casid.frequency.transform.stretches finds the parts without gaps"
-        )
-    return array
-
-
-def _frequencies(omega: np.ndarray, dt: float) -> np.ndarray:
-    omega = np.atleast_1d(np.asarray(omega, dtype=float))
-    highest = float(np.abs(omega).max(initial=0.0))
-    nyquist = np.pi / dt
-    if omega.ndim != 1 or not np.isfinite(omega).all():
-        raise InputError("Fourier transform: omega has to be finite frequencies in rad/s, (frequencies,)")
-    if highest > nyquist * (1.0 + 1e-9):
-        raise InputError(
-            f"Fourier transform: {highest:g} rad/s is above the Nyquist frequency of samples every {dt:g} s, "
-            f"{nyquist:.4g} rad/s; lower the band"
-        )
-    return omega

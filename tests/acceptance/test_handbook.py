@@ -11,7 +11,7 @@ import pytest
 import casid as cs
 from casid.acceptance.glide import GLIDE
 from casid.acceptance.handbook import flight_point, handbook, labelled
-from casid.acceptance.parameters import Known, known_by_document, known_by_file, known_by_fit
+from casid.acceptance.parameters import Known, known_by_document, known_by_estimate, known_by_file
 from casid.acceptance.steady import SteadyFlight
 from casid.cli.options import DEMO
 from casid.model.aircraft import EffectValue
@@ -276,15 +276,16 @@ def test_an_estimate_gives_its_values_and_its_covariance() -> None:
     replaced = with_estimates(aircraft, fit.values, {})
     assert found.modes["short period"].eigenvalue == pytest.approx(cs.modes(replaced).modes["short period"].eigenvalue)
     flight = SteadyFlight(aircraft)
-    by_fit, document = known_by_fit(flight, fit), json.loads(json.dumps(fit.to_dict()))
-    by_file = known_by_document(flight, document, "estimate.json")
+    by_fit = known_by_estimate(flight, fit.values, fit.covariance_corrected)
+    by_file = known_by_document(flight, json.loads(json.dumps(fit.to_dict())), "estimate.json")
     assert by_file.values == pytest.approx(by_fit.values)
     # a file has the correlations of Cramer and Rao with the corrected deviations
     assert np.diag(covariance(by_file)) == pytest.approx(np.diag(covariance(by_fit)), rel=1e-9)
     with pytest.raises(cs.InputError, match="nothing like"):
         known_by_document(flight, {"parameters": 3}, "nothing like")
     with pytest.raises(cs.InputError, match="none of the estimates"):
-        known_by_fit(SteadyFlight(replace(boeing_747(), terms={}, derivatives={"CX_0": 0.0, "CZ_0": -0.6})), fit)
+        other = SteadyFlight(replace(boeing_747(), terms={}, derivatives={"CX_0": 0.0, "CZ_0": -0.6}))
+        known_by_estimate(other, fit.values, fit.covariance_corrected)
 
 
 def test_what_a_file_does_not_have_is_said() -> None:

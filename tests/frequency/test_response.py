@@ -76,7 +76,7 @@ def test_one_window_length_is_what_scipy_gives() -> None:
     frequency, peer = signal.csd(u, y, 1.0 / DT, nperseg=500, noverlap=400)
     bins = slice(3, 40)
     omega = 2.0 * np.pi * frequency[bins]
-    stretch = Stretch(record="m1", start=0.0, dt=DT, values=np.stack([u, y], axis=1))
+    stretch = Stretch(start=0.0, dt=DT, values=np.stack([u, y], axis=1))
     mine = spectra([stretch], ["u", "y"], omega, 10.0, 0.8)
     assert 2.0 * np.pi * mine.matrix[:, 0, 1] == pytest.approx(peer[bins], rel=1e-9)
     found = cs.frequency_response(record("m1", u=u, y=y), "u", "y", omega=omega, windows=[10.0])
@@ -88,7 +88,7 @@ def test_one_window_length_is_what_scipy_gives() -> None:
 def test_spectra_integrate_to_the_variance() -> None:
     """Parseval: white noise has the same density up to the Nyquist frequency."""
     u = 3.0 * np.random.default_rng(3).standard_normal(50000)
-    stretch = Stretch(record="m1", start=0.0, dt=DT, values=u[:, None])
+    stretch = Stretch(start=0.0, dt=DT, values=u[:, None])
     density = np.real(spectra([stretch], ["u"], OMEGA, 4.0, 0.5).matrix[:, 0, 0])
     assert density.mean() * np.pi / DT == pytest.approx(9.0, rel=0.03)
 
@@ -143,7 +143,7 @@ def test_overlapping_windows_are_as_many_as_their_correlation_allows() -> None:
     """Welch's formula for Hann's taper at an overlap of one half: its correlation is 1/6, so that K windows count as
     K / (1 + 2 (K - 1) / K / 36)."""
     count, K = 500, 9
-    stretch = Stretch(record="m1", start=0.0, dt=DT, values=np.random.default_rng(0).standard_normal((2500, 1)))
+    stretch = Stretch(start=0.0, dt=DT, values=np.random.default_rng(0).standard_normal((2500, 1)))
     found = spectra([stretch], ["u"], OMEGA, count * DT, 0.5)
     assert found.segments == K
     assert found.averages == pytest.approx(K / (1.0 + 2.0 * (K - 1) / K / 36.0), rel=1e-3)
@@ -170,7 +170,7 @@ def test_conditioning_is_the_solution_for_all_inputs_at_once() -> None:
     r = np.asarray(signal.lfilter([0.3, 0.2], [1.0, -0.4], a)) + 0.5 * rng.standard_normal(1301)
     y = np.asarray(signal.lfilter(*FILTER, a)) - r + 0.3 * noise
     found = cs.frequency_response(record("m1", a=a, r=r, y=y), "a", "y", other_inputs=["r"], omega=OMEGA, windows=[8.0])
-    stretch = Stretch(record="m1", start=0.0, dt=DT, values=np.stack([a, r, y], axis=1))
+    stretch = Stretch(start=0.0, dt=DT, values=np.stack([a, r, y], axis=1))
     g = spectra([stretch], ["a", "r", "y"], OMEGA, 8.0, 0.8).matrix
     both = np.linalg.solve(g[:, :2, :2], g[:, :2, 2:])[..., 0]
     assert found.response == pytest.approx(both[:, 0], rel=1e-9)
