@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -17,10 +17,10 @@ from casid.arguments import Kind, a_path, given, is_path, number, numbers_by_nam
 from casid.errors import InputError, check_known, unknown
 from casid.frames import brief
 from casid.keeping import whole_file
-from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
+from casid.model.aerodynamics import FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
 from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of, with_comments_of
-from casid.model.airframe import AXES_COEFFICIENTS, Inertia
+from casid.model.airframe import AXES_COEFFICIENTS, Airframe, Inertia
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
 from casid.model.rotors import ALL, Rotors
@@ -32,12 +32,11 @@ from casid.signals import CHANNELS
 
 _TRIM = ("V", "altitude", "rho", "alpha", "theta", "delta_e", "delta_a", "delta_r", "thrust", "gravity")
 _POSITIVE_TRIM = ("V", "rho", "gravity")
-_ORIGIN = (0.0, 0.0, 0.0)
 _FILES = {".xml": "jsbsim", ".dml": "daveml"}  # ending of another simulator's file -> its format
 
 
 @dataclass(frozen=True, kw_only=True)
-class Aircraft:
+class Aircraft(Airframe):
     """An aircraft file. Tables are plain dicts behind read-only types, so that an Aircraft travels between processes.
 
     Attributes
@@ -93,30 +92,6 @@ class Aircraft:
     (14469.6, -2.14)
     """
 
-    name: str
-    mass: float
-    inertia: Inertia
-    gravity: float = 9.80665
-    area: float = math.nan
-    moment_length_lateral: float = math.nan
-    moment_length_pitch: float = math.nan
-    rate_length_lateral: float = math.nan
-    rate_length_pitch: float = math.nan
-    thrust_line_z: float = 0.0
-    engine_y: tuple[float, ...] = ()
-    accelerometer: tuple[float, ...] = _ORIGIN
-    alpha_vane: tuple[float, ...] = _ORIGIN
-    beta_vane: tuple[float, ...] = _ORIGIN
-    noise: Mapping[str, float] = field(default_factory=dict)
-    trim: Mapping[str, float] = field(default_factory=dict)
-    force_axes: str = "wind"
-    relative_uncertainty: float = 0.0
-    derivatives: Mapping[str, float] = field(default_factory=dict)
-    terms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    tables: tuple[Table, ...] = ()
-    std: Mapping[str, float] = field(default_factory=dict)
-    aerodynamics: Aerodynamics | None = None
-    rotors: Rotors | None = None
     effects: tuple[EffectValue, ...] = ()
 
     __repr__ = brief
@@ -164,7 +139,7 @@ class Aircraft:
             object.__setattr__(self, name, value)
 
     def _check_coefficient(self, coefficient: str, where: str) -> None:
-        valid = AXES_COEFFICIENTS[self.force_axes]
+        valid = self.coefficients
         if coefficient in valid:
             return
         other = "body" if self.force_axes == "wind" else "wind"
@@ -185,11 +160,6 @@ class Aircraft:
         if self.rotors is None:
             raise InputError(f"aircraft '{self.name}' has no rotors; give them as 'rotors'")
         return self.rotors
-
-    @property
-    def winged(self) -> bool:
-        """Return True if the aircraft has aerodynamics."""
-        return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
 
     def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
         if self.rotors is not None and not self.winged:
@@ -228,11 +198,6 @@ class Aircraft:
             if names.count(one.name) > 1:
                 raise InputError(f"table '{one.name}' stands twice; give each a name of its own")
         return tables
-
-    @property
-    def coefficients(self) -> tuple[str, ...]:
-        """The six coefficients of the force axes."""
-        return AXES_COEFFICIENTS[self.force_axes]
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 PRODUCTS = ("Ixy", "Iyz")  # of an aircraft that is not symmetric
+_ORIGIN = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,48 +117,41 @@ def unsymmetric_moment(inertia: Mapping[str, Any], rates: Sequence[Any], acceler
     ]
 
 
-class Airframe(Protocol):
-    """The numbers of an aircraft, as `Aircraft` documents them, in SI and body axes from the centre of gravity."""
+@dataclass(frozen=True, kw_only=True)
+class Airframe:
+    """The numbers of an aircraft as `Aircraft`, which checks them, documents them: what effects know of it."""
+
+    name: str
+    mass: float
+    inertia: Inertia
+    gravity: float = 9.80665
+    area: float = math.nan
+    moment_length_lateral: float = math.nan
+    moment_length_pitch: float = math.nan
+    rate_length_lateral: float = math.nan
+    rate_length_pitch: float = math.nan
+    thrust_line_z: float = 0.0
+    engine_y: tuple[float, ...] = ()
+    accelerometer: tuple[float, ...] = _ORIGIN
+    alpha_vane: tuple[float, ...] = _ORIGIN
+    beta_vane: tuple[float, ...] = _ORIGIN
+    noise: Mapping[str, float] = field(default_factory=dict)
+    trim: Mapping[str, float] = field(default_factory=dict)
+    force_axes: str = "wind"
+    relative_uncertainty: float = 0.0
+    derivatives: Mapping[str, float] = field(default_factory=dict)
+    terms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    tables: tuple[Table, ...] = ()
+    std: Mapping[str, float] = field(default_factory=dict)
+    aerodynamics: Aerodynamics | None = None
+    rotors: Rotors | None = None
 
     @property
-    def mass(self) -> float: ...
+    def winged(self) -> bool:
+        """Return True if the aircraft has aerodynamics."""
+        return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
+
     @property
-    def inertia(self) -> Inertia: ...
-    @property
-    def gravity(self) -> float: ...
-    @property
-    def area(self) -> float: ...
-    @property
-    def moment_length_lateral(self) -> float: ...
-    @property
-    def moment_length_pitch(self) -> float: ...
-    @property
-    def rate_length_lateral(self) -> float: ...
-    @property
-    def rate_length_pitch(self) -> float: ...
-    @property
-    def thrust_line_z(self) -> float: ...
-    @property
-    def accelerometer(self) -> tuple[float, ...]: ...
-    @property
-    def alpha_vane(self) -> tuple[float, ...]: ...
-    @property
-    def beta_vane(self) -> tuple[float, ...]: ...
-    @property
-    def noise(self) -> Mapping[str, float]: ...
-    @property
-    def trim(self) -> Mapping[str, float]: ...
-    @property
-    def force_axes(self) -> str: ...
-    @property
-    def derivatives(self) -> Mapping[str, float]: ...
-    @property
-    def terms(self) -> Mapping[str, Mapping[str, float]]: ...
-    @property
-    def tables(self) -> tuple[Table, ...]: ...
-    @property
-    def aerodynamics(self) -> Aerodynamics | None: ...
-    @property
-    def rotors(self) -> Rotors | None: ...
-    @property
-    def winged(self) -> bool: ...
+    def coefficients(self) -> tuple[str, ...]:
+        """The six coefficients of the force axes."""
+        return AXES_COEFFICIENTS[self.force_axes]

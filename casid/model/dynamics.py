@@ -30,7 +30,6 @@ from casid.model.path import (
     STATES,
     SignalPath,
     aerodynamic_parameters,
-    coefficient_names,
     disturbance_names,
     fly,
     input_names,
@@ -481,7 +480,7 @@ def moved_coefficients(aircraft: Aircraft, axes: str) -> tuple[str, ...]:
     """The aerodynamic coefficients that act on the states which `axes` move."""
     if not aircraft.winged:
         return ()
-    return tuple(c for c in coefficient_names(aircraft.force_axes) if c[1] in _FRAME_COEFFICIENTS[axes])
+    return tuple(c for c in aircraft.coefficients if c[1] in _FRAME_COEFFICIENTS[axes])
 
 
 def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:

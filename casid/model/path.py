@@ -19,7 +19,7 @@ import numpy as np
 
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
-from casid.model.airframe import AXES_COEFFICIENTS, INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
+from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
 from casid.model.measured_force import external_force
 from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
@@ -36,11 +36,6 @@ _SLOWEST = 1e-3  # m/s: the least airspeed of a wing beside rotors, so that hove
 MOMENTS = ("Cl", "Cm", "Cn")
 
 
-def coefficient_names(force_axes: str) -> tuple[str, ...]:
-    """The six coefficients of an aircraft file: wind-axes lift and drag, or body-axes forces."""
-    return AXES_COEFFICIENTS[force_axes]
-
-
 def input_names(aircraft: Airframe) -> tuple[str, ...]:
     """Inputs of a model: surfaces, thrust and density of a wing, and what drives the rotors."""
     return (*(INPUTS if aircraft.winged else ()), *(aircraft.rotors.inputs if aircraft.rotors else ()))
@@ -55,7 +50,7 @@ def disturbance_names(aircraft: Airframe) -> tuple[str, ...]:
     of_rotors += tuple(map(station.equation, EQUATIONS)) if names else ()
     if not aircraft.winged:
         return (*of_rotors, *map(station.wind, "xyz"))
-    increments = tuple(station.coefficient(name) for name in coefficient_names(aircraft.force_axes))
+    increments = tuple(station.coefficient(name) for name in aircraft.coefficients)
     controls = (station.control(name) for name in (*SURFACES, "thrust"))
     return (*increments, *controls, *of_rotors, *station.MOVING_AIR)
 
@@ -271,8 +266,7 @@ def speed_of_sound(rho: Any) -> Any:
 def coefficient_station(path: SignalPath) -> None:
     """The six coefficients: derivatives and terms of the aircraft file on the regressors (paper eq. 8), its tables, and
     the user's own aerodynamics. What these make of the rates of the flow angles is in the symbols `path.rates`."""
-    axes = path.aircraft.force_axes
-    path.coefficient = {name: path.disturbance[station.coefficient(name)] for name in coefficient_names(axes)}
+    path.coefficient = {name: path.disturbance[station.coefficient(name)] for name in path.aircraft.coefficients}
     path.rates = ca.SX.sym("rate", len(RATES))
     for coefficient, value in given_coefficients(path.aircraft, quantities(path), path.parameter):
         path.coefficient[coefficient] += value
@@ -287,8 +281,7 @@ def given_coefficients(
     """(coefficient, value) of every table, and of the user's own aerodynamics; `parameters` hold the free knots."""
     rows = [(one.coefficient, one.at(quantities, parameters)) for one in aircraft.tables]
     if aircraft.aerodynamics is not None:
-        valid = coefficient_names(aircraft.force_axes)
-        rows += own_coefficients(aircraft.aerodynamics, quantities, valid).items()
+        rows += own_coefficients(aircraft.aerodynamics, quantities, aircraft.coefficients).items()
     return rows
 
 

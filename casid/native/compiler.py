@@ -295,7 +295,11 @@ class PointBatch:
         self._inputs: list[np.ndarray] = []
         self._outputs: list[np.ndarray] = []
 
-    def _prepare(self, function: ca.Function) -> None:
+    def _prepare(self) -> None:
+        """Go over to the form of the function that is to be used now."""
+        function = self._kernel.current()
+        if function is self._used:
+            return
         self._used = function
         if self._derived is None or self._derived[0] is not function:
             with BUILDING:
@@ -321,9 +325,7 @@ class PointBatch:
         self._kernel.spent += time.perf_counter() - begin
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        function = self._kernel.current()
-        if function is not self._used:
-            self._prepare(function)
+        self._prepare()
         if self._derived is not None and not self._outputs:
             self._bind_own(self._derived[1])
         for held, given in zip(self._inputs, arguments, strict=True):
@@ -333,9 +335,7 @@ class PointBatch:
 
     def write(self, arguments: Sequence[np.ndarray], results: Sequence[np.ndarray]) -> None:
         """Write to the arrays `results` what a call returns; both contiguous. Not for a batch that is called too."""
-        function = self._kernel.current()
-        if function is not self._used:
-            self._prepare(function)
+        self._prepare()
         given = [np.ascontiguousarray(one, dtype=float) for one in arguments]  # copies live until the run has ended
         self._bind(given, results)
         self._run()

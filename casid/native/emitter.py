@@ -7,19 +7,23 @@ sin and its like come from the vector library of glibc where there is one; every
 from __future__ import annotations
 
 import casadi as ca
+import numpy as np
+from scipy.special import erf
 
-_ARITHMETIC = {
-    ca.OP_ASSIGN: "{a}",
-    ca.OP_ADD: "{a} + {b}",
-    ca.OP_SUB: "{a} - {b}",
-    ca.OP_MUL: "{a} * {b}",
-    ca.OP_DIV: "{a} / {b}",
-    ca.OP_NEG: "-{a}",
-    ca.OP_SQ: "{a} * {a}",
-    ca.OP_TWICE: "{a} + {a}",
-    ca.OP_INV: "1.0 / {a}",
+# operation of CasADi -> its C of operands a and b, and what `tape` does with arrays of them
+ARITHMETIC = {
+    ca.OP_ASSIGN: ("{a}", lambda a: a),
+    ca.OP_ADD: ("{a} + {b}", np.add),
+    ca.OP_SUB: ("{a} - {b}", np.subtract),
+    ca.OP_MUL: ("{a} * {b}", np.multiply),
+    ca.OP_DIV: ("{a} / {b}", np.divide),
+    ca.OP_NEG: ("-{a}", np.negative),
+    ca.OP_SQ: ("{a} * {a}", np.square),
+    ca.OP_TWICE: ("{a} + {a}", lambda a: a + a),
+    ca.OP_INV: ("1.0 / {a}", lambda a: np.divide(1.0, a)),
 }
-_LIBRARY = {
+# operation -> the function of math.h and of numpy that has this name
+LIBRARY = {
     ca.OP_SIN: "sin",
     ca.OP_COS: "cos",
     ca.OP_EXP: "exp",
@@ -32,32 +36,32 @@ _LIBRARY = {
     ca.OP_SINH: "sinh",
     ca.OP_COSH: "cosh",
 }
-_LIBRARY_OF_TWO = {ca.OP_ATAN2: "atan2", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
-_BY_LANE = {
-    ca.OP_SQRT: "sqrt(a)",
-    ca.OP_FABS: "fabs(a)",
-    ca.OP_FLOOR: "floor(a)",
-    ca.OP_CEIL: "ceil(a)",
-    ca.OP_FMOD: "fmod(a, b)",
-    ca.OP_FMIN: "fmin(a, b)",
-    ca.OP_FMAX: "fmax(a, b)",
-    ca.OP_COPYSIGN: "copysign(a, b)",
-    ca.OP_SIGN: "(a > 0) - (a < 0)",
-    ca.OP_ERF: "erf(a)",
-    ca.OP_ASINH: "asinh(a)",
-    ca.OP_ACOSH: "acosh(a)",
-    ca.OP_ATANH: "atanh(a)",
-    ca.OP_HYPOT: "hypot(a, b)",
-    ca.OP_LOG1P: "log1p(a)",
-    ca.OP_EXPM1: "expm1(a)",
-    ca.OP_LT: "a < b",
-    ca.OP_LE: "a <= b",
-    ca.OP_EQ: "a == b",
-    ca.OP_NE: "a != b",
-    ca.OP_NOT: "!a",
-    ca.OP_AND: "a && b",
-    ca.OP_OR: "a || b",
-    ca.OP_IF_ELSE_ZERO: "a ? b : 0.0",
+LIBRARY_OF_TWO = {ca.OP_ATAN2: "atan2", ca.OP_POW: "pow", ca.OP_CONSTPOW: "pow"}
+BY_LANE = {
+    ca.OP_SQRT: ("sqrt(a)", np.sqrt),
+    ca.OP_FABS: ("fabs(a)", np.abs),
+    ca.OP_FLOOR: ("floor(a)", np.floor),
+    ca.OP_CEIL: ("ceil(a)", np.ceil),
+    ca.OP_FMOD: ("fmod(a, b)", np.fmod),
+    ca.OP_FMIN: ("fmin(a, b)", np.fmin),
+    ca.OP_FMAX: ("fmax(a, b)", np.fmax),
+    ca.OP_COPYSIGN: ("copysign(a, b)", np.copysign),
+    ca.OP_SIGN: ("(a > 0) - (a < 0)", np.sign),
+    ca.OP_ERF: ("erf(a)", erf),
+    ca.OP_ASINH: ("asinh(a)", np.arcsinh),
+    ca.OP_ACOSH: ("acosh(a)", np.arccosh),
+    ca.OP_ATANH: ("atanh(a)", np.arctanh),
+    ca.OP_HYPOT: ("hypot(a, b)", np.hypot),
+    ca.OP_LOG1P: ("log1p(a)", np.log1p),
+    ca.OP_EXPM1: ("expm1(a)", np.expm1),
+    ca.OP_LT: ("a < b", lambda a, b: 1.0 * (a < b)),
+    ca.OP_LE: ("a <= b", lambda a, b: 1.0 * (a <= b)),
+    ca.OP_EQ: ("a == b", lambda a, b: 1.0 * (a == b)),
+    ca.OP_NE: ("a != b", lambda a, b: 1.0 * (a != b)),
+    ca.OP_NOT: ("!a", lambda a: 1.0 * (a == 0.0)),
+    ca.OP_AND: ("a && b", lambda a, b: 1.0 * ((a != 0.0) & (b != 0.0))),
+    ca.OP_OR: ("a || b", lambda a, b: 1.0 * ((a != 0.0) | (b != 0.0))),
+    ca.OP_IF_ELSE_ZERO: ("a ? b : 0.0", lambda a, b: np.where(a != 0.0, b, 0.0)),
 }
 _SINCE_GLIBC_2_22 = ("sin", "cos", "exp", "log")
 
@@ -105,10 +109,10 @@ class UnknownOperationError(Exception):
 def prelude() -> str:
     """The vector type V of W lanes, and the functions that emitted code calls."""
     first = [f"VECTOR1({name})" for name in _SINCE_GLIBC_2_22]
-    later = [f"LATER1({name})" for name in _LIBRARY.values() if name not in _SINCE_GLIBC_2_22]
-    two = [f"LATER2({name})" for name in sorted(set(_LIBRARY_OF_TWO.values()))]
+    later = [f"LATER1({name})" for name in LIBRARY.values() if name not in _SINCE_GLIBC_2_22]
+    two = [f"LATER2({name})" for name in sorted(set(LIBRARY_OF_TWO.values()))]
     lanes = []
-    for op, expression in _BY_LANE.items():
+    for op, (expression, _) in BY_LANE.items():
         body = f"for (int i = 0; i < W; i++) {{ double a = x[i], b = y[i]; (void)b; r[i] = {expression}; }}"
         lanes.append(f"static inline V lane_{op}(V x, V y) {{ V r; {body} return r; }}")
     return "\n".join([PRELUDE, *first, *later, *two, *lanes])
@@ -137,13 +141,13 @@ def _statement(function: ca.Function, k: int) -> str:
         return f"w{to[0]} = (V){{0}} + {_number(function.instruction_constant(k))};"
     a = f"w{of[0]}"
     b = f"w{of[-1]}"
-    if op in _ARITHMETIC:
-        return f"w{to[0]} = {_ARITHMETIC[op].format(a=a, b=b)};"
-    if op in _LIBRARY:
-        return f"w{to[0]} = v_{_LIBRARY[op]}({a});"
-    if op in _LIBRARY_OF_TWO:
-        return f"w{to[0]} = v_{_LIBRARY_OF_TWO[op]}({a}, {b});"
-    if op in _BY_LANE:
+    if op in ARITHMETIC:
+        return f"w{to[0]} = {ARITHMETIC[op][0].format(a=a, b=b)};"
+    if op in LIBRARY:
+        return f"w{to[0]} = v_{LIBRARY[op]}({a});"
+    if op in LIBRARY_OF_TWO:
+        return f"w{to[0]} = v_{LIBRARY_OF_TWO[op]}({a}, {b});"
+    if op in BY_LANE:
         return f"w{to[0]} = lane_{op}({a}, {b});"
     if op == ca.OP_CALL:
         raise UnknownOperationError("it calls a function of CasADi or of Python")

@@ -7,7 +7,7 @@ sensitivity of the state.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import casadi as ca
@@ -32,6 +32,12 @@ class Sizes:
     def stride(self) -> int:
         """Vectors of data per sample."""
         return 2 * self.m + 2 + self.o
+
+    @property
+    def constants(self) -> dict[str, int]:
+        """Their names in the C sources."""
+        sizes = {"N": self.n, "M": self.m, "Q": self.q, "O": self.o, "F": self.f, "NF": self.n + self.f}
+        return sizes | {"STRIDE": self.stride}
 
 
 def _stages(linear: ca.Function) -> range:
@@ -58,21 +64,17 @@ def kernel_source(plain: ca.Function, linear: ca.Function, noises: int) -> str:
     numbers = _stages(linear)
     stages = {f"{name}{stage}": rest[3 * (stage - 1) + i] for stage in numbers for i, name in enumerate("FQE")}
     factors = [f"{name}{stage}" for name in "FE" for stage in numbers]
-    constants = {"N": s.n, "M": s.m, "Q": s.q, "O": s.o, "F": s.f, "NF": s.n + s.f, "NV": s.v, "STRIDE": s.stride}
     arrays = {"C": C, "D": D, **stages}
     rows = sorted({i for name, pattern in stages.items() if name[0] == "Q" for i, _, _ in _entries(pattern)})
-    constants["DRIVEN"] = max(len(rows), 1)
-    constants["STAGE_COUNT"] = len(numbers)
-    names = ", ".join(arrays)
+    constants = s.constants | {"NV": s.v, "DRIVEN": max(len(rows), 1), "STAGE_COUNT": len(numbers)}
     return "\n".join(
         [
             prelude(),
             *(f"#define {name} {value}" for name, value in constants.items()),
             emit(plain, "advance"),
             emit(linear, "derive"),
-            "#define STAGE_ARRAYS V "
-            + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
-            f"#define STAGES {names}",
+            _arrays("STAGE_ARRAYS", arrays),
+            f"#define STAGES {', '.join(arrays)}",
             f"#define FACTORS {', '.join(factors)}",
             f"#define FACTOR_ARGUMENTS {', '.join(f'const V *{name}' for name in factors)}",
             f"#define DRIVES {', '.join(f'Q{stage}' for stage in numbers)}",
@@ -95,9 +97,7 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
     s = collocation_sizes(functions)
     F, Q = (functions["slopes"].sparsity_out(i) for i in (1, 2))
     C, D = (functions["outputs_of"].sparsity_out(i) for i in (1, 2))
-    constants = {"N": s.n, "M": s.m, "Q": s.q, "O": s.o, "F": s.f, "NF": s.n + s.f, "STRIDE": s.stride}
-    constants["DEGREE"] = len(tau)
-    arrays = {"Cs": C, "Ds": D, "Fs": F, "Qs": Q}
+    constants = s.constants | {"DEGREE": len(tau)}
     rows = ", ".join("{" + ", ".join(repr(float(v)) for v in row) + "}" for row in c)
     return "\n".join(
         [
@@ -106,8 +106,7 @@ def collocation_source(functions: Mapping[str, ca.Function], tau: np.ndarray, c:
             f"static const double TAU[DEGREE] = {{{', '.join(repr(float(v)) for v in tau)}}};",
             f"static const double COEF[DEGREE + 1][DEGREE] = {{{rows}}};",
             *(emit(function, name) for name, function in functions.items()),
-            "#define COLLOCATION_ARRAYS V "
-            + ", ".join(f"{name}[{max(pattern.nnz(), 1)}]" for name, pattern in arrays.items()),
+            _arrays("COLLOCATION_ARRAYS", {"Cs": C, "Ds": D, "Fs": F, "Qs": Q}),
             _along_outputs_and_offset(C, D, s),
             c_source("lanes"),
             _pull(C, s),
@@ -126,39 +125,36 @@ def collocation_sizes(functions: Mapping[str, ca.Function]) -> Sizes:
     return Sizes(n=n, m=m, q=q, o=outputs.size1_out(0), f=slopes.size2_out(2), v=0)
 
 
-def _along_outputs_and_offset(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
-    """q = C S + [0 D], and C o in its last column."""
-    head = "const V *C, const V *D, V (*restrict S)[NF], const V *o"
-    lines = [f"static inline void along_outputs(V (*restrict q)[NF + 2], {head})", "{"]
-    lines.append("for (int c = 0; c < NF; c++) {")
-    for row in range(s.o):
-        lines.append(f"q[{row}][c] = {_sum([f'C[{k}] * S[{j}][c]' for i, j, k in _entries(c) if i == row])};")
-    lines.append("}")
-    for row in range(s.o):
-        lines.append(f"q[{row}][NF + 1] = {_sum([f'C[{k}] * o[{j}]' for i, j, k in _entries(c) if i == row])};")
-    lines += [f"q[{i}][N + {j}] += D[{k}];" for i, j, k in _entries(d)]
-    return "\n".join([*lines, "}"])
+def _arrays(name: str, patterns: Mapping[str, ca.Sparsity]) -> str:
+    """Declare an array for the nonzeros of each pattern, under one name."""
+    declared = (f"{array}[{max(pattern.nnz(), 1)}]" for array, pattern in patterns.items())
+    return f"#define {name} V {', '.join(declared)}"
+
+
+def _function(head: str, lines: Iterable[str]) -> str:
+    return "\n".join([f"static inline void {head}", "{", *lines, "}"])
 
 
 def _pull(c: ca.Sparsity, s: Sizes) -> str:
     """C' L' of the whitened residual, which is in q: what the cost changes with the state."""
-    lines = ["static inline void pull(V *to, V (*q)[NF + 2], const V *L, long dense, const V *C)", "{", "V w[O];"]
-    lines.append("for (int i = 0; i < O; i++) w[i] = L[i * (i + 1) / 2 + i] * q[i][NF];")
-    lines.append("for (int i = 0; dense && i < O; i++)")
-    lines.append("for (int j = 0; j < i; j++) w[j] += L[i * (i + 1) / 2 + j] * q[i][NF];")
+    lines = [
+        "V w[O];",
+        "for (int i = 0; i < O; i++) w[i] = L[i * (i + 1) / 2 + i] * q[i][NF];",
+        "for (int i = 0; dense && i < O; i++)",
+        "for (int j = 0; j < i; j++) w[j] += L[i * (i + 1) / 2 + j] * q[i][NF];",
+    ]
     for column in range(s.n):
         parts = [f"where(C[{k}], L[{i * (i + 3) // 2}]) * w[{i}]" for i, j, k in _entries(c) if j == column]
         lines.append(f"to[{column}] = {_sum(parts)};")
-    return "\n".join([*lines, "}"])
+    return _function("pull(V *to, V (*q)[NF + 2], const V *L, long dense, const V *C)", lines)
 
 
 def _subtract_slopes(f: ca.Sparsity, q: ca.Sparsity, s: Sizes) -> str:
     """A and b of a point of collocation less dt times its slopes; `first` is the column of A where the point begins."""
     head = "V (*A)[DEGREE * N], V (*b)[1 + NF], int first, V dt, const V *Fs, const V *Qs"
-    lines = [f"static inline void subtract_slopes({head})", "{"]
-    lines += [f"A[{i}][first + {j}] -= dt * Fs[{k}];" for i, j, k in _entries(f)]
+    lines = [f"A[{i}][first + {j}] -= dt * Fs[{k}];" for i, j, k in _entries(f)]
     lines += [f"b[{i}][{1 + s.n + j}] = -dt * Qs[{k}];" for i, j, k in _entries(q)]
-    return "\n".join([*lines, "}"])
+    return _function(f"subtract_slopes({head})", lines)
 
 
 def _entries(pattern: ca.Sparsity) -> list[tuple[int, int, int]]:
@@ -172,20 +168,33 @@ def _sum(terms: list[str]) -> str:
 
 
 def _along_outputs(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
-    """q = C S + [0 D]"""
-    lines = ["static inline void outputs(V (*restrict q)[NF], const V *C, const V *D, V (*restrict S)[N])", "{"]
-    lines.append("for (int c = 0; c < NF; c++) { const V *s = S[c];")
+    """q = C S + [0 D], of the columns of S."""
+    lines = ["for (int c = 0; c < NF; c++) { const V *s = S[c];", *_times_c(c, s, "c", "s[{}]"), "}", *_plus_d(d)]
+    return _function("outputs(V (*restrict q)[NF], const V *C, const V *D, V (*restrict S)[N])", lines)
+
+
+def _along_outputs_and_offset(c: ca.Sparsity, d: ca.Sparsity, s: Sizes) -> str:
+    """q = C S + [0 D], of the rows of S, and C o in its last column."""
+    lines = ["for (int c = 0; c < NF; c++) {", *_times_c(c, s, "c", "S[{}][c]"), "}"]
+    lines += [*_times_c(c, s, "NF + 1", "o[{}]"), *_plus_d(d)]
+    head = "const V *C, const V *D, V (*restrict S)[NF], const V *o"
+    return _function(f"along_outputs(V (*restrict q)[NF + 2], {head})", lines)
+
+
+def _times_c(c: ca.Sparsity, s: Sizes, to: str, element: str) -> Iterator[str]:
+    """Set a column of q to C times a vector, which has the `element` of each number."""
     for row in range(s.o):
-        lines.append(f"q[{row}][c] = {_sum([f'C[{k}] * s[{j}]' for i, j, k in _entries(c) if i == row])};")
-    lines.append("}")
-    lines += [f"q[{i}][N + {j}] += D[{k}];" for i, j, k in _entries(d)]
-    return "\n".join([*lines, "}"])
+        terms = [f"C[{k}] * {element.format(j)}" for i, j, k in _entries(c) if i == row]
+        yield f"q[{row}][{to}] = {_sum(terms)};"
+
+
+def _plus_d(d: ca.Sparsity) -> list[str]:
+    return [f"q[{i}][N + {j}] += D[{k}];" for i, j, k in _entries(d)]
 
 
 def _column(name: str, stages: dict[str, ca.Sparsity], s: Sizes, rows: list[int]) -> str:
     """One column of sensitivities over the step, with what drives the `rows` of it in each stage."""
-    lines = [f"static inline void {name}(V *restrict s, V (*restrict d)[DRIVEN], V dt, FACTOR_ARGUMENTS)", "{"]
-    lines.append("const V half = 0.5 * dt, sixth = dt / 6.0;")
+    lines = ["const V half = 0.5 * dt, sixth = dt / 6.0;"]
     lines += [f"const V s{j} = s[{j}];" for j in range(s.n)]
     numbers = [stage for stage in (1, 2, 3, 4) if f"F{stage}" in stages]
     for stage in numbers:
@@ -201,14 +210,15 @@ def _column(name: str, stages: dict[str, ca.Sparsity], s: Sizes, rows: list[int]
     for j in range(s.n):
         advanced = f"s{j} + sixth * (k1_{j} + 2.0 * (k2_{j} + k3_{j}) + k4_{j})"
         lines.append(f"s[{j}] = {advanced if len(numbers) > 1 else f'k1_{j}'};")
-    return "\n".join([*lines, "}"])
+    return _function(f"{name}(V *restrict s, V (*restrict d)[DRIVEN], V dt, FACTOR_ARGUMENTS)", lines)
 
 
 def _drives(stages: dict[str, ca.Sparsity], rows: list[int], numbers: Iterable[int]) -> str:
     """The columns of all Q, in the rows that any of them drives."""
     arrays = ", ".join(f"const V *Q{stage}" for stage in numbers)
-    lines = [f"static inline void drives(V (*restrict d)[STAGE_COUNT][DRIVEN], {arrays})", "{"]
-    for stage in numbers:
-        for i, j, k in _entries(stages[f"Q{stage}"]):
-            lines.append(f"d[{j}][{stage - 1}][{rows.index(i)}] = Q{stage}[{k}];")
-    return "\n".join([*lines, "}"])
+    lines = [
+        f"d[{j}][{stage - 1}][{rows.index(i)}] = Q{stage}[{k}];"
+        for stage in numbers
+        for i, j, k in _entries(stages[f"Q{stage}"])
+    ]
+    return _function(f"drives(V (*restrict d)[STAGE_COUNT][DRIVEN], {arrays})", lines)

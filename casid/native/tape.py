@@ -11,61 +11,15 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from scipy.special import erf
 
-from casid.native.emitter import UnknownOperationError
+from casid.native.emitter import ARITHMETIC, BY_LANE, LIBRARY, LIBRARY_OF_TWO, UnknownOperationError
 
 # name of a CasADi function -> its results (N, nonzeros of all) of arguments (N, nonzeros of all)
 BATCHED: dict[str, Callable[[np.ndarray], np.ndarray]] = {}
 
 _OPERATIONS: dict[int, Callable[..., Any]] = {
-    ca.OP_ASSIGN: lambda a: a,
-    ca.OP_ADD: np.add,
-    ca.OP_SUB: np.subtract,
-    ca.OP_MUL: np.multiply,
-    ca.OP_DIV: np.divide,
-    ca.OP_NEG: np.negative,
-    ca.OP_SQ: np.square,
-    ca.OP_TWICE: lambda a: a + a,
-    ca.OP_INV: lambda a: np.divide(1.0, a),
-    ca.OP_SIN: np.sin,
-    ca.OP_COS: np.cos,
-    ca.OP_TAN: np.tan,
-    ca.OP_ASIN: np.arcsin,
-    ca.OP_ACOS: np.arccos,
-    ca.OP_ATAN: np.arctan,
-    ca.OP_SINH: np.sinh,
-    ca.OP_COSH: np.cosh,
-    ca.OP_TANH: np.tanh,
-    ca.OP_ASINH: np.arcsinh,
-    ca.OP_ACOSH: np.arccosh,
-    ca.OP_ATANH: np.arctanh,
-    ca.OP_EXP: np.exp,
-    ca.OP_LOG: np.log,
-    ca.OP_LOG1P: np.log1p,
-    ca.OP_EXPM1: np.expm1,
-    ca.OP_SQRT: np.sqrt,
-    ca.OP_ERF: erf,
-    ca.OP_FABS: np.abs,
-    ca.OP_FLOOR: np.floor,
-    ca.OP_CEIL: np.ceil,
-    ca.OP_SIGN: np.sign,
-    ca.OP_ATAN2: np.arctan2,
-    ca.OP_POW: np.power,
-    ca.OP_CONSTPOW: np.power,
-    ca.OP_FMOD: np.fmod,
-    ca.OP_FMIN: np.fmin,
-    ca.OP_FMAX: np.fmax,
-    ca.OP_COPYSIGN: np.copysign,
-    ca.OP_HYPOT: np.hypot,
-    ca.OP_LT: lambda a, b: 1.0 * (a < b),
-    ca.OP_LE: lambda a, b: 1.0 * (a <= b),
-    ca.OP_EQ: lambda a, b: 1.0 * (a == b),
-    ca.OP_NE: lambda a, b: 1.0 * (a != b),
-    ca.OP_NOT: lambda a: 1.0 * (a == 0.0),
-    ca.OP_AND: lambda a, b: 1.0 * ((a != 0.0) & (b != 0.0)),
-    ca.OP_OR: lambda a, b: 1.0 * ((a != 0.0) | (b != 0.0)),
-    ca.OP_IF_ELSE_ZERO: lambda a, b: np.where(a != 0.0, b, 0.0),
+    **{op: on_arrays for op, (_, on_arrays) in (ARITHMETIC | BY_LANE).items()},
+    **{op: getattr(np, name) for op, name in (LIBRARY | LIBRARY_OF_TWO).items()},
 }
 
 

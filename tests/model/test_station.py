@@ -8,7 +8,8 @@ import pytest
 
 from casid.errors import InputError
 from casid.model.aircraft import Aircraft
-from casid.model.path import OUTPUTS, coefficient_names, disturbance_names
+from casid.model.airframe import AXES_COEFFICIENTS
+from casid.model.path import OUTPUTS, disturbance_names
 from casid.model.station import MOVING_AIR, Station, reading
 
 DEMO = Aircraft.read("casid/cli/demo/aircraft.toml")
@@ -16,11 +17,11 @@ DEMO = Aircraft.read("casid/cli/demo/aircraft.toml")
 
 @pytest.mark.parametrize("axes", ["wind", "body"])
 def test_a_key_is_taken_apart_and_put_together_again(axes: str) -> None:
-    aircraft = replace(DEMO, force_axes=axes, derivatives={f"{coefficient_names(axes)[0]}_0": 0.0}, terms={}, std={})
+    aircraft = replace(DEMO, force_axes=axes, derivatives={f"{AXES_COEFFICIENTS[axes][0]}_0": 0.0}, terms={}, std={})
     keys = [*disturbance_names(aircraft), *map(reading, OUTPUTS)]
     assert [Station.at(key).key for key in keys] == keys
     kinds = {kind: [s.name for s in map(Station.at, keys) if s.kind == kind] for kind in ("coefficient", "control")}
-    assert kinds["coefficient"] == list(coefficient_names(axes))
+    assert kinds["coefficient"] == list(AXES_COEFFICIENTS[axes])
     assert kinds["control"] == ["delta_e", "delta_a", "delta_r", "thrust"]
     assert [s.name for s in map(Station.at, MOVING_AIR)] == ["x", "y", "z", "p", "q", "r"]
 

@@ -23,8 +23,7 @@ from casid.diagnosis.flight.subject import Subject
 from casid.diagnosis.numerics import Extent
 from casid.filtering.innovations import NoiseModel
 from casid.model import station
-from casid.model.airframe import Inertia
-from casid.model.path import coefficient_names
+from casid.model.airframe import AXES_COEFFICIENTS, Inertia
 
 _RATES: Mapping[str, str] = MappingProxyType({"Cl": "p", "Cm": "q", "Cn": "r"})
 _FORCES: Mapping[str, str] = MappingProxyType({"CX": "ax", "CY": "ay", "CZ": "az"})
@@ -50,7 +49,7 @@ def without_aerodynamics(flight: Subject) -> Subject:
 
 def _constants(flight: Subject) -> dict[str, float]:
     """Constant accelerations in body axes."""
-    found = dict.fromkeys((f"{c}_0" for c in coefficient_names("accelerations")), 0.0)
+    found = dict.fromkeys((f"{c}_0" for c in AXES_COEFFICIENTS["accelerations"]), 0.0)
     for coefficient, channel in _FORCES.items():
         if channel in flight.outputs:
             found[f"{coefficient}_0"] = float(np.nanmean(np.concatenate([one[channel] for one in flight.records])))

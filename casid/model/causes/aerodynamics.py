@@ -12,7 +12,7 @@ from casid.model import operators, station
 from casid.model.airframe import Airframe
 from casid.model.causes.controls import never_sought
 from casid.model.effect import Effect, Event, Further, Series, Size, Symbols, Traits, Values, cause
-from casid.model.path import SignalPath, aerodynamic_parameters, coefficient_names, evaluate
+from casid.model.path import SignalPath, aerodynamic_parameters, evaluate
 from casid.model.terms import COEFFICIENTS, OUT_OF_PLANE, derivative_name, derivative_term, parse_term
 from casid.signals import SURFACES
 
@@ -37,10 +37,9 @@ def _missing_terms(aircraft: Airframe) -> Iterable[Effect]:
         products = combinations_with_replacement(_VARIABLES, degree)
         terms += [parse_term("*".join(v)).name for v in products if len(set(v)) <= _TOGETHER]
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
-    coefficients = coefficient_names(aircraft.force_axes)
     return (
         aero_term(c, term)
-        for c in coefficients
+        for c in aircraft.coefficients
         for term in (*terms, *_IN_THE_SLIPSTREAM.get(c, ()))
         if (c, term) not in present and not (_across_symmetry(c, term) and (_has_a_rate(term) or term in _BENT))
     )
@@ -100,9 +99,8 @@ def missing_derivative(name: str) -> Effect:
 
 def _missing_rates(aircraft: Airframe) -> Iterable[Effect]:
     present = {(c, term) for c, _, term in aerodynamic_parameters(aircraft)}
-    coefficients = coefficient_names(aircraft.force_axes)
-    yield from (e for c in coefficients if (c, (e := unsteady_aero(c)).regressor) not in present)
-    yield from (lagged_aero(c) for c in coefficients)
+    yield from (e for c in aircraft.coefficients if (c, (e := unsteady_aero(c)).regressor) not in present)
+    yield from (lagged_aero(c) for c in aircraft.coefficients)
 
 
 def _flow_angle(coefficient: str) -> str:

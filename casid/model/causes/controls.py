@@ -18,8 +18,9 @@ from casid.signals import SURFACES
 _TO_THE_END = 1e3  # s
 _LARGEST_GAIN = 5.0  # rad per rad/s or per rad
 _PLAY = np.radians([0.05, 0.1, 0.2, 0.4, 0.8, 1.5, 3.0])
-# what a dead zone lies about: the zero of the record, or its median
+_PLAY_SIZE = Size(meaningful=math.radians(0.1), limit=math.radians(8.0))
 _DAMPED = 0.7  # damping ratio of an actuator
+# what a dead zone lies about: the zero of the record, or its median
 _ZERO = 0.0
 _TRIM = 1.0
 
@@ -29,33 +30,30 @@ def never_sought(aircraft: Airframe) -> Iterable[Effect]:
     return ()
 
 
-def _surface_operator(
-    surface: str,
-    sizes: Iterable[float],
-    operate: Callable,
-    meaningful: float,
-    limit: float,
-    *,
-    unsigned: tuple[str, ...] = ("value",),
-    noise: Callable[[float, float, Values], tuple[float, float]] | None = None,
-    transfer: Callable[[np.ndarray, float], np.ndarray] | None = None,
+def of_value(operate: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of the value of an effect, its last argument, as one of all values of the effect."""
+
+    def of_values(*arguments: Any) -> Any:
+        *others, values = arguments
+        return operate(*others, values["value"])
+
+    return of_values
+
+
+def _following(
+    surface: str, act: Callable[[np.ndarray, np.ndarray, Values], np.ndarray], further: Further, **more: Any
 ) -> Effect:
+    """A surface that does what `act` makes of time, its record and the values of the effect."""
+
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         recorded = known[surface]
-        return {station.control(surface): operate(t, recorded, values["value"]) - recorded}
+        return {station.control(surface): act(t, recorded, values) - recorded}
 
-    def response(s: np.ndarray, values: Values) -> np.ndarray:
-        assert transfer is not None
-        return transfer(s, values["value"])
+    return Effect(target=surface, linear=False, further=further, series=series, **more)
 
-    return Effect(
-        target=surface,
-        linear=False,
-        further=Further(grid=tuple({"value": v} for v in sizes), unsigned=unsigned),
-        series=series,
-        size=Size(meaningful=meaningful, limit=limit),
-        forms=Forms(noise=noise, transfer=response if transfer else None),
-    )
+
+def _sizes(sizes: Iterable[float], unsigned: tuple[str, ...] = ("value",)) -> Further:
+    return Further(grid=tuple({"value": v} for v in sizes), unsigned=unsigned)
 
 
 @cause(
@@ -72,9 +70,13 @@ def actuator_lag(surface: str) -> Effect:
         T = max(abs(values["value"]), dt)
         return sigma * float(np.sqrt(np.tanh(dt / (2.0 * T)))), T
 
-    sizes = (0.03, 0.06, 0.12, 0.25, 0.5)
-    late = operators.lag_transfer
-    return _surface_operator(surface, sizes, operators.lag, 0.01, 1.0, noise=noise, transfer=late)
+    return _following(
+        surface,
+        of_value(operators.lag),
+        _sizes((0.03, 0.06, 0.12, 0.25, 0.5)),
+        size=Size(meaningful=0.01, limit=1.0),
+        forms=Forms(noise=noise, transfer=of_value(operators.lag_transfer)),
+    )
 
 
 @cause(
@@ -87,9 +89,13 @@ def actuator_lag(surface: str) -> Effect:
     sentence="The {label} follows its command {size} [late|early].",
 )
 def input_delay(surface: str) -> Effect:
-    sizes = (0.02, 0.05, 0.1, 0.2, 0.4)
-    late = operators.delay_transfer
-    return _surface_operator(surface, sizes, operators.delay, 0.01, 0.5, unsigned=(), transfer=late)
+    return _following(
+        surface,
+        of_value(operators.delay),
+        _sizes((0.02, 0.05, 0.1, 0.2, 0.4), unsigned=()),
+        size=Size(meaningful=0.01, limit=0.5),
+        forms=Forms(transfer=of_value(operators.delay_transfer)),
+    )
 
 
 @cause(
@@ -102,8 +108,9 @@ def input_delay(surface: str) -> Effect:
     sentence="The {label} cannot move faster than {size}.",
 )
 def rate_limit(surface: str) -> Effect:
-    sizes = np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0])
-    return _surface_operator(surface, sizes, operators.rate_limit, 0.0, math.radians(200.0))
+    rates = _sizes(np.radians([2.0, 3.5, 6.0, 10.0, 17.0, 30.0, 50.0, 85.0]))
+    size = Size(meaningful=0.0, limit=math.radians(200.0))
+    return _following(surface, of_value(operators.rate_limit), rates, size=size)
 
 
 @cause(
@@ -118,27 +125,20 @@ def rate_limit(surface: str) -> Effect:
     sentence="The {label} follows its command as an oscillator, {size} per radian, that the model does not have.",
 )
 def second_order_actuator(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
-        followed = operators.second_order(t, recorded, values["value"], values.get("damping", _DAMPED))
-        return {station.control(surface): followed - recorded}
+    def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        return operators.second_order(t, recorded, values["value"], values.get("damping", _DAMPED))
 
-    def answer(s: np.ndarray, values: Values) -> np.ndarray:
+    def transfer(s: np.ndarray, values: Values) -> np.ndarray:
         return operators.second_order_transfer(s, values["value"], values.get("damping", _DAMPED))
 
-    return Effect(
-        target=surface,
-        linear=False,
-        further=Further(
-            grid=tuple({"value": v, "damping": _DAMPED} for v in (0.02, 0.04, 0.08, 0.15)),
-            defaults={"damping": _DAMPED},
-            unsigned=("value", "damping"),
-        ),
-        series=series,
-        traits=Traits(includes=("input_delay", "actuator_lag")),
-        forms=Forms(transfer=answer),
-        size=Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0}),
+    further = Further(
+        grid=tuple({"value": v, "damping": _DAMPED} for v in (0.02, 0.04, 0.08, 0.15)),
+        defaults={"damping": _DAMPED},
+        unsigned=("value", "damping"),
     )
+    size = Size(meaningful=0.01, limit=0.5, limits={"damping": 2.0})
+    traits = Traits(includes=("input_delay", "actuator_lag"))
+    return _following(surface, act, further, size=size, traits=traits, forms=Forms(transfer=transfer))
 
 
 @cause(
@@ -154,12 +154,11 @@ def second_order_actuator(surface: str) -> Effect:
     sentence="The {label} does not act {term} {size}.",
 )
 def input_limit(surface: str, side: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
+    def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
         within = recorded < np.real(values["value"]) if side == "above" else recorded > np.real(values["value"])
-        return {station.control(surface): np.where(within, 0.0, values["value"] - recorded)}
+        return np.where(within, recorded, values["value"])
 
-    return Effect(target=surface, term=side, linear=False, further=Further(grid=({"value": 0.0},)), series=series)
+    return _following(surface, act, Further(grid=({"value": 0.0},)), term=side)
 
 
 @cause(
@@ -206,17 +205,8 @@ def input_scale(surface: str) -> Effect:
     sentence="The {label} takes a command every {size} only and holds it.",
 )
 def sample_hold(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
-        return {station.control(surface): operators.sample_hold(t, recorded, values["value"]) - recorded}
-
-    return Effect(
-        target=surface,
-        linear=False,
-        further=Further(grid=tuple({"value": v} for v in (0.05, 0.1, 0.2)), unsigned=("value",)),
-        series=series,
-        size=Size(meaningful=0.02, limit=2.0),
-    )
+    size = Size(meaningful=0.02, limit=2.0)
+    return _following(surface, of_value(operators.sample_hold), _sizes((0.05, 0.1, 0.2)), size=size)
 
 
 @cause(
@@ -232,24 +222,17 @@ def sample_hold(surface: str) -> Effect:
     sentence="The {label} does not answer to a command below {size}.",
 )
 def dead_zone(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
-        about = values.get("about", _TRIM)
-        centre = about * float(np.median(recorded))
-        return {station.control(surface): operators.dead_zone(recorded, values["value"], centre) - recorded}
+    def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        centre = values.get("about", _TRIM) * float(np.median(recorded))
+        return operators.dead_zone(recorded, values["value"], centre)
 
-    return Effect(
-        target=surface,
-        linear=False,
-        further=Further(
-            grid=tuple({"value": v, "about": a} for v in _PLAY for a in (_TRIM, _ZERO)),
-            defaults={"about": _TRIM},
-            unsigned=("value",),
-            usual={"about": (0.5 * (_ZERO + _TRIM), 0.5 * abs(_ZERO - _TRIM))},  # a movement may reach one end alone
-        ),
-        series=series,
-        size=Size(meaningful=math.radians(0.1), limit=math.radians(8.0)),
+    further = Further(
+        grid=tuple({"value": v, "about": a} for v in _PLAY for a in (_TRIM, _ZERO)),
+        defaults={"about": _TRIM},
+        unsigned=("value",),
+        usual={"about": (0.5 * (_ZERO + _TRIM), 0.5 * abs(_ZERO - _TRIM))},  # a movement may reach one end alone
     )
+    return _following(surface, act, further, size=_PLAY_SIZE)
 
 
 @cause(
@@ -262,24 +245,16 @@ def dead_zone(surface: str) -> Effect:
     sentence="The {label} has a free play of plus and minus {size}.",
 )
 def backlash(surface: str) -> Effect:
-    def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        recorded = known[surface]
-        return {
-            station.control(surface): operators.backlash(recorded, values["value"], values.get("rest", 0.0)) - recorded
-        }
+    def act(t: np.ndarray, recorded: np.ndarray, values: Values) -> np.ndarray:
+        return operators.backlash(recorded, values["value"], values.get("rest", 0.0))
 
-    return Effect(
-        target=surface,
-        linear=False,
-        further=Further(
-            grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
-            defaults={"rest": 0.0},
-            unsigned=("value",),
-            folded=("rest",),
-        ),
-        series=series,
-        size=Size(meaningful=math.radians(0.1), limit=math.radians(8.0)),
+    further = Further(
+        grid=tuple({"value": v, "rest": 0.0} for v in _PLAY),
+        defaults={"rest": 0.0},
+        unsigned=("value",),
+        folded=("rest",),
     )
+    return _following(surface, act, further, size=_PLAY_SIZE)
 
 
 @cause(
@@ -293,10 +268,8 @@ def backlash(surface: str) -> Effect:
 def effectiveness_change(surface: str) -> Effect:
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         lost = values["value"] * operators.step(t, values["onset"])
-        if thrust_of(surface) in known:  # a rotor, of which the thrust changes
-            thrust = thrust_of(surface)
-            return {station.control(thrust): lost * known[thrust]}
-        return {station.control(surface): lost * known[surface]}
+        acts = thrust_of(surface) if thrust_of(surface) in known else surface  # of a rotor the thrust changes
+        return {station.control(acts): lost * known[acts]}
 
     def from_the_onset_on(s: np.ndarray, values: Values) -> np.ndarray:
         return np.full(len(s), 1.0 + values["value"], dtype=complex)
@@ -372,22 +345,36 @@ def _gain_that_matters(surface: str, quantity: str) -> Callable[[Airframe], floa
     return size
 
 
-def _fed_back(path: SignalPath, quantity: str, surface: str, added: Any) -> None:
-    """Add to a surface that acts, behind the air data that it may depend on."""
-    path.surface[surface] += added
-    path.regressor[surface] = path.surface[surface]
+def _fed(path: SignalPath, quantity: str) -> Any:
+    return path.air[quantity] if quantity in path.air else path.state[quantity]
+
+
+def _loop(surface: str, quantity: str, act: Callable[[SignalPath, Symbols], Any], **more: Any) -> Effect:
+    """A surface to which what `act` gives is added, behind the air data that it may depend on."""
+
+    def change(path: SignalPath, values: Symbols) -> None:
+        path.surface[surface] += act(path, values)
+        path.regressor[surface] = path.surface[surface]
+
+    return Effect(
+        target=surface,
+        term=quantity,
+        enters=station.control(surface),
+        size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
+        station="air data",
+        change=change,
+        **more,
+    )
 
 
 def washed_out(surface: str, quantity: str) -> Effect:
     """Feedback of the changes of a quantity: what it was before, over a time constant, is taken away."""
     behind = f"{quantity}_fed_to_{surface}"
 
-    def of(path: SignalPath) -> Any:
-        return path.air[quantity] if quantity in path.air else path.state[quantity]
-
-    def change(path: SignalPath, values: Symbols) -> None:
-        path.derivative[behind] = (of(path) - path.state[behind]) / values["time_constant"]
-        _fed_back(path, quantity, surface, values["value"] * (of(path) - path.state[behind]))
+    def act(path: SignalPath, values: Symbols) -> Any:
+        changes = _fed(path, quantity) - path.state[behind]
+        path.derivative[behind] = changes / values["time_constant"]
+        return values["value"] * changes
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
         name = f"rate_{quantity}" if quantity in _RATES else quantity
@@ -395,18 +382,15 @@ def washed_out(surface: str, quantity: str) -> Effect:
         passed = fed - operators.lag(t, fed, values["time_constant"])
         return {station.control(surface): values["value"] * passed}
 
-    return Effect(
+    return _loop(
+        surface,
+        quantity,
+        act,
         kind="feedback",
-        target=surface,
-        term=quantity,
         variant="washout",
-        enters=station.control(surface),
-        size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
         further=Further(grid=tuple({"time_constant": v} for v in (1.0, 3.0)), unsigned=("time_constant",)),
         units={"time_constant": "s"},
         states={behind: quantity},
-        station="air data",
-        change=change,
         series=series,
     )
 
@@ -423,15 +407,4 @@ def washed_out(surface: str, quantity: str) -> Effect:
     sentence="The {label} also follows {term}, with a gain of {size}: a damper or autopilot that the model lacks.",
 )
 def feedback(surface: str, quantity: str) -> Effect:
-    def change(path: SignalPath, values: Symbols) -> None:
-        fed = path.air[quantity] if quantity in path.air else path.state[quantity]
-        _fed_back(path, quantity, surface, values["value"] * fed)
-
-    return Effect(
-        target=surface,
-        term=quantity,
-        enters=station.control(surface),
-        size=Size(meaningful=_gain_that_matters(surface, quantity), limit=_LARGEST_GAIN),
-        station="air data",
-        change=change,
-    )
+    return _loop(surface, quantity, lambda path, values: values["value"] * _fed(path, quantity))

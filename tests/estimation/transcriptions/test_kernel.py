@@ -226,7 +226,7 @@ def test_two_processes_may_build_one_kernel_and_a_killed_one_leaves_nothing(own_
 
 
 def test_an_unknown_operation_is_said_once_and_the_estimate_goes_on(caplog, monkeypatch):
-    monkeypatch.setattr("casid.native.emitter._ARITHMETIC", {})
+    monkeypatch.setattr("casid.native.emitter.ARITHMETIC", {})
     kernel._say.cache_clear()
     model, x = short_period(), ca.SX.sym("x")
     with pytest.raises(UnknownOperationError, match="CasADi's OP_"):
