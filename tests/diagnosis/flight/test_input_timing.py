@@ -115,8 +115,8 @@ def test_ends_of_an_interval():
 
 @pytest.mark.parametrize("late_s", [0.008, 0.015])
 def test_an_inertial_unit_that_is_late_leaves_the_inputs_as_they_stand(late_s: float) -> None:
-    """All surfaces seem to act late by as much, which a hold of the inputs would explain, but for attitude and air data:
-    these are in time."""
+    """All surfaces seem to act late by as much, which a hold of the inputs would explain; but attitude and air
+    data are in time."""
     late = Attached(effect=sensor_delay("inertial"), values={"value": late_s})
     begun = fitted(flights([late], seed=4))
     assert held_share(begun) > 0.0
