@@ -21,7 +21,7 @@ from casid.records.record import Record
 # what further manoeuvres may not exceed, as changes from trim: ordinary flight-test limits, those of `casid design`
 _LIMITS = Limits(
     surfaces=dict.fromkeys(SURFACES["full"], math.radians(3.0)),
-    channels=dict.fromkeys(("alpha", "beta"), math.radians(3.0)) | dict.fromkeys(("az", "ay"), 0.5 * 9.80665),
+    channels={name: math.radians(3.0) for name in ("alpha", "beta")} | {name: 0.5 * 9.80665 for name in ("az", "ay")},
     duration=10.0,
 )
 _SHAPES = ("3-2-1-1 with a shortest pulse of 0.40 s", "doublet with pulses of 0.80 s", "sweep")

@@ -202,14 +202,15 @@ def _test(data: Mapping[str, Any], where: str) -> StandardTest:
     one_of(texts["manoeuvre"], MANOEUVRES, f"{where}: manoeuvre")
     condition = data.get("condition")
     unless = data.get("cycles_unless")
-    numbers = {n: number(data.get(n, 0.0), f"{where}: {n}", least=0.0) for n in ("cycles", "before_s", "after_s")}
     return StandardTest(
         **texts,
         tolerances=tuple(_tolerance(row, f"{where}: tolerance") for row in _rows(data.get("tolerance"), where)),
         configurations=_configurations(data.get("configurations", []), where),
         condition=None if condition is None else _condition(condition, f"{where}: condition"),
+        cycles=number(data.get("cycles", 0.0), f"{where}: cycles", least=0.0),
         cycles_unless=None if unless is None else one_of(unless, QUANTITIES, f"{where}: cycles_unless"),
-        **numbers,
+        before_s=number(data.get("before_s", 0.0), f"{where}: before_s", least=0.0),
+        after_s=number(data.get("after_s", 0.0), f"{where}: after_s", least=0.0),
         remark=_text(data, "remark", where) if "remark" in data else "",
     )
 
