@@ -28,7 +28,7 @@ from casid.records.limits import of_file, read_text_of
 from casid.signals import DEGREE, FOOT, POUND, SLUG
 
 # unit of a file -> its size in SI and radians
-_UNITS = dict.fromkeys(("nd", "m", "m2", "m_s", "rad", "rad_s", "kg", "kgm2"), 1.0)
+_UNITS: dict[str, float] = dict.fromkeys(("nd", "m", "m2", "m_s", "rad", "rad_s", "kg", "kgm2"), 1.0)
 _UNITS |= {"ft": FOOT, "ft2": FOOT**2, "ft_s": FOOT, "deg": DEGREE, "deg_s": DEGREE}
 _UNITS |= {"slug": SLUG, "lbm": POUND, "slugft2": SLUG * FOOT**2}
 # input of the standard -> (quantities of `Aircraft.aerodynamics`, rate lengths) -> SI
