@@ -290,7 +290,7 @@ _MEASURED: Mapping[str, str] = MappingProxyType(
 def _measurement(effect: Effect) -> str:
     """Return the measurement that confirms or refutes a cause; empty where there is none."""
     place = Station.at(effect.enters).kind if effect.enters else ""
-    if effect.words is not None:  # of a system whose names are its own
+    if effect.unit_at_port is not None:  # of a system whose names are its own
         return _MEASURED["input"].format(label=effect.target) if place == "control" else ""
     if effect.target in SURFACES and place != "coefficient":
         place = "control"

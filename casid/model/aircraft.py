@@ -19,8 +19,8 @@ from casid.frames import brief
 from casid.keeping import whole_file
 from casid.model.aerodynamics import FileAerodynamics
 from casid.model.aircraft_file import numbers, toml_text
-from casid.model.aircraft_toml import POSITIONS, fields_of, sections_of, with_comments_of
-from casid.model.airframe import AXES_COEFFICIENTS, Airframe, Inertia
+from casid.model.aircraft_toml import fields_of, sections_of, with_comments_of
+from casid.model.airframe import AXES_COEFFICIENTS, POSITIONS, Airframe, Inertia
 from casid.model.effect import KINDS
 from casid.model.effect_value import EffectValue
 from casid.model.rotors import ALL, Rotors
@@ -128,12 +128,15 @@ class Aircraft(Airframe):
         values["std"] = {name: number(one, f"std: '{name}'", least=0.0) for name, one in std.items()}
         values["effects"] = _several(self.effects, EffectValue, "effects", "[cs.EffectValue(kind=..., value=...)]")
         for effect in values["effects"]:
-            if KINDS[effect.kind].of_coefficients:
-                for coefficient in KINDS[effect.kind].parts(effect.target):
-                    self._check_coefficient(coefficient, f"effect '{effect.kind}'")
-            elif KINDS[effect.kind].of_rotors and effect.target not in KINDS[effect.kind].targets:
-                self._check_rotors(KINDS[effect.kind].parts(effect.target), f"effect '{effect.kind}'")
-            elif KINDS[effect.kind].place != "aircraft":
+            kind = KINDS[effect.kind]
+            where = f"effect '{effect.kind}'"
+            if kind.of_coefficients:
+                for coefficient in kind.parts(effect.target):
+                    self._check_coefficient(coefficient, where)
+            elif kind.of_rotors and effect.target not in kind.targets:
+                own = self.rotors.names if self.rotors else ()
+                check_known("rotor", kind.parts(effect.target), (*own, ALL), where)
+            elif kind.place != "aircraft":
                 check_effect(effect.kind, effect.target, effect.term)
         for name, value in values.items():
             object.__setattr__(self, name, value)
@@ -149,17 +152,6 @@ class Aircraft(Airframe):
                 f"with {', '.join(valid)}; change one of the two"
             )
         raise unknown("coefficient", coefficient, valid, where)
-
-    def _check_rotors(self, names: Iterable[str], where: str) -> None:
-        own = self.rotors.names if self.rotors else ()
-        check_known("rotor", names, (*own, ALL), where)
-
-    @property
-    def required_rotors(self) -> Rotors:
-        """The rotors. Raises InputError for an aircraft without any."""
-        if self.rotors is None:
-            raise InputError(f"aircraft '{self.name}' has no rotors; give them as 'rotors'")
-        return self.rotors
 
     def _checked_derivatives(self, tables: tuple[Table, ...]) -> dict[str, float]:
         if self.rotors is not None and not self.winged:

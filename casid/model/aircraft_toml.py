@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, MutableMapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from casid.arguments import given, number, numbers_by_name
 from casid.errors import InputError, check_known, nearest
 from casid.model.aerodynamics import Aerodynamics, FileAerodynamics
 from casid.model.aircraft_file import check_keys, numbers, quoted, subtable, text
-from casid.model.airframe import INERTIAS, PRODUCTS, Inertia
+from casid.model.airframe import INERTIAS, POSITIONS, PRODUCTS, Inertia
 from casid.model.effect_value import EffectValue
 from casid.model.rotors import read_rotors, written_rotors
 from casid.model.tables import read_tables, written_table
@@ -100,33 +101,12 @@ def _plain(value: Any) -> Any:
     return value.unwrap() if hasattr(value, "unwrap") else value
 
 
-POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")
 _SECTIONS = ("aircraft", "reference", "propulsion", "sensors", "trim", "aerodynamics", "rotors", "effects")
-_AERODYNAMICS = (
-    "force_axes",
-    "relative_uncertainty",
-    "derivatives",
-    "terms",
-    "tables",
-    "std",
-    "jsbsim",
-    "daveml",
-    "held",
-    "cm",
-)
+_OWN = ("jsbsim", "daveml")  # keys that name the file of another simulator
+_PARTS = ("derivatives", "terms", "tables", "std")
+_AERODYNAMICS = ("force_axes", "relative_uncertainty", *_PARTS, *_OWN, "held", "cm")
 _LENGTHS = ("moment_length", "rate_length")
-_EFFECT_KEYS = (
-    "kind",
-    "target",
-    "term",
-    "value",
-    "std",
-    "unit",
-    "records",
-    "onset_s",
-    "parameters",
-    "sentence",
-)
+_EFFECT_KEYS = tuple(one.name for one in fields(EffectValue))
 
 
 def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
@@ -142,19 +122,15 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
     check_keys(propulsion, ("thrust_line_z", "engine_y"), "[propulsion]")
     check_keys(sensors, (*POSITIONS, "noise"), "[sensors]")
     check_keys(aerodynamics, _AERODYNAMICS, "[aerodynamics]")
-    if winged and not set(aerodynamics) & {"derivatives", "tables", "jsbsim", "daveml"}:
+    if winged and not set(aerodynamics) & {"derivatives", "tables", *_OWN}:
         raise InputError("[aerodynamics]: 'derivatives' is missing; add it")
     inertia = subtable(general, "inertia", "[aircraft]")
     check_keys(inertia, (*INERTIAS, *PRODUCTS), "[aircraft] inertia", INERTIAS)
-    given = {name: general[name] for name in ("gravity",) if name in general}
-    given |= propulsion
-    given |= {name: sensors[name] for name in POSITIONS if name in sensors}
-    given |= {name: aerodynamics[name] for name in ("relative_uncertainty",) if name in aerodynamics}
-    derivatives = subtable(aerodynamics, "derivatives", "[aerodynamics]")
-    terms = subtable(aerodynamics, "terms", "[aerodynamics]")
+    as_they_are = ("gravity", *POSITIONS, "relative_uncertainty")
+    given = {name: value for name, value in (general | sensors | aerodynamics).items() if name in as_they_are}
+    derivatives, terms, look_ups, std = (subtable(aerodynamics, name, "[aerodynamics]") for name in _PARTS)
     terms = {name: subtable(terms, name, "[aerodynamics.terms]") for name in terms}
-    look_ups = read_tables(subtable(aerodynamics, "tables", "[aerodynamics]"))
-    std = subtable(aerodynamics, "std", "[aerodynamics]")
+    look_ups = read_tables(look_ups)
     named = {f"{c}_{parse_term(one, 'terms').name}" for c, row in terms.items() for one in row}
     check_keys(std, (*derivatives, *named, *(name for one in look_ups for name in one.knots)), "[aerodynamics.std]")
     return {
@@ -162,6 +138,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
         "mass": in_si(general["mass"], "kg", "[aircraft] mass"),
         "inertia": Inertia(**{k: in_si(v, "kg m2", f"[aircraft] inertia: {k}") for k, v in inertia.items()}),
         **(_reference(tables["reference"]) if winged or "reference" in data else {}),
+        **propulsion,
         **given,
         "noise": subtable(sensors, "noise", "[sensors]"),
         "trim": tables["trim"],
@@ -179,7 +156,7 @@ def fields_of(data: Mapping[str, Any], file: Path) -> dict[str, Any]:
 def _own(table: Mapping[str, Any], folder: Path) -> Aerodynamics | None:
     """The aerodynamics of another simulation's file that [aerodynamics] names, relative to the `folder` of this one."""
     where = "[aerodynamics]"
-    named = [key for key in ("jsbsim", "daveml") if key in table]
+    named = [key for key in _OWN if key in table]
     if len(named) != 1:
         if named or "held" in table or "cm" in table:
             raise InputError(f'{where}: name one file beside held and cm: jsbsim = "plane.xml" or daveml = "plane.dml"')

@@ -25,6 +25,7 @@ AXES_COEFFICIENTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 )
 INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
 PRODUCTS = ("Ixy", "Iyz")  # of an aircraft that is not symmetric
+POSITIONS = ("accelerometer", "alpha_vane", "beta_vane")  # of instruments
 _ORIGIN = (0.0, 0.0, 0.0)
 
 
@@ -150,6 +151,13 @@ class Airframe:
     def winged(self) -> bool:
         """Return True if the aircraft has aerodynamics."""
         return bool(self.derivatives or self.terms or self.tables or self.aerodynamics)
+
+    @property
+    def required_rotors(self) -> Rotors:
+        """The rotors. Raises InputError for an aircraft without any."""
+        if self.rotors is None:
+            raise InputError(f"aircraft '{self.name}' has no rotors; give them as 'rotors'")
+        return self.rotors
 
     @property
     def coefficients(self) -> tuple[str, ...]:

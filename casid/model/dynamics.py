@@ -16,7 +16,7 @@ import scipy
 from casid.arguments import names
 from casid.errors import InputError, check_known
 from casid.model.aircraft import Aircraft, given_aircraft
-from casid.model.airframe import unsymmetric_moment
+from casid.model.airframe import INERTIAS, unsymmetric_moment
 from casid.model.effect import Effect
 from casid.model.effect_value import EffectValue
 from casid.model.in_force import InForce, named
@@ -29,16 +29,15 @@ from casid.model.path import (
     OUTPUTS,
     STATES,
     SignalPath,
-    aerodynamic_parameters,
     disturbance_names,
     fly,
     input_names,
 )
-from casid.model.rotors import Rotors, acting_inputs, parameters_of, unit_of_parameter
+from casid.model.rotors import acting_inputs, parameters_of, unit_of_parameter
 from casid.model.station import MOVING_AIR
-from casid.model.system import EquationForm, Model
-from casid.model.tables import Table
+from casid.model.system import EquationForm, Model, filled
 from casid.model.terms import derivative_term
+from casid.model.vectors import accelerations_at, minus
 from casid.model.with_effects import completed, is_masked, stations_of
 from casid.records.given import given_record
 from casid.records.record import Record, check_radians
@@ -56,11 +55,7 @@ def by_station(effects: Iterable[InForce]) -> dict[str, list]:
 
 def _apply(one: InForce, path: SignalPath) -> None:
     assert one.effect.change is not None
-    sizes = {key: path.parameter[f"{one.name}.{key}"] for key in one.effect.beside}
-    value = path.parameter[one.name]
-    if one.masked:
-        value = value * path.inputs[one.masked]
-    one.effect.change(path, {"value": value, **sizes})
+    one.effect.change(path, one.acting(path.parameter, path.inputs))
 
 
 def equation_error(
@@ -74,24 +69,8 @@ def equation_error(
     """Equation-error form: coefficients `names` computed from measured accelerations at the c.g. (paper eq. 6, 7)
     against the aerodynamic model evaluated on measured air data, rates and surfaces (eq. 8). `known` disturbances act,
     but for the wind, which the measured air data have already."""
-    channels = (
-        "V",
-        "alpha",
-        "beta",
-        "p",
-        "q",
-        "r",
-        "ax",
-        "ay",
-        "az",
-        "pdot",
-        "qdot",
-        "rdot",
-        *SURFACES,
-        "thrust",
-        "rho",
-        *(name for name in known if name not in MOVING_AIR),
-    )
+    measured = (name for name in OUTPUTS if name not in ("phi", "theta"))
+    channels = (*measured, *INPUTS, *(name for name in known if name not in MOVING_AIR))
     m = ca.SX.sym("m", len(channels))
     c = dict(zip(channels, ca.vertsplit(m), strict=True))
     path = fly(
@@ -104,8 +83,7 @@ def equation_error(
     used = [i for i, uses in enumerate(ca.which_depends(ca.vertcat(target, prediction), m, 1, False)) if uses]
     wanted = ca.SX.sym("wanted", len(used))
     full = ca.SX.zeros(len(channels))
-    for k, i in enumerate(used):
-        full[i] = wanted[k]
+    full[used] = wanted
     target, prediction = ca.substitute([target, prediction], [m], [full])
     return EquationForm(
         names=names, channels=tuple(channels[i] for i in used), m=wanted, target=target, prediction=prediction
@@ -119,47 +97,33 @@ def _measured_path(aircraft: Aircraft, c: dict[str, ca.SX], parameter: dict[str,
         c["V"] * ca.sin(c["beta"]),
         c["V"] * ca.sin(c["alpha"]) * ca.cos(c["beta"]),
     ]
+    level = ca.SX(0)  # forces and moments do not depend on attitude
     return SignalPath(
         aircraft=aircraft,
         inputs=c,
         parameter=parameter,
-        state={
-            "u": velocity[0],
-            "v": velocity[1],
-            "w": velocity[2],
-            **{s: c[s] for s in "pqr"},
-            "phi": ca.SX(0),
-            "theta": ca.SX(0),
-        },
+        state=dict(zip(STATES, (*velocity, c["p"], c["q"], c["r"], level, level), strict=True)),
         disturbance={d: c.get(d, ca.SX(0)) for d in disturbance_names(aircraft)},
     )
 
 
 def _coefficients_from_accelerations(aircraft: Aircraft, path: SignalPath, c: dict) -> dict:
-    p = c["p"]
-    q = c["q"]
-    r = c["r"]
-    x, y, z = aircraft.accelerometer
-    ax = c["ax"] + (q**2 + r**2) * x - (p * q - c["rdot"]) * y - (p * r + c["qdot"]) * z
-    ay = c["ay"] - (p * q + c["rdot"]) * x + (p**2 + r**2) * y - (q * r - c["pdot"]) * z
-    az = c["az"] - (p * r - c["qdot"]) * x - (q * r + c["pdot"]) * y + (p**2 + q**2) * z
+    p, q, r = rates = [c[name] for name in "pqr"]
+    angular = [c[name] for name in ("pdot", "qdot", "rdot")]
+    back = [-x for x in aircraft.accelerometer]
+    acceleration = accelerations_at(back, [c[name] for name in ("ax", "ay", "az")], rates, angular)
     qS = path.air["qbar"] * aircraft.area
     pull, turn = external_force(c)
-    fx = path.mass * ax - c["thrust"] - pull[0]
-    fy = path.mass * ay - pull[1]
-    fz = path.mass * az - pull[2]
-    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in ("Ixx", "Iyy", "Izz", "Ixz"))
+    ahead, aside, down = (path.mass * a for a in acceleration)
+    fx, fy, fz = minus([ahead - c["thrust"], aside, down], pull)
+    Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in INERTIAS)
     L = Ixx * c["pdot"] - Ixz * c["rdot"] + (Izz - Iyy) * q * r - Ixz * p * q
     M = Iyy * c["qdot"] + (Ixx - Izz) * p * r + Ixz * (p**2 - r**2) - aircraft.thrust_line_z * c["thrust"]
     N = Izz * c["rdot"] - Ixz * c["pdot"] + (Iyy - Ixx) * p * q + Ixz * q * r
     if not aircraft.inertia.symmetric:
-        more = unsymmetric_moment(path.inertia, (p, q, r), (c["pdot"], c["qdot"], c["rdot"]))
-        L = L + more[0]
-        M = M + more[1]
-        N = N + more[2]
-    L = L - turn[0]
-    M = M - turn[1]
-    N = N - turn[2]
+        more = unsymmetric_moment(path.inertia, rates, angular)
+        L, M, N = (moment + one for moment, one in zip((L, M, N), more, strict=True))
+    L, M, N = minus((L, M, N), turn)
     sa = ca.sin(c["alpha"])
     cos_a = ca.cos(c["alpha"])
     return {
@@ -201,15 +165,6 @@ def velocity_from_air_data(V: np.ndarray, alpha: np.ndarray, beta: np.ndarray) -
     return np.stack([V * np.cos(alpha) * np.cos(beta), V * np.sin(beta), V * np.sin(alpha) * np.cos(beta)], axis=1)
 
 
-def _filled(record: Record, name: str, default: float) -> np.ndarray:
-    """A channel with missing samples interpolated; a constant where the record has none of it."""
-    if name not in record or not np.isfinite(record[name]).any():
-        return np.full(len(record), default)
-    values = record[name]
-    good = np.isfinite(values)
-    return values if good.all() else np.interp(record.t, record.t[good], values[good])
-
-
 def state_guess(
     aircraft: Aircraft, states: Sequence[str] = STATES, further: Mapping[str, str] = MappingProxyType({})
 ) -> Callable[[Record], np.ndarray]:
@@ -220,18 +175,18 @@ def state_guess(
 
 def _velocity_from_ground(record: Record) -> np.ndarray:
     """(N, 3) body velocity from velocity over ground and attitude; at rest where these are not measured."""
-    north, east, down, phi, theta, psi = (_filled(record, name, 0.0) for name in (*GROUND, "phi", "theta", "psi"))
+    north, east, down, phi, theta, psi = (filled(record, name, 0.0) for name in (*GROUND, "phi", "theta", "psi"))
     turn = scipy.spatial.transform.Rotation.from_euler("ZYX", np.stack([psi, theta, phi], axis=1))
     return turn.inv().apply(np.stack([north, east, down], axis=1))
 
 
 def _leaning(record: Record) -> dict[str, np.ndarray]:
     """Attitude and rates that no channel has, of an aircraft that leans to where it accelerates over ground."""
-    psi = _filled(record, "psi", 0.0)
+    psi = filled(record, "psi", 0.0)
     velocity = {}
     for name, position in zip(GROUND[:2], ("north", "east"), strict=True):
         if name in record or position in record:
-            velocity[name] = _filled(record, name, 0.0) if name in record else _slope(record, record[position])
+            velocity[name] = filled(record, name, 0.0) if name in record else _slope(record, record[position])
     if len(velocity) < 2:
         return {}
     north, east = (_slope(record, series) for series in velocity.values())
@@ -239,7 +194,7 @@ def _leaning(record: Record) -> dict[str, np.ndarray]:
     aside = np.cos(psi) * east - np.sin(psi) * north
     found = {}
     for angle, rate, leans in (("phi", "p", aside), ("theta", "q", -ahead)):
-        values = _filled(record, angle, 0.0) if angle in record else np.arctan2(leans, _STANDARD_GRAVITY)
+        values = filled(record, angle, 0.0) if angle in record else np.arctan2(leans, _STANDARD_GRAVITY)
         found |= {} if angle in record else {angle: values}
         found |= {} if rate in record else {rate: _slope(record, values)}
     return found
@@ -258,19 +213,19 @@ def _slope(record: Record, series: np.ndarray) -> np.ndarray:
 def _measured_flight(
     trim: Mapping[str, float], states: Sequence[str], further: Mapping[str, str], hovers: bool, record: Record
 ) -> np.ndarray:
-    alpha = _filled(record, "alpha", trim.get("alpha", 0.0))
-    velocity = velocity_from_air_data(_filled(record, "V", trim.get("V", np.nan)), alpha, _filled(record, "beta", 0.0))
+    alpha = filled(record, "alpha", trim.get("alpha", 0.0))
+    velocity = velocity_from_air_data(filled(record, "V", trim.get("V", np.nan)), alpha, filled(record, "beta", 0.0))
     if hovers and "V" not in record:
         velocity = _velocity_from_ground(record)
     if not np.isfinite(velocity).all():
         raise InputError(f"record '{record.name}': airspeed V is neither a channel nor in [trim]; give one of them")
     table = dict(zip("uvw", velocity.T, strict=True))
     for name in ("p", "q", "r", "phi"):
-        table[name] = _filled(record, name, 0.0)
-    table["theta"] = _filled(record, "theta", trim.get("theta", float(alpha[0])))
+        table[name] = filled(record, name, 0.0)
+    table["theta"] = filled(record, "theta", trim.get("theta", float(alpha[0])))
     if hovers:
         table |= _leaning(record)
-    table |= {s: _filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
+    table |= {s: filled(record, channel, trim.get(channel, 0.0)) for s, channel in further.items()}
     return np.stack([table[name] for name in (*states, *further)], axis=1)
 
 
@@ -369,7 +324,6 @@ def aircraft_model(
         ),
         by_station(symbolic),
     )
-    own = [one.effect for one in symbolic]
     stds = {name: std for one in symbolic for name, std in one.prior_std.items()}
     bare = Model(
         name=aircraft.name,
@@ -389,8 +343,7 @@ def aircraft_model(
         guess=state_guess(aircraft, moving, further),
         prior_std=_prior_std(aircraft, aerodynamic) | stds,
         equation=equation_error(aircraft, p, tuple(nominal), moved, symbolic, given) if by_equations else None,
-        units=parameter_units(nominal, own, aircraft.tables, aircraft.rotors)
-        | {name: unit for one in symbolic for name, unit in one.units.items()},
+        units=_units(aircraft, nominal, symbolic),
         prepare=partial(flight_inputs, aircraft, axes=axes),
         extend=partial(_extended, aircraft, tuple(found), scope),
     )
@@ -436,7 +389,8 @@ def _read(aircraft: Aircraft, asked: Iterable[str]) -> tuple[str, ...]:
 
 def _given_values(aircraft: Aircraft) -> dict[str, float]:
     """Derivatives and terms of the file, the values of its free tables, and numbers of its rotors."""
-    derivatives = {name: _value(aircraft, name) for _, name, _ in aerodynamic_parameters(aircraft)}
+    derivatives = dict(aircraft.derivatives)
+    derivatives |= {f"{c}_{term}": value for c, row in aircraft.terms.items() for term, value in row.items()}
     derivatives |= {name: value for one in aircraft.tables if one.free for name, value in one.knots.items()}
     of_rotors = parameters_of(aircraft.rotors) if aircraft.rotors else {}
     return derivatives | {name: value for name, (value, _) in of_rotors.items()}
@@ -490,25 +444,16 @@ def has_aerodynamics(aircraft: Aircraft, axis: str) -> bool:
     return aircraft.aerodynamics is not None or not given.isdisjoint(moved_coefficients(aircraft, axis))
 
 
-def parameter_units(
-    names: Iterable[str], effects: Sequence[Effect], tables: Sequence[Table] = (), rotors: Rotors | None = None
-) -> dict[str, str]:
-    """Unit of each parameter of an aircraft model, with those of its effects and the knots of its free tables."""
-    units = {name: one.unit for one in tables if one.free for name in one.knots} | {e.name: e.unit for e in effects}
-    units |= {f"{e.name}.{key}": e.units.get(key, "") for e in effects for key in e.beside}
-    units |= {name: unit_of_parameter(name) for name in parameters_of(rotors)} if rotors else {}
+def _units(aircraft: Aircraft, names: Iterable[str], effects: Iterable[InForce]) -> dict[str, str]:
+    """Unit of each parameter, with those of effects and the knots of free tables."""
+    units = {name: one.unit for one in aircraft.tables if one.free for name in one.knots}
+    units |= {name: unit_of_parameter(name) for name in parameters_of(aircraft.rotors)} if aircraft.rotors else {}
+    units |= {name: unit for one in effects for name, unit in one.units.items()}
     return units | {
         name: unit_of(name[5:]) if name.startswith("bias_") else derivative_term(name)[1].unit
         for name in names
         if name not in units
     }
-
-
-def _value(aircraft: Aircraft, name: str) -> float:
-    if name in aircraft.derivatives:
-        return aircraft.derivatives[name]
-    coefficient, term = name.split("_", 1)
-    return aircraft.terms[coefficient][term]
 
 
 def standard_density(altitude: np.ndarray) -> np.ndarray:
@@ -573,7 +518,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
             raise InputError(f"record '{record.name}': input channel '{surface}' is missing; the {axes} model needs it")
     if "rho" not in record:
         if "altitude" in record:
-            added["rho"] = standard_density(_filled(record, "altitude", 0.0))
+            added["rho"] = standard_density(filled(record, "altitude", 0.0))
             notes.append("rho from altitude, standard atmosphere")
         elif "rho" in aircraft.trim or "altitude" in aircraft.trim:
             rho = aircraft.trim.get("rho") or float(standard_density(np.array(aircraft.trim["altitude"])))
@@ -601,7 +546,7 @@ def flight_inputs(aircraft: Aircraft | str | Path, record: Record | str | Path, 
 
 def _without_turning(aircraft: Aircraft, record: Record, seen: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Velocities of the c.g. from those that vanes have `seen`, without what rotation adds at the place of a vane."""
-    p, q, r = (_filled(record, name, 0.0) for name in "pqr")
+    p, q, r = (filled(record, name, 0.0) for name in "pqr")
     (x, y, _), (ahead, _, below) = aircraft.alpha_vane, aircraft.beta_vane
     turning = {"v": ("beta", r * ahead - p * below), "w": ("alpha", p * y - q * x)}
     return {name: seen[name] - more for name, (of, more) in turning.items() if name in seen and of in record}

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import wraps
+from itertools import product, starmap
 from typing import Any, Protocol
 
 import numpy as np
@@ -62,13 +63,6 @@ class Equations(Readable, Protocol):
     def term(self, name: str) -> Any:
         """Expression of a term in states and inputs."""
         ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """Words of an effect at a port of a model that is no aircraft."""
-
-    unit: str  # of its value; empty if it is not stated
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +110,11 @@ class Further:
     # mean and 1-sigma of further parameters that records may not determine
     usual: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     either_sign: bool = False  # a gain early and a loss late resemble each other: both signs are tried
+
+    @property
+    def typical(self) -> Mapping[str, float]:
+        """The first values that a screening tries; none where it tries none."""
+        return self.grid[0] if self.grid else {}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,7 +198,8 @@ class Effect:
     change: Callable[[Any, Symbols], None] | None = None
     series: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
     output: Callable[[np.ndarray, Series, Values], dict[str, np.ndarray]] | None = None
-    words: Words | None = None  # of an effect at a port of a model that is no aircraft
+    # unit of the value of an effect at a port of a model that is no aircraft; empty if it is not stated
+    unit_at_port: str | None = None
 
     @property
     def name(self) -> str:
@@ -210,7 +210,8 @@ class Effect:
     @property
     def unit(self) -> str:
         """SI unit of the value."""
-        return self.words.unit if self.words else KINDS[self.kind].unit_for(self.target, self.term)
+        own = self.unit_at_port
+        return KINDS[self.kind].unit_for(self.target, self.term) if own is None else own
 
     @property
     def key(self) -> tuple[str, str, str | None]:
@@ -239,8 +240,7 @@ class Effect:
     @property
     def beside(self) -> tuple[str, ...]:
         """Names of its parameters beside the value."""
-        grid = self.further.grid
-        return tuple(name for name in grid[0] if name != "value") if grid else ()
+        return tuple(name for name in self.further.typical if name != "value")
 
     @property
     def quasi_steady(self) -> bool:
@@ -315,6 +315,11 @@ class Kind:
     # the effects that a diagnosis of an aircraft may consider, before it is asked what is measured
     candidates: Callable[[Airframe], Iterable[Effect]]
 
+    def effects_at(self, target: str, term: str | None) -> list[Effect]:
+        """List the effects of this kind at a target and term: the usual one, and its variants."""
+        place = (target, term) if term else (target,)
+        return [make(*place) for make in (self.make, *self.variants.values())]
+
     @property
     def of_coefficients(self) -> bool:
         """Return True if its targets are aerodynamic coefficients, of which an aircraft has six."""
@@ -359,10 +364,8 @@ KINDS: dict[str, Kind] = {}  # filled by importing `casid.model.causes`
 
 def _registered(kind: str, target: str, term: str | None, name: str) -> Effect | None:
     """The effect that the register makes under a name."""
-    if kind not in KINDS:
-        return None
-    makers = (KINDS[kind].make, *KINDS[kind].variants.values())
-    return next((e for e in (make(target, term) if term else make(target) for make in makers) if e.name == name), None)
+    made = KINDS[kind].effects_at(target, term) if kind in KINDS else []
+    return next((effect for effect in made if effect.name == name), None)
 
 
 def _other_fields(own: Any, made: Any) -> dict[str, Any]:
@@ -404,7 +407,7 @@ def cause(
     **said: Any,
 ) -> Callable[[Callable[..., Effect]], Callable[..., Effect]]:
     """Register a kind of cause, see `Kind`, whose other fields are `said`: the decorated function makes its Effect for
-    a target (and a term). `candidates` are one effect for every target when they are not given."""
+    a target (and a term). `candidates` are one effect for every target and term when they are not given."""
     valid = tuple(targets)
     terms = tuple(terms)
 
@@ -413,12 +416,13 @@ def cause(
         def make(*place: Any, **named: Any) -> Effect:
             return replace(define(*place, **named), kind=kind)
 
-        def one_for_each_target(aircraft: Airframe) -> Iterable[Effect]:
+        def one_for_each_place(aircraft: Airframe) -> Iterable[Effect]:
             rotors = aircraft.rotors.names if said.get("of_rotors") and aircraft.rotors else ()
-            return (make(target) for target in ((*valid, *rotors) or ("",)))
+            every = (*valid, *rotors) or ("",)
+            return starmap(make, product(every, terms) if terms else product(every))
 
         told = {"targets": valid, "terms": terms, "needs_term": needs_term or bool(terms)}
-        KINDS[kind] = Kind(kind=kind, make=make, candidates=candidates or one_for_each_target, **told, **said)
+        KINDS[kind] = Kind(kind=kind, make=make, candidates=candidates or one_for_each_place, **told, **said)
         return make
 
     return register

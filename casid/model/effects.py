@@ -71,8 +71,7 @@ def effect_named(name: str) -> Effect:
     target = parts["target"] or ""
     term = parts["term"]
     check_effect(kind, target, term)
-    makers = (KINDS[kind].make, *KINDS[kind].variants.values())
-    made = [make(target, term) if term else make(target) for make in makers]
+    made = KINDS[kind].effects_at(target, term)
     wanted = parts["variant"] or ""
     for effect in made:
         if effect.variant == wanted:
@@ -89,6 +88,5 @@ def effect_value(text: str) -> EffectValue:
     except ValueError:
         raise InputError(f"'{text}': expected a cause and its size in SI, like actuator_lag(delta_e)=0.1") from None
     effect = effect_named(name)
-    typical = effect.further.grid[0] if effect.further.grid else {}
-    further = {key: number for key, number in typical.items() if key != "value"}
+    further = {key: effect.further.typical[key] for key in effect.beside}
     return EffectValue(kind=effect.kind, target=effect.target, term=effect.term, value=value, parameters=further)

@@ -36,22 +36,30 @@ def expressions(
     """Column of the expressions that `function`, called `what` in messages, returns by name, in the order of `names`.
     Raises InputError for what is not a table of one expression for each name, and for an expression with a number that
     is none."""
+    return column(evaluated(function, space, f"{where}: {what}"), names, what, where)
+
+
+def evaluated(function: Callable[[Any], Any], space: Symbols, what: str, of: str = "symbols") -> Any:
+    """What a user's function makes of symbols. Raises InputError for what is no function, and for one that asks whether
+    something about a symbol is true."""
     if not callable(function):
-        raise InputError(
-            f"{where}: {what} is {given(function)}; expected a function of the symbols, like lambda s: ..."
-        )
+        raise InputError(f"{what} is {given(function)}; expected a function of the {of}, like lambda s: ...")
     with warnings.catch_warnings():
         # CasADi announces that numpy functions of its symbols may give something else one day; they are symbols still
         warnings.filterwarnings("ignore", message=r"\s*casadi", category=FutureWarning)
         try:
-            found = function(space)
+            return function(space)
         except RuntimeError as error:
             if "truth value" not in str(error):
                 raise
             raise InputError(
-                f"{where}: {what} asks whether something about a symbol is true; write both cases, "
+                f"{what} asks whether something about a symbol is true; write both cases, "
                 "np.where(s.x > 0, a, b), in place of if, and, or, max"
             ) from None
+
+
+def column(found: Any, names: Sequence[str], what: str, where: str) -> ca.SX:
+    """Column of expressions by name, in the order of `names`. Raises InputError as `expressions` does."""
     if not isinstance(found, Mapping):
         like = ", ".join(f"'{name}': ..." for name in names[:3])
         raise InputError(f"{where}: {what} returned {given(found)}; expected a table by name, {{{like}}}")

@@ -93,7 +93,8 @@ def external_function(
     ]
     batch = _Batch(function, taken, given_names, np.array(scale))
     batch.check()
-    values = _kept(batch)
+    values = _Values(batch)
+    _KEPT.append(values)
 
     def of_symbols(s: Any) -> dict[str, Any]:
         found = values(ca.vertcat(*(getattr(s, name) for name in taken)))
@@ -103,11 +104,6 @@ def external_function(
 
 
 _KEPT: list[Any] = []  # an expression in which a Python object is called does not keep it
-
-
-def _kept(batch: _Batch) -> _Values:
-    _KEPT.append(_Values(batch))
-    return _KEPT[-1]
 
 
 class _Batch:

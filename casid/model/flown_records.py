@@ -13,7 +13,7 @@ from casid.errors import InputError
 from casid.model.aircraft import Aircraft, EffectValue
 from casid.model.causes import group_channels
 from casid.model.dynamics import aircraft_model
-from casid.model.in_force import InForce, is_slow_instrument, named
+from casid.model.in_force import InForce, named
 from casid.model.measured_force import force_inputs, pulled_alike
 from casid.model.path import aerodynamic_parameters
 from casid.model.rotors import with_values
@@ -35,9 +35,8 @@ class FlownRecords:
     @property
     def _beside(self) -> list[InForce]:
         """Effects of all records that are no part of the model's equations: what they make of a record is an input."""
-        own = [one for one in self.model.effects if one.effect.change is None and not is_slow_instrument(one.effect)]
         names = [record.name for record in self.records]
-        return [one for one in own if not one.effect.stochastic and all(map(one.concerns, names))]
+        return [one for one in self.model.effects if one.is_history and all(map(one.concerns, names))]
 
     def transfer(self, name: str, omega: np.ndarray) -> np.ndarray:
         """(frequencies,) what effects of all records beside the equations make of an input or of a reading, at

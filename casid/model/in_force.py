@@ -29,6 +29,12 @@ class InForce:
     value: EffectValue | None = None  # None: typical sizes
 
     @property
+    def is_history(self) -> bool:
+        """Return True if a model has it as a history, and neither in its equations nor as a slow instrument."""
+        effect = self.effect
+        return effect.change is None and not is_slow_instrument(effect) and not effect.stochastic
+
+    @property
     def masked(self) -> str:
         """Name of the input that is 1 in the records that have it; "" for all records."""
         return f"present {self.name}" if self.value is not None and self.value.records else ""
@@ -37,8 +43,7 @@ class InForce:
     def sizes(self) -> dict[str, float]:
         """Value and further sizes that the functions of the effect take, without onsets."""
         if self.value is None:
-            grid = self.effect.further.grid
-            return {"value": 0.0} | {name: (grid[0] if grid else {})[name] for name in self.effect.beside}
+            return {**self.effect.further.typical, "value": 0.0}
         return sizes_of(self.value, self.effect)
 
     @property
@@ -47,6 +52,12 @@ class InForce:
         sizes = self.sizes
         found = {self.name: sizes.pop("value")} | {f"{self.name}.{key}": size for key, size in sizes.items()}
         return found | {f"{self.name}.onset[{record}]": at for record, at in self.onsets.items()}
+
+    def acting(self, parameters: Mapping[str, Any], inputs: Mapping[str, Any]) -> dict[str, Any]:
+        """Value and further sizes from the parameters of a model, the value none in records that do not have it."""
+        value = parameters[self.name]
+        sizes = {key: parameters[f"{self.name}.{key}"] for key in self.effect.beside}
+        return {"value": value * inputs[self.masked] if self.masked else value, **sizes}
 
     @property
     def onsets(self) -> dict[str, float]:
@@ -84,7 +95,7 @@ def sizes_of(value: EffectValue, effect: Effect) -> dict[str, float]:
     """Return the numbers that an effect's functions take. Raises InputError when the file leaves out one that it may
     not."""
     values = {"value": value.value, **effect.further.defaults, **value.parameters}
-    for name in effect.further.grid[0] if effect.further.grid else ():
+    for name in effect.further.typical:
         if name not in values:
             raise InputError(
                 f"effect {effect.name}: its parameter '{name}' is missing; add parameters = {{ {name} = ... }}"

@@ -7,6 +7,8 @@ at zero, and terms of the user. Dry friction of a state that changes its sign.
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -40,10 +42,10 @@ from casid.model.causes import (
     sensor_scale,
     sensor_stuck,
 )
-from casid.model.effect import KINDS, Effect, Size, Words
+from casid.model.effect import KINDS, Effect, Size
 from casid.model.in_force import known_of
 from casid.model.port import ModelPort as Port
-from casid.model.system import Model
+from casid.model.system import Model, filled, variables
 from casid.records.record import Record
 
 
@@ -116,33 +118,31 @@ class Library:
 
     def terms(self, model: Model) -> dict[str, ca.SX]:
         """Name -> expression in the states and inputs of the model."""
-        names = (*model.states, *model.inputs)
-        symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
+        symbols = variables(model)
         found = {"1": ca.SX(1.0)} if self.degree else {}
         for degree in range(1, self.degree + 1):
-            found |= _monomials(names, symbols, degree)
-        space = SimpleNamespace(**dict(zip(names, symbols, strict=True)))
+            found |= _monomials(symbols, degree)
+        space = SimpleNamespace(**symbols)
         return found | {name: ca.SX(function(space)) for name, function in self.regressors.items()}
 
     def further_terms(self, model: Model) -> dict[str, ca.SX]:
         """Monomials of one degree more in one or two variables, and sizes of variables, by name: what has a kink."""
-        symbols = ca.vertsplit(ca.vertcat(model.x, model.u))
-        names = (*model.states, *model.inputs)
-        found = _monomials(names, symbols, self.degree + 1) if self.degree else {}
-        kinked = [{f"|{n}|": ca.fabs(x), f"{n}*|{n}|": x * ca.fabs(x)} for n, x in zip(names, symbols, strict=True)]
-        bent = {name: term for one in kinked[: self.degree and len(names)] for name, term in one.items()}
+        if not self.degree:
+            return {}
+        symbols = variables(model)
+        found = _monomials(symbols, self.degree + 1)
+        bent = dict[str, ca.SX]()
+        for name, x in symbols.items():
+            bent |= {f"|{name}|": ca.fabs(x), f"{name}*|{name}|": x * ca.fabs(x)}
         return {name: term for name, term in found.items() if name.count("*") <= 1} | bent
 
 
-def _monomials(names: Sequence[str], symbols: Sequence[ca.SX], degree: int) -> dict[str, ca.SX]:
+def _monomials(symbols: Mapping[str, ca.SX], degree: int) -> dict[str, ca.SX]:
     """Name -> product of a degree."""
     found = {}
-    for which in combinations_with_replacement(range(len(names)), degree):
-        powers = {i: which.count(i) for i in dict.fromkeys(which)}
-        name = "*".join(names[i] if k == 1 else f"{names[i]}^{k}" for i, k in powers.items())
-        found[name] = ca.SX(1.0)
-        for i in which:
-            found[name] = found[name] * symbols[i]
+    for which in combinations_with_replacement(symbols, degree):
+        name = "*".join(one if power == 1 else f"{one}^{power}" for one, power in Counter(which).items())
+        found[name] = math.prod((symbols[one] for one in which), start=ca.SX(1.0))
     return found
 
 
@@ -240,7 +240,7 @@ def _scaled_by_parameters(model: Model, terms: Mapping[str, ca.SX], free: Sequen
 
 def _with_unit(effect: Effect, unit: str) -> Effect:
     """The effect at a port of a model, with the unit there; judged by what it does, not by what aircraft have."""
-    return replace(effect, words=Words(unit=unit), size=replace(effect.size, meaningful=None, limit=np.inf))
+    return replace(effect, unit_at_port=unit, size=replace(effect.size, meaningful=None, limit=np.inf))
 
 
 def _tried(effect: Effect, port: Port, sizes: Sequence[Mapping[str, float]], unit: str) -> Effect:
@@ -297,7 +297,7 @@ def _of_output(port: Port, records: Sequence[Record], criteria: SystemCriteria) 
     having = [record for record in records if name in record and np.isfinite(record[name]).any()]
     if not having:
         return
-    whole = [np.interp(r.t, r.t[np.isfinite(r[name])], r[name][np.isfinite(r[name])]) for r in having]
+    whole = [filled(record, name) for record in having]
     offset = sensor_bias(name)
     yield _tried(replace(offset, traits=replace(offset.traits, constant=False)), port, ({},), port.unit)
     yield _tried(sensor_scale(name), port, ({},), "1")

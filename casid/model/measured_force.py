@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from casid.model.vectors import cross
 from casid.records.record import Record
 from casid.signals import EXTERNAL_FORCE, FORCE_POINT
 
@@ -14,9 +15,8 @@ from casid.signals import EXTERNAL_FORCE, FORCE_POINT
 def external_force(inputs: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
     """Measured force of a tether, a tow or a load [N] and its moment about the reference point [N m], in body axes;
     zero where the inputs have none."""
-    fx, fy, fz = force = [inputs.get(name, 0.0) for name in EXTERNAL_FORCE]
-    x, y, z = (inputs.get(name, 0.0) for name in FORCE_POINT)
-    return force, [y * fz - z * fy, z * fx - x * fz, x * fy - y * fx]
+    force = [inputs.get(name, 0.0) for name in EXTERNAL_FORCE]
+    return force, cross([inputs.get(name, 0.0) for name in FORCE_POINT], force)
 
 
 def force_inputs(records: Iterable[Record]) -> tuple[str, ...]:

@@ -19,10 +19,11 @@ import numpy as np
 
 from casid.model import station
 from casid.model.aerodynamics import RATES, consistent, own_coefficients
-from casid.model.airframe import INERTIAS, PRODUCTS, Airframe, unsymmetric_moment
+from casid.model.airframe import INERTIAS, POSITIONS, PRODUCTS, Airframe, unsymmetric_moment
 from casid.model.measured_force import external_force
 from casid.model.rotors import Rotor, effectiveness, thrust_of
 from casid.model.terms import derivative_term, parse_term
+from casid.model.vectors import accelerations_at, cross, minus
 from casid.signals import SURFACES
 
 STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
@@ -106,7 +107,7 @@ class SignalPath:
 
 def surface_station(path: SignalPath) -> None:
     """Surface positions and thrust as they act on the aircraft."""
-    for name in ("delta_e", "delta_a", "delta_r", "thrust") if path.aircraft.winged else ():
+    for name in (*SURFACES, "thrust") if path.aircraft.winged else ():
         path.surface[name] = path.inputs[name] + path.disturbance[station.control(name)]
 
 
@@ -150,13 +151,12 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     axial speed (P. Martin, E. Salaun, ICRA 2010, "The true role of accelerometer feedback in quadrotor control"): each
     rotor has its part at its hub, by the root of its thrust over that of hover.
     """
-    rotors = path.aircraft.rotors
+    rotors = path.aircraft.required_rotors
     rates = [path.state[name] for name in "pqr"]
-    velocity = [path.state[name] - wind for name, wind in zip("uvw", path.wind, strict=True)]
-    assert rotors is not None
+    velocity = minus([path.state[name] for name in "uvw"], path.wind)
     hover = path.aircraft.mass * path.aircraft.gravity / len(rotors.each)
     force = [path.mass * path.disturbance[station.equation(name)] for name in "uvw"]
-    moment = _cross(path.cg, force)  # what enters an equation of force is in no other, wherever the c.g. is
+    moment = cross(path.cg, force)  # what enters an equation of force is in no other, wherever the c.g. is
     inflow = path.inflow
     pressure = 1.0
     if rotors.voltage is not None and not _is_zero(path.voltage_exponent):
@@ -165,8 +165,8 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
     for name, one in path.rotor.items():
         axis = one.axis
         thrust = one.thrust * pressure
-        arm = [at - centre for at, centre in zip(one.position, path.cg, strict=True)]
-        hub = [v + w for v, w in zip(velocity, _cross(rates, arm), strict=True)]
+        arm = minus(one.position, path.cg)
+        hub = [v + w for v, w in zip(velocity, cross(rates, arm), strict=True)]
         speed = ca.sqrt(ca.fmax(one.rotor.static_thrust(one.input) / hover, _STANDS))  # over that of hover
         thrust = thrust + path.disturbance[station.control(thrust_of(name))]
         turning_back = [one.torque * thrust * a for a in axis]  # which axial speed hardly changes
@@ -176,11 +176,11 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
         if not all(map(_is_zero, path.drag.values())):
             part = speed / len(rotors.each)
             along = [a - path.drag[name] * part * v for a, name, v in zip(along, "xyz", hub, strict=True)]
-        about = _cross(one.position, along)
+        about = cross(one.position, along)
         spinning = [0.0, 0.0, 0.0]
         if one.rotor.speed and one.rotor.inertia:
             turning = [one.rotor.spin * one.rotor.inertia * a * one.input for a in axis]
-            spinning = _cross(turning, rates)  # less the rates x the angular momentum
+            spinning = cross(turning, rates)  # less the rates x the angular momentum
         for i in range(3):
             force[i] = force[i] + along[i]
             moment[i] = moment[i] + about[i] - turning_back[i] + spinning[i]
@@ -189,10 +189,6 @@ def rotor_loads(path: SignalPath) -> tuple[list[Any], list[Any]]:
 
 def _is_zero(value: Any) -> bool:
     return isinstance(value, float) and value == 0.0
-
-
-def _cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 # by the axis of the air's rotation that the gradient of its velocity makes: the state, that velocity as it was a part
@@ -220,9 +216,9 @@ def air_data_station(path: SignalPath) -> None:
     """Airspeed, flow angles, dynamic pressure and the dimensionless regressors of the aerodynamic model."""
     state = path.state
     aircraft = path.aircraft
-    ua, va, wa = (state[name] - wind for name, wind in zip("uvw", path.wind, strict=True))
     if not aircraft.winged:
         return
+    ua, va, wa = minus([state[name] for name in "uvw"], path.wind)
     if aircraft.rotors is not None:
         ua = ua + _SLOWEST
     V = ca.sqrt(ua**2 + va**2 + wa**2)
@@ -247,7 +243,7 @@ def air_data_station(path: SignalPath) -> None:
         "p": (state["p"] - rotation["p"]) * lateral,
         "q": (state["q"] - rotation["q"]) * pitch,
         "r": (state["r"] - rotation["r"]) * lateral,
-        **{name: path.surface[name] for name in ("delta_e", "delta_a", "delta_r")},
+        **{name: path.surface[name] for name in SURFACES},
         "mach": V / speed_of_sound(path.inputs["rho"]),
         "Tc": path.surface["thrust"] / (path.air["qbar"] * aircraft.area),
     }
@@ -387,34 +383,19 @@ def rigid_body_station(path: SignalPath) -> None:
     """Accelerations of the c.g. and the kinematics of the Euler angles; flat earth, constant mass."""
     s = path.state
     g = path.aircraft.gravity
-    fx, fy, fz = path.force
-    cx, cy, cz = path.cg
-    L = path.moment[0] - (cy * fz - cz * fy)
-    M = path.moment[1] - (cz * fx - cx * fz)
-    N = path.moment[2] - (cx * fy - cy * fx)
-    ax = fx / path.mass
-    ay = fy / path.mass
-    az = fz / path.mass
-    sph = ca.sin(s["phi"])
-    cph = ca.cos(s["phi"])
-    sth = ca.sin(s["theta"])
-    cth = ca.cos(s["theta"])
-    p = s["p"]
-    q = s["q"]
-    r = s["r"]
-    pdot, qdot, rdot = _angular_acceleration(path, (p, q, r), (L, M, N))
+    moments = minus(path.moment, cross(path.cg, path.force))
+    ax, ay, az = (force / path.mass for force in path.force)
+    sph, sth = (ca.sin(s[angle]) for angle in ("phi", "theta"))
+    cph, cth = (ca.cos(s[angle]) for angle in ("phi", "theta"))
+    p, q, r = rates = [s[name] for name in "pqr"]
+    angular = dict(zip("pqr", _angular_acceleration(path, rates, moments), strict=True))
     if path.aircraft.rotors is not None:
-        pdot, qdot, rdot = (
-            rate + path.disturbance[station.equation(name)]
-            for name, rate in zip("pqr", (pdot, qdot, rdot), strict=True)
-        )
+        angular = {name: rate + path.disturbance[station.equation(name)] for name, rate in angular.items()}
     path.derivative |= {
         "u": ax - g * sth + r * s["v"] - q * s["w"],
         "v": ay + g * cth * sph - r * s["u"] + p * s["w"],
         "w": az + g * cth * cph + q * s["u"] - p * s["v"],
-        "p": pdot,
-        "q": qdot,
-        "r": rdot,
+        **angular,
         "phi": p + ca.tan(s["theta"]) * (q * sph + r * cph),
         "theta": q * cph - r * sph,
         "psi": (q * sph + r * cph) / cth,
@@ -427,15 +408,11 @@ def rigid_body_station(path: SignalPath) -> None:
 
 def velocity_over_ground(state: Mapping[str, Any]) -> dict[str, Any]:
     """v_north, v_east, v_down [m/s] of a state with a heading."""
-    sph = ca.sin(state["phi"])
-    cph = ca.cos(state["phi"])
-    sth = ca.sin(state["theta"])
-    cth = ca.cos(state["theta"])
+    sph, sth, spsi = (ca.sin(state[angle]) for angle in ("phi", "theta", "psi"))
+    cph, cth, cpsi = (ca.cos(state[angle]) for angle in ("phi", "theta", "psi"))
     across = state["v"] * sph + state["w"] * cph
     ahead = state["u"] * cth + across * sth
     aside = state["v"] * cph - state["w"] * sph
-    spsi = ca.sin(state["psi"])
-    cpsi = ca.cos(state["psi"])
     return {
         "v_north": ahead * cpsi - aside * spsi,
         "v_east": ahead * spsi + aside * cpsi,
@@ -443,7 +420,7 @@ def velocity_over_ground(state: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _angular_acceleration(path: SignalPath, rates: tuple, moments: tuple) -> tuple[Any, Any, Any]:
+def _angular_acceleration(path: SignalPath, rates: Sequence[Any], moments: Sequence[Any]) -> tuple[Any, Any, Any]:
     """pdot, qdot, rdot by Euler's equations."""
     (p, q, r), (L, M, N) = rates, moments
     Ixx, Iyy, Izz, Ixz = (path.inertia[name] for name in INERTIAS)
@@ -473,41 +450,32 @@ def sensor_station(path: SignalPath) -> None:
     s = path.state
     d = path.derivative
     air = path.air
-    p = s["p"]
-    q = s["q"]
-    r = s["r"]
+    rates = [s[name] for name in "pqr"]
+    angular = [d[name] for name in "pqr"]
 
     def arm(name: str) -> list[Any]:
-        return [a - c for a, c in zip(path.sensor_position[name], path.cg, strict=True)]
+        return minus(path.sensor_position[name], path.cg)
 
-    def airspeed_at(position: list[Any]) -> tuple[Any, Any, Any]:
-        x, y, z = position
-        return air["u"] + q * z - r * y, air["v"] + r * x - p * z, air["w"] + p * y - q * x
+    def airspeed_at(vane: str) -> list[Any]:
+        u, v, w = (air[name] for name in "uvw")
+        x, y, z = arm(vane)
+        p, q, r = rates
+        return [u + q * z - r * y, v + r * x - p * z, w + p * y - q * x]
 
-    x, y, z = arm("accelerometer")
-    ax, ay, az = (f / path.mass for f in path.force)
+    felt = [force / path.mass for force in path.force]
     path.output = {}
     if path.aircraft.winged:
-        ua, _, wa = airspeed_at(arm("alpha_vane"))
-        ub, vb, wb = airspeed_at(arm("beta_vane"))
+        ua, _, wa = airspeed_at("alpha_vane")
+        ub, vb, wb = airspeed_at("beta_vane")
         path.output |= {
             "V": air["V"],
             "alpha": ca.atan2(wa, ua),
             "beta": ca.asin(vb / ca.sqrt(ub**2 + vb**2 + wb**2)),
         }
-    path.output |= {
-        "p": p,
-        "q": q,
-        "r": r,
-        "phi": s["phi"],
-        "theta": s["theta"],
-        "ax": ax - (q**2 + r**2) * x + (p * q - d["r"]) * y + (p * r + d["q"]) * z,
-        "ay": ay + (p * q + d["r"]) * x - (p**2 + r**2) * y + (q * r - d["p"]) * z,
-        "az": az + (p * r - d["q"]) * x + (q * r + d["p"]) * y - (p**2 + q**2) * z,
-        "pdot": d["p"],
-        "qdot": d["q"],
-        "rdot": d["r"],
-    }
+    path.output |= {name: s[name] for name in ("p", "q", "r", "phi", "theta")}
+    at_place = accelerations_at(arm("accelerometer"), felt, rates, angular)
+    path.output |= dict(zip(("ax", "ay", "az"), at_place, strict=True))
+    path.output |= dict(zip(("pdot", "qdot", "rdot"), angular, strict=True))
     path.output |= {name: s[name] for name in INTEGRALS if name in s}
     if "psi" in s:
         path.output |= velocity_over_ground(s)
@@ -532,6 +500,17 @@ def unsteady_regressors(path: SignalPath) -> None:
     path.regressor["betadot"] = betadot * path.aircraft.rate_length_lateral / air["V"]
 
 
+_UP_TO_THE_AIR: Mapping[str, Callable[[SignalPath], None]] = MappingProxyType(
+    {
+        "surface": surface_station,
+        "mass": mass_station,
+        "wind": wind_station,
+        "rotors": rotor_station,
+        "air data": air_data_station,
+    }
+)
+
+
 def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
     """Take the signal through all stations; `effects` gives, by station, functions that change the path there."""
 
@@ -539,19 +518,10 @@ def fly(path: SignalPath, effects: Mapping[str, list[Any]]) -> SignalPath:
         for change in effects.get(station, ()):
             change(path)
 
-    surface_station(path)
-    apply("surface")
-    mass_station(path)
-    apply("mass")
-    path.sensor_position = {
-        name: list(getattr(path.aircraft, name)) for name in ("accelerometer", "alpha_vane", "beta_vane")
-    }
-    wind_station(path)
-    apply("wind")
-    rotor_station(path)
-    apply("rotors")
-    air_data_station(path)
-    apply("air data")
+    path.sensor_position = {name: list(getattr(path.aircraft, name)) for name in POSITIONS}
+    for name, compute in _UP_TO_THE_AIR.items():
+        compute(path)
+        apply(name)
     if path.aircraft.winged:
         _aerodynamic_forces(path, apply)
     else:

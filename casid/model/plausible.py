@@ -62,22 +62,15 @@ def doubts(aircraft: Aircraft) -> tuple[Doubt, ...]:
 
 def impossibilities(aircraft: Aircraft) -> tuple[Doubt, ...]:
     """List what no aircraft has, whatever it weighs: effects of an impossible size, an inertia of no rigid body."""
-    effects = [(value.value, effect_of(value)) for value in aircraft.effects]
-    sizes = [
-        Doubt(
-            parameter=effect.name,
-            given=value,
-            unit=effect.unit,
-            sentence=f"{effect_title(*effect.key)}: {value:.3g} {effect.unit} in the file, which is impossible.",
-        )
-        for value, effect in effects
-        if not possible(effect, value)
-    ]
-    bodies = [
-        Doubt(parameter="inertia", given=math.nan, unit="kg m2", sentence=f"The file's {note}.")
-        for note in aircraft.inertia.notes
-    ]
-    return (*sizes, *bodies)
+    found = []
+    for one in aircraft.effects:
+        effect = effect_of(one)
+        sentence = f"{effect_title(*effect.key)}: {one.value:.3g} {effect.unit} in the file, which is impossible."
+        if not possible(effect, one.value):
+            found.append(Doubt(parameter=effect.name, given=one.value, unit=effect.unit, sentence=sentence))
+    for note in aircraft.inertia.notes:
+        found.append(Doubt(parameter="inertia", given=math.nan, unit="kg m2", sentence=f"The file's {note}."))
+    return tuple(found)
 
 
 def possible(effect: Effect, value: float) -> bool:
@@ -91,35 +84,27 @@ def _outside(value: float, bounds: tuple[float, float]) -> bool:
 
 def _constants(a: Aircraft) -> Iterator[Doubt]:
     if _outside(a.gravity, _GRAVITY):
-        yield Doubt(
-            parameter="gravity",
-            given=a.gravity,
-            unit="m/s2",
-            sentence=f"gravity is {a.gravity:.4g} m/s2, which is nowhere on Earth; expected about 9.81.",
-        )
+        sentence = f"gravity is {a.gravity:.4g} m/s2, which is nowhere on Earth; expected about 9.81."
+        yield Doubt(parameter="gravity", given=a.gravity, unit="m/s2", sentence=sentence)
     loading = a.mass * GRAVITY / a.area
     if a.winged and _outside(loading, _WING_LOADING):
-        yield Doubt(
-            parameter="mass",
-            given=a.mass,
-            unit="kg",
-            sentence=f"mass {a.mass:.4g} kg on an area of {a.area:.4g} m2 is a wing loading of {loading:.3g} N/m2, "
+        sentence = (
+            f"mass {a.mass:.4g} kg on an area of {a.area:.4g} m2 is a wing loading of {loading:.3g} N/m2, "
             f"which no aircraft has ({_WING_LOADING[0]:.0f} to {_WING_LOADING[1]:.0f}): is the mass in kg, the "
-            "area in m2?",
+            "area in m2?"
         )
+        yield Doubt(parameter="mass", given=a.mass, unit="kg", sentence=sentence)
 
 
 def _geometry(a: Aircraft) -> Iterator[Doubt]:
     ratio = a.area / (a.moment_length_lateral * a.moment_length_pitch)
     if a.winged and _outside(ratio, _AREA_RATIO):
-        yield Doubt(
-            parameter="area",
-            given=a.area,
-            unit="m2",
-            sentence=f"area {a.area:.4g} m2 is {ratio:.2g} times the product of the lengths of moments, "
+        sentence = (
+            f"area {a.area:.4g} m2 is {ratio:.2g} times the product of the lengths of moments, "
             f"{a.moment_length_lateral:.3g} and {a.moment_length_pitch:.3g} m; wings have 0.75 to 4: is "
-            "the area in m2, are the lengths in m?",
+            "the area in m2, are the lengths in m?"
         )
+        yield Doubt(parameter="area", given=a.area, unit="m2", sentence=sentence)
     roll = math.sqrt(a.inertia.Ixx / a.mass)
     pitch = math.sqrt(a.inertia.Iyy / a.mass)
     length = a.moment_length_lateral
@@ -128,13 +113,11 @@ def _geometry(a: Aircraft) -> Iterator[Doubt]:
         length = max(math.hypot(*one.position[:2]) for one in a.rotors.each)
         of = "rotors at a distance"
     if _outside(pitch / roll, _PITCH_RADIUS) or (length > 0.0 and _outside(roll / length, _ROLL_RADIUS)):
-        yield Doubt(
-            parameter="inertia",
-            given=a.inertia.Ixx,
-            unit="kg m2",
-            sentence=f"inertia: radii of gyration of {roll:.3g} m in roll and {pitch:.3g} m in pitch do not fit "
-            f"{of} of {length:.3g} m: is the inertia in kg m2, the mass in kg?",
+        sentence = (
+            f"inertia: radii of gyration of {roll:.3g} m in roll and {pitch:.3g} m in pitch do not fit "
+            f"{of} of {length:.3g} m: is the inertia in kg m2, the mass in kg?"
         )
+        yield Doubt(parameter="inertia", given=a.inertia.Ixx, unit="kg m2", sentence=sentence)
 
 
 def _slopes(a: Aircraft) -> Iterator[Doubt]:
@@ -144,13 +127,11 @@ def _slopes(a: Aircraft) -> Iterator[Doubt]:
     for name, bounds in (("CL_alpha", _LIFT_SLOPE), ("CZ_alpha", _LIFT_SLOPE), ("CY_beta", _SIDE_SLOPE)):
         value = a.derivatives.get(name, 0.0)
         if value != 0.0 and _outside(abs(value), bounds):
-            yield Doubt(
-                parameter=name,
-                given=value,
-                unit="1/rad",
-                sentence=f"{name} is {value:.3g} per rad; aircraft have {bounds[0]:.2g} to {bounds[1]:.2g} in size: "
-                "is it per degree?",
+            sentence = (
+                f"{name} is {value:.3g} per rad; aircraft have {bounds[0]:.2g} to {bounds[1]:.2g} in size: "
+                "is it per degree?"
             )
+            yield Doubt(parameter=name, given=value, unit="1/rad", sentence=sentence)
 
 
 def _trim(a: Aircraft) -> Iterator[Doubt]:
@@ -159,30 +140,21 @@ def _trim(a: Aircraft) -> Iterator[Doubt]:
     thin = False
     if rho is not None and _outside(rho, _DENSITY):
         thin = True
-        yield Doubt(
-            parameter="trim rho",
-            given=rho,
-            unit="kg/m3",
-            sentence=f"rho of [trim] is {rho:.3g} kg/m3; air has {_DENSITY[0]:.2g} to {_DENSITY[1]:.2g}: is it in "
-            "slug/ft3?",
+        sentence = (
+            f"rho of [trim] is {rho:.3g} kg/m3; air has {_DENSITY[0]:.2g} to {_DENSITY[1]:.2g}: is it in slug/ft3?"
         )
+        yield Doubt(parameter="trim rho", given=rho, unit="kg/m3", sentence=sentence)
     weight = a.mass * GRAVITY
     if thrust != 0.0 and _outside(abs(thrust) / weight, _THRUST_RATIO):
-        yield Doubt(
-            parameter="trim thrust",
-            given=thrust,
-            unit="N",
-            sentence=f"thrust of [trim] is {thrust:.3g} N, {thrust / weight:.1g} of the weight: is it in kN?",
-        )
+        sentence = f"thrust of [trim] is {thrust:.3g} N, {thrust / weight:.1g} of the weight: is it in kN?"
+        yield Doubt(parameter="trim thrust", given=thrust, unit="N", sentence=sentence)
     lift = None if thin else lift_in_trim(a)
     if lift is not None and _outside(lift, _LIFT_RATIO):
-        yield Doubt(
-            parameter="trim lift",
-            given=lift,
-            unit="1",
-            sentence=f"the lift of the file in its [trim] is {lift:.2g} times the weight: look at mass, area, V, rho, "
-            "alpha and the lift derivatives.",
+        sentence = (
+            f"the lift of the file in its [trim] is {lift:.2g} times the weight: look at mass, area, V, rho, "
+            "alpha and the lift derivatives."
         )
+        yield Doubt(parameter="trim lift", given=lift, unit="1", sentence=sentence)
 
 
 def lift_in_trim(a: Aircraft) -> float | None:

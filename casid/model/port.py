@@ -14,8 +14,8 @@ import casadi as ca
 
 from casid.arguments import names as names_of
 from casid.arguments import number, one_line, one_of, require
-from casid.errors import InputError, check_known
-from casid.model.station import Station, control, equation, reading
+from casid.errors import InputError, check_known, unknown
+from casid.model.station import Station, control, equation, reading, stuck
 from casid.model.system import Model
 
 Place = Literal["state derivative", "input", "output"]
@@ -106,19 +106,37 @@ def check_ports(model: Model, ports: Sequence[ModelPort]) -> None:
 def with_ports(model: Model, ports: Sequence[ModelPort]) -> Model:
     """The model with a disturbance, null 0, at every port, after those that it has; a port at which it has one keeps
     it."""
-    ports = [port for port in ports if port.station not in model.disturbances]
-    w = ca.SX.sym("ports", len(ports))
+    names = tuple(port.station for port in ports if port.station not in model.disturbances)
+    w = ca.SX.sym("ports", len(names))
+    u, _, f, h = entering(model, names, w)
+    f, h = ca.substitute([f, h], [model.u], [u])
+    return replace(model, f=f, h=h, w=ca.vertcat(model.w, w), disturbances=(*model.disturbances, *names), equation=None)
+
+
+def entering(model: Model, stations: Sequence[str], added: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """Inputs, disturbances, equations and readings of a model with what is added at stations, by their names. Raises
+    InputError for a station that the model does not have."""
+    u = ca.SX(model.u)
+    w = ca.SX(model.w)
     f = ca.SX(model.f)
     h = ca.SX(model.h)
-    at_inputs = ca.SX(model.u)
-    for k, port in enumerate(ports):
-        if port.kind == "input":
-            at_inputs[model.inputs.index(port.name)] += w[k]
-    f, h = ca.substitute([f, h], [model.u], [at_inputs])
-    for k, port in enumerate(ports):
-        if port.kind == "state derivative":
-            f[model.states.index(port.name)] += w[k]
-        elif port.kind == "output":
-            h[model.outputs.index(port.name)] += w[k]
-    names = tuple(port.station for port in ports)
-    return replace(model, f=f, h=h, w=ca.vertcat(model.w, w), disturbances=(*model.disturbances, *names), equation=None)
+    beside = ca.SX.zeros(h.shape[0])  # what is added to a reading is added to one that is stuck
+    for k, name in enumerate(stations):
+        if name in model.disturbances:
+            w[model.disturbances.index(name)] += added[k]
+            continue
+        if name.startswith("present "):
+            continue
+        if name.startswith(stuck("")) and name.removeprefix(stuck("")) in model.outputs:
+            h[model.outputs.index(name.removeprefix(stuck("")))] *= 1.0 - added[k]
+            continue
+        at = Station.at(name)
+        if at.kind == "control" and at.name in model.inputs:
+            u[model.inputs.index(at.name)] += added[k]
+        elif at.kind == "equation" and at.name in model.states:
+            f[model.states.index(at.name)] += added[k]
+        elif at.kind == "reading" and at.name in model.outputs:
+            beside[model.outputs.index(at.name)] += added[k]
+        else:
+            raise unknown("station", name, (*model.inputs, *model.states, *model.outputs), f"model '{model.name}'")
+    return u, w, f, h + beside

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -426,12 +426,9 @@ def written_rotors(rotors: Rotors) -> Iterator[tuple[str, dict[str, Any]]]:
     each = [_written(one) for one in rotors.each]
     shared = {name: each[0].get(name) for name in _SHARED if all(one.get(name) == each[0].get(name) for one in each)}
     general: dict[str, Any] = {name: value for name, value in shared.items() if value is not None}
-    general |= {"relative_uncertainty": rotors.relative_uncertainty} if rotors.relative_uncertainty else {}
-    general |= {"inflow": rotors.inflow} if rotors.inflow else {}
+    general |= {n: getattr(rotors, n) for n in ("relative_uncertainty", "inflow") if getattr(rotors, n)}
     general |= {"drag": rotors.drag} if any(rotors.drag) else {}
-    if rotors.voltage:
-        one = rotors.voltage
-        general["voltage"] = {"channel": one.channel, "exponent": one.exponent, "reference": one.reference}
+    general |= {"voltage": asdict(rotors.voltage)} if rotors.voltage else {}
     yield "[rotors]", general
     for one in each:
         yield "[[rotors.each]]", {name: value for name, value in one.items() if name not in general}

@@ -14,7 +14,7 @@ from casid.errors import InputError, check_known
 from casid.model.built import compiled
 from casid.model.expressions import origin
 from casid.model.splines import cubic_inputs, splined, with_splines
-from casid.model.system import Model, check_continuous, check_period
+from casid.model.system import Model, check_continuous, check_period, runge_kutta
 from casid.model.timeline import between_samples, check_events, timeline
 from casid.model.with_effects import at_own_times
 from casid.native.compiler import Compilable
@@ -153,7 +153,8 @@ def simulate(
         return Simulation(model=model, record=flown_as, states=found.states, outputs=found.outputs)
     W = np.zeros((n, len(model.disturbances)))
     for name, series in table_of(disturbances or {}, "simulate: disturbances", "{'gust_z': series}").items():
-        W[:, _disturbance(model, name)] = _series(series, f"simulate: disturbance '{name}'", n)
+        check_known("disturbance", (name,), model.disturbances, f"simulate: model '{model.name}'")
+        W[:, model.disturbances.index(name)] = _series(series, f"simulate: disturbance '{name}'", n)
     p = model.nominal_vector(numbers_by_name(values or {}, "simulate: values"))
     check_events(model, [record], "simulate")
     states = flown(model, record, start, p, W, _by_cvodes(model) if by_cvodes else _by_runge_kutta(model, substeps))
@@ -205,11 +206,6 @@ def _check_inputs(model: Model, record: Record) -> None:
                 f"record '{record.name}': input '{name}' has no value at t = {record.t[bad[0]]:g} s ({len(bad)} "
                 "samples); fill the gaps"
             )
-
-
-def _disturbance(model: Model, name: str) -> int:
-    check_known("disturbance", (name,), model.disturbances, f"simulate: model '{model.name}'")
-    return model.disturbances.index(name)
 
 
 def _series(series: object, what: str, n: int) -> np.ndarray:
@@ -348,10 +344,6 @@ def _step(model: Model, substeps: int) -> ca.Function:
     if model.period is not None:
         state = f(x, first, model.p)
     for k in range(substeps if model.period is None else 0):
-        u0, um, u1 = (first + (last - first) * (k + part) / substeps for part in (0.0, 0.5, 1.0))
-        k1 = f(state, u0, model.p)
-        k2 = f(state + h / 2 * k1, um, model.p)
-        k3 = f(state + h / 2 * k2, um, model.p)
-        k4 = f(state + h * k3, u1, model.p)
-        state = state + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        inputs = [first + (last - first) * (k + part) / substeps for part in (0.0, 0.5, 1.0)]
+        state = runge_kutta(f, state, inputs, h, model.p)
     return ca.Function("step", [x, first, last, dt, model.p], [ca.densify(state)])

@@ -13,7 +13,7 @@ import casadi as ca
 import numpy as np
 import scipy
 
-from casid.model.system import Model
+from casid.model.system import Model, substituted
 from casid.records.record import Record
 
 _BEGIN = "time at the last sample"
@@ -36,8 +36,7 @@ def with_splines(model: Model, names: Sequence[str]) -> Model:
     for name in names:
         c1, c2, c3 = (at[_coefficient(name, k)] for k in _DEGREES)
         run[model.inputs.index(name)] += since * (c1 + since * (c2 + since * c3))
-    f, h, *after = ca.substitute([model.f, model.h, *model.events.values()], [model.u], [run])
-    return replace(model, inputs=inputs, u=u, f=f, h=h, events=dict(zip(model.events, after, strict=True)))
+    return substituted(model, model.u, run, inputs=inputs, u=u)
 
 
 def splined(record: Record, names: Sequence[str]) -> Record:

@@ -20,7 +20,7 @@ from casid.above import ask_above
 from casid.arguments import given, listed, names, number, numbers_by_name, one_line, require, table_of
 from casid.errors import InputError, check_known
 from casid.model.algebraic import algebraic_states
-from casid.model.expressions import Symbols, Vectors, check_symbols, expressions
+from casid.model.expressions import Symbols, Vectors, check_symbols, column, evaluated, expressions
 from casid.records.record import Record
 from casid.signals import scale_of
 
@@ -261,16 +261,16 @@ class Model:
     @property
     def vectors(self) -> Vectors:
         """Letter -> vector of symbols and the names of its rows: states x, inputs u, parameters p, disturbances w."""
-        return {
-            "x": (self.x, self.states),
-            "u": (self.u, self.inputs),
-            "p": (self.p, self.parameters),
-            "w": (self.w, self.disturbances),
-        }
+        return {letter: (getattr(self, letter), getattr(self, _ROWS[letter])) for letter in "xupw"}
 
     def scale_vector(self) -> np.ndarray:
         """(states,) typical size of each state."""
         return np.array([self.state_scale[name] for name in self.states], dtype=float)
+
+
+def variables(model: Model) -> dict[str, ca.SX]:
+    """States and inputs by name."""
+    return dict(zip((*model.states, *model.inputs), ca.vertsplit(ca.vertcat(model.x, model.u)), strict=True))
 
 
 def bare_name(model: Model, name: str) -> str:
@@ -372,17 +372,34 @@ def unguessed_states(model: Model, records: Iterable[Record]) -> list[str]:
     return [s for s in model.states if any(s not in r or not np.isfinite(r[s]).any() for r in records)]
 
 
+def filled(record: Record, name: str, default: float = 0.0) -> np.ndarray:
+    """A channel with missing samples interpolated; a constant where the record has none of it."""
+    if name not in record or not np.isfinite(record[name]).any():
+        return np.full(len(record), default)
+    values = record[name]
+    good = np.isfinite(values)
+    return values if good.all() else np.interp(record.t, record.t[good], values[good])
+
+
 def _measured(states: Sequence[str], record: Record) -> np.ndarray:
-    columns = [np.zeros((len(record), 0))]
-    for name in states:
-        values = record[name] if name in record else np.zeros(len(record))
-        good = np.isfinite(values)
-        if not good.any():
-            values = np.zeros(len(record))
-        elif not good.all():
-            values = np.interp(record.t, record.t[good], values[good])
-        columns.append(values[:, None])
-    return np.concatenate(columns, axis=1)
+    columns = [filled(record, name)[:, None] for name in states]
+    return np.concatenate([np.zeros((len(record), 0)), *columns], axis=1)
+
+
+def substituted(model: Model, symbols: ca.SX, expressions: ca.SX, **changes: Any) -> Model:
+    """The model with expressions in the place of symbols in its equations, readings and events, and further changes."""
+    f, h, *after = ca.substitute([model.f, model.h, *model.events.values()], [symbols], [expressions])
+    return replace(model, f=f, h=h, events=dict(zip(model.events, after, strict=True)), **changes)
+
+
+def runge_kutta(f: ca.Function, x: ca.SX, inputs: Sequence[ca.SX], step: ca.SX, *rest: ca.SX) -> ca.SX:
+    """State after a step [s] of dx/dt = f(x, u, *rest), by the inputs at its begin, in its middle and at its end."""
+    first, middle, last = inputs
+    k1 = f(x, first, *rest)
+    k2 = f(x + step / 2 * k1, middle, *rest)
+    k3 = f(x + step / 2 * k2, middle, *rest)
+    k4 = f(x + step * k3, last, *rest)
+    return x + step / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
 
 
 def define_model(
@@ -528,13 +545,11 @@ def _initial(
 ) -> Mapping[str, ca.SX]:
     """The initial states that a user's function gives, checked."""
     what = f"{where}: initial"
-    if not callable(function):
-        raise InputError(f"{what} is {given(function)}; expected a function of the parameters, like lambda s: ...")
     known = Symbols(f"{what}: parameters", {n: vectors["p"][0][i] for i, n in enumerate(groups["p"])})
-    found = function(known)
+    found = evaluated(function, known, what, "parameters")
     chosen = [name for name in groups["x"] if isinstance(found, Mapping) and name in found] or groups["x"]
-    column = expressions(lambda _: found, known, chosen, "initial", where)
-    return MappingProxyType(dict(zip(chosen, ca.vertsplit(column), strict=True)))
+    rows = ca.vertsplit(column(found, chosen, "initial", where))
+    return MappingProxyType(dict(zip(chosen, rows, strict=True)))
 
 
 def _namespace(groups: Mapping[str, Sequence[str]], where: str) -> tuple[Vectors, Symbols]:
@@ -569,18 +584,16 @@ def _events(
 ) -> Mapping[str, ca.SX]:
     """States after the events that a user's function gives, checked."""
     what = f"{where}: events"
-    if not callable(function):
-        raise InputError(f"{what} is {given(function)}; expected a function of the symbols, like lambda s: ...")
     known = {n: vectors[letter][0][i] for letter in "xup" for i, n in enumerate(vectors[letter][1])}
     space = Symbols(f"{what}: symbols", known)
     states = vectors["x"][1]
-    found = function(space)
+    found = evaluated(function, space, what)
     if not isinstance(found, Mapping) or not all(isinstance(sets, Mapping) for sets in found.values()):
         raise InputError(f"{what} returned {given(found)}; expected a table {{'dose': {{'x': ...}}}}")
     after = {}
     for event, sets in found.items():
         whole = {name: known[name] for name in states} | dict(sets)
-        after[str(event)] = expressions(lambda _, whole=whole: whole, space, states, f"event '{event}'", where)
+        after[str(event)] = column(whole, states, f"event '{event}'", where)
     if after:
         check_symbols(ca.vertcat(*after.values()), vectors, where)
     return MappingProxyType(after)

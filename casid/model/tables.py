@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Any
@@ -255,17 +255,7 @@ class Table:
         if not self.free:
             return self
         given = tuple(float(values.get(name, value)) for name, value in self.knots.items())
-        return table(
-            self.coefficient,
-            self.axes,
-            self.grid.breakpoints,
-            np.reshape(given, self.grid.shape),
-            name=self.name,
-            times=self.times,
-            method=self.grid.method,
-            outside=self.grid.outside,
-            free=True,
-        )
+        return replace(self, grid=replace(self.grid, values=given))
 
     def beyond(self, channels: Mapping[str, np.ndarray]) -> Iterator[str]:
         """Warnings about regressors that leave the range of the breakpoints.

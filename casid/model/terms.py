@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -217,14 +217,13 @@ def in_words(text: str) -> str:
     return ", ".join(_stretch(part, text).words if "[" in part else part for part in text.split("*"))
 
 
-def derivative_term(name: str, where: str = "", coefficients: Iterable[str] = COEFFICIENTS) -> tuple[str, Term]:
+def derivative_term(name: str, where: str = "") -> tuple[str, Term]:
     """Coefficient and term of a parameter: `Cm_delta_e` -> ("Cm", delta_e), `CL_0` -> ("CL", constant), `Cm_alpha*beta`
-    -> ("Cm", alpha*beta). `coefficients` are those allowed. Raises InputError with the nearest name."""
-    allowed = tuple(coefficients)
+    -> ("Cm", alpha*beta). Raises InputError with the nearest name."""
     coefficient, _, regressor = name.partition("_")
     plain = ("0", *VARIABLES)
-    if coefficient not in allowed or (regressor not in plain and not set(regressor) & set("*^[|")):
-        likely = [c for c in allowed if name.startswith(c)] or allowed
+    if coefficient not in COEFFICIENTS or (regressor not in plain and not set(regressor) & set("*^[|")):
+        likely = [c for c in COEFFICIENTS if name.startswith(c)] or COEFFICIENTS
         raise unknown("derivative", name, [f"{c}_{v}" for c in likely for v in plain], where)
     return coefficient, parse_term(regressor, f"{where}: '{name}'" if where else f"'{name}'")
 

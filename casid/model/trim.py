@@ -148,14 +148,13 @@ def trim(
     weight = aircraft.mass * aircraft.gravity
 
     def point(z: np.ndarray) -> Trim:
-        free_thrust, free_rho = (z[2] * 0.1 * weight, rho) if thrust is None else (thrust, z[2])
         return Trim(
             V=V,
             alpha=float(z[0]),
             theta=float(z[0]) + climb_angle,
             delta_e=float(z[1]),
-            thrust=float(free_thrust),
-            rho=float(free_rho if free_rho is not None else z[2]),
+            thrust=float(z[2] * 0.1 * weight if thrust is None else thrust),
+            rho=float(z[2] if rho is None else rho),
         )
 
     def imbalance(z: np.ndarray) -> np.ndarray:
@@ -175,8 +174,7 @@ def _balanced_by_rotors(
 ) -> Trim:
     """Steady flight by Newton's method from hover with equal thrusts; of more than four rotors with the least change of
     these."""
-    rotors = aircraft.rotors
-    assert rotors is not None
+    rotors = aircraft.required_rotors
     model = aircraft_model(aircraft, effects=())
     z = ca.SX.sym("z", len(rotors.each) + 2)  # thrusts over weight, bank, pitch
     weight = aircraft.mass * aircraft.gravity
@@ -188,15 +186,11 @@ def _balanced_by_rotors(
     state = ca.vertcat(
         ahead * ca.cos(theta) - below * ca.sin(theta), across * ca.sin(phi), across * ca.cos(phi), 0, 0, 0, phi, theta
     )
-    fixed = {"thrust": thrust, "rho": rho} | (
-        {rotors.voltage.channel: rotors.voltage.reference} if rotors.voltage else {}
-    )
-    at_rest = {
-        name: one.input_for(weight / len(rotors.each)) for name, one in zip(rotors.names, rotors.each, strict=True)
-    }
-    inputs = [ca.SX(fixed.get(name, 0.0)) for name in model.inputs]
-    for i, one in enumerate(rotors.each):
-        inputs[model.inputs.index(one.name)] = at_rest[one.name] * (1.0 + z[i])
+    at_rest = {one.name: one.input_for(weight / len(rotors.each)) for one in rotors.each}
+    battery = {rotors.voltage.channel: rotors.voltage.reference} if rotors.voltage else {}
+    given = {"thrust": thrust, "rho": rho} | battery
+    given |= {name: u * (1.0 + z[i]) for i, (name, u) in enumerate(at_rest.items())}
+    inputs = [ca.SX(given.get(name, 0.0)) for name in model.inputs]
     p = model.nominal_vector(values)
     calm = np.zeros(len(model.disturbances))
     f = ca.Function("f", [model.x, model.u, model.p, model.w], [model.f])(state, ca.vertcat(*inputs), p, calm)
@@ -211,8 +205,7 @@ def _balanced_by_rotors(
             break
     if not np.abs(at(point)[0].full()).max() < 1e-8:
         raise InputError(f"trim: the rotors of '{aircraft.name}' do not balance it at V = {V:g} m/s")
-    drive = {name: at_rest[name] * (1.0 + float(point[i])) for i, name in enumerate(rotors.names)}
-    drive |= {name: value for name, value in fixed.items() if rotors.voltage and name == rotors.voltage.channel}
+    drive = {name: u * (1.0 + float(point[i])) for i, (name, u) in enumerate(at_rest.items())} | battery
     bank = float(point[-2])
     pitch = float(point[-1])
     return Trim(V=V, alpha=pitch - climb, theta=pitch, delta_e=0.0, thrust=thrust, rho=rho, phi=bank, rotors=drive)

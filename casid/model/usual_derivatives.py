@@ -11,46 +11,20 @@ from types import MappingProxyType
 from casid.model.airframe import AXES_COEFFICIENTS, Airframe
 from casid.model.terms import derivative_term
 
-# 1-sigma about zero. 95 % of the aircraft that come with JSBSim are within 1.96 of it, at a lift coefficient of 0.4;
-# computed by `python -m problems.jsbsim.derivative_sizes`.
+# Coefficient -> regressor -> 1-sigma about zero. 95 % of the aircraft that come with JSBSim are within 1.96 of it, at a
+# lift coefficient of 0.4; computed by `python -m problems.jsbsim.derivative_sizes`.
+_USUAL = {
+    "CL": {"0": 0.32, "alpha": 3.6, "q": 16, "delta_e": 0.44},
+    "CD": {"0": 0.056, "alpha": 0.38, "q": 0.97, "delta_e": 0.041},
+    "CX": {"0": 0.065, "alpha": 0.44, "q": 0.57, "delta_e": 0.028},
+    "CZ": {"0": 0.32, "alpha": 3.5, "q": 16, "delta_e": 0.44},
+    "CY": {"beta": 0.76, "p": 0.096, "r": 0.29, "delta_a": 0.18, "delta_r": 0.23},
+    "Cl": {"beta": 0.075, "p": 0.26, "r": 0.11, "delta_a": 0.13, "delta_r": 0.021},
+    "Cm": {"0": 0.062, "alpha": 1.2, "q": 24, "delta_e": 0.79},
+    "Cn": {"beta": 0.25, "p": 0.091, "r": 0.69, "delta_a": 0.021, "delta_r": 0.15},
+}
 USUAL_DERIVATIVES: Mapping[str, float] = MappingProxyType(
-    {
-        "CL_0": 0.32,
-        "CL_alpha": 3.6,
-        "CL_q": 16,
-        "CL_delta_e": 0.44,
-        "CD_0": 0.056,
-        "CD_alpha": 0.38,
-        "CD_q": 0.97,
-        "CD_delta_e": 0.041,
-        "CX_0": 0.065,
-        "CX_alpha": 0.44,
-        "CX_q": 0.57,
-        "CX_delta_e": 0.028,
-        "CZ_0": 0.32,
-        "CZ_alpha": 3.5,
-        "CZ_q": 16,
-        "CZ_delta_e": 0.44,
-        "CY_beta": 0.76,
-        "CY_p": 0.096,
-        "CY_r": 0.29,
-        "CY_delta_a": 0.18,
-        "CY_delta_r": 0.23,
-        "Cl_beta": 0.075,
-        "Cl_p": 0.26,
-        "Cl_r": 0.11,
-        "Cl_delta_a": 0.13,
-        "Cl_delta_r": 0.021,
-        "Cm_0": 0.062,
-        "Cm_alpha": 1.2,
-        "Cm_q": 24,
-        "Cm_delta_e": 0.79,
-        "Cn_beta": 0.25,
-        "Cn_p": 0.091,
-        "Cn_r": 0.69,
-        "Cn_delta_a": 0.021,
-        "Cn_delta_r": 0.15,
-    }
+    {f"{coefficient}_{regressor}": size for coefficient, row in _USUAL.items() for regressor, size in row.items()}
 )
 
 # Smallest size of a derivative that differs notably from zero, per unit of its regressor.

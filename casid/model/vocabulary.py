@@ -108,7 +108,7 @@ def _either(sentence: str, value: float) -> tuple[str, float]:
 
 def sentence_of(effect: Effect, value: float, std: float) -> str:
     """`effect_sentence` of any effect; at a port of a model it states the standard deviation of its size too."""
-    if effect.words is None:
+    if effect.unit_at_port is None:
         return effect_sentence(*effect.key, value)
     kind = KINDS[effect.kind]
     sentence, value = _either(kind.sentence, value)
@@ -123,7 +123,7 @@ def sentence_of(effect: Effect, value: float, std: float) -> str:
 
 def title_of(effect: Effect) -> str:
     """`effect_title` of any effect."""
-    if effect.words is None:
+    if effect.unit_at_port is None:
         return effect_title(*effect.key)
     return f"{effect.target}: {effect.kind.replace('_', ' ')} {effect.term or ''}".rstrip()
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -33,12 +33,10 @@ from casid.model.in_force import (
     named,
     slope_input,
 )
-from casid.model.station import Station
+from casid.model.port import entering
+from casid.model.system import EquationForm, Model, filled, runge_kutta, substituted, variables
 from casid.records.record import Record
 from casid.signals import scale_of
-
-if TYPE_CHECKING:
-    from casid.model.system import EquationForm, Model
 
 _RECORDED = "recorded "  # a channel of which readings stand beside other samples than their own
 _MADE_AT = "made at "  # the size at which histories were made
@@ -66,40 +64,10 @@ def with_stations(model: Model, names: Sequence[str]) -> Model:
     if not names:
         return model
     added = ca.SX.sym("station", len(names))
-    u = ca.SX(model.u)
-    w = ca.SX(model.w)
-    f = ca.SX(model.f)
-    h = ca.SX(model.h)
-    f_added = ca.SX.zeros(f.shape[0])
-    h_added = ca.SX.zeros(h.shape[0])
-    for k, name in enumerate(names):
-        if name in model.disturbances:
-            w[model.disturbances.index(name)] += added[k]
-            continue
-        if name.startswith("present "):
-            continue
-        if name.removeprefix(station.stuck("")) in model.outputs:
-            h[model.outputs.index(name.removeprefix(station.stuck("")))] *= 1.0 - added[k]
-            continue
-        at = Station.at(name)
-        if at.kind == "control" and at.name in model.inputs:
-            u[model.inputs.index(at.name)] += added[k]
-        elif at.kind == "equation" and at.name in model.states:
-            f_added[model.states.index(at.name)] += added[k]
-        elif at.kind == "reading" and at.name in model.outputs:
-            h_added[model.outputs.index(at.name)] += added[k]
-        else:
-            raise unknown("station", name, (*model.inputs, *model.states, *model.outputs), f"model '{model.name}'")
-    before = [ca.vertcat(model.u, model.w)]
-    f, h, *after = ca.substitute([f, h, *model.events.values()], before, [ca.vertcat(u, w)])
-    return replace(
-        model,
-        inputs=(*model.inputs, *names),
-        u=ca.vertcat(model.u, added),
-        f=f + f_added,
-        h=h + h_added,
-        events=dict(zip(model.events, after, strict=True)),
-    )
+    u, w, f, h = entering(model, names, added)
+    changed = replace(model, f=f, h=h)
+    before = ca.vertcat(model.u, model.w)
+    return substituted(changed, before, ca.vertcat(u, w), inputs=(*model.inputs, *names), u=ca.vertcat(model.u, added))
 
 
 def with_histories(model: Model, histories: Sequence[History]) -> Model:
@@ -113,26 +81,33 @@ def with_histories(model: Model, histories: Sequence[History]) -> Model:
     u = ca.SX(model.u)
     for k, (at, parameter) in enumerate(pairs):
         u[model.inputs.index(at)] += slopes[k] * p[names.index(parameter)]
-    f, h, *after = ca.substitute([model.f, model.h, *model.events.values()], [model.u], [u])
     inputs = tuple(slope_input(*pair) for pair in pairs)
-    known = {name: size for one in histories for name, size in one.of.parameters.items()}
     form = model.equation
     sizes = dict(zip(names, ca.vertsplit(p), strict=True))
-    return replace(
+    return substituted(
         model,
+        model.u,
+        u,
         inputs=(*model.inputs, *inputs),
         parameters=(*model.parameters, *names),
         u=ca.vertcat(model.u, slopes),
         p=ca.vertcat(model.p, p),
-        f=f,
-        h=h,
-        events=dict(zip(model.events, after, strict=True)),
-        nominal={**model.nominal, **known},
-        units={**model.units, **{n: unit for one in histories for n, unit in one.of.units.items()}},
-        prior_std={**model.prior_std, **{n: std for one in histories for n, std in one.of.prior_std.items()}},
+        **_with_sizes(model, [one.of for one in histories]),
         equation=None if form is None else _in_equations(form, pairs, sizes),
         histories=(*model.histories, *histories),
     )
+
+
+def _with_sizes(model: Model, found: Iterable[InForce]) -> dict[str, Any]:
+    """What a model states of its parameters, with those of effects."""
+    nominal = dict(model.nominal)
+    units = dict(model.units)
+    prior_std = dict(model.prior_std)
+    for one in found:
+        nominal |= one.parameters
+        units |= one.units
+        prior_std |= one.prior_std
+    return {"nominal": nominal, "units": units, "prior_std": prior_std}
 
 
 def _in_equations(form: EquationForm, pairs: Sequence[tuple[str, str]], sizes: Mapping[str, Any]) -> EquationForm:
@@ -176,22 +151,15 @@ def with_instruments(model: Model, lags: Sequence[InForce]) -> Model:
         f=ca.vertcat(model.f, *rates),
         h=h,
         guess=partial(_with_readings, model.guess, tuple(slow)),
-        nominal={**model.nominal, **{n: size for one in lags for n, size in one.parameters.items()}},
-        prior_std={**model.prior_std, **{n: std for one in lags for n, std in one.prior_std.items()}},
+        **_with_sizes(model, lags),
         state_scale={**model.state_scale, **{f"{c}_read": scale_of(c) for c in slow}},
-        units={**model.units, **{one.name: one.effect.unit for one in lags}},
         events={name: ca.vertcat(after, reading) for name, after in model.events.items()},
     )
 
 
 def _with_readings(guess: Callable[[Record], np.ndarray], channels: Sequence[str], record: Record) -> np.ndarray:
     """A guess, and behind it what the slow instruments read."""
-    columns = []
-    for channel in channels:
-        values = record[channel] if channel in record else np.zeros(len(record))
-        good = np.isfinite(values)
-        columns.append(np.interp(record.t, record.t[good], values[good]) if good.any() else np.zeros(len(record)))
-    return np.column_stack([guess(record), *columns])
+    return np.column_stack([guess(record), *(filled(record, channel) for channel in channels)])
 
 
 def with_late_readings(model: Model, channels: Sequence[str]) -> Model:
@@ -212,13 +180,9 @@ def with_late_readings(model: Model, channels: Sequence[str]) -> Model:
     read = ca.SX(model.h)
     for k, channel in enumerate(late):
         s = off[k]
-        middle = model.u + 0.5 * s * rates
         end = model.u + s * rates
-        k1 = f(model.x, model.u, model.p, model.w)
-        k2 = f(model.x + 0.5 * s * k1, middle, model.p, model.w)
-        k3 = f(model.x + 0.5 * s * k2, middle, model.p, model.w)
-        k4 = f(model.x + s * k3, end, model.p, model.w)
-        there = model.x + s / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        inputs = (model.u, model.u + 0.5 * s * rates, end)
+        there = runge_kutta(f, model.x, inputs, s, model.p, model.w)
         row = model.outputs.index(channel)
         read[row] = h(there, end, model.p, model.w)[row]
     return replace(
@@ -424,20 +388,14 @@ class Draft:
 
     def made(self, found: Sequence[InForce], symbols: Mapping[str, ca.SX]) -> Model:
         """The changed model with the parameters of effects."""
-        model = self.model
-        before = ca.vertcat(model.p, model.u)
-        expressions = [self.f, self.h, *model.events.values()]
-        f, h, *after = ca.substitute(expressions, [before], [ca.vertcat(self.p, self.u)])
-        return replace(
+        model = replace(self.model, f=self.f, h=self.h)
+        return substituted(
             model,
+            ca.vertcat(model.p, model.u),
+            ca.vertcat(self.p, self.u),
             parameters=(*model.parameters, *symbols),
             p=ca.vertcat(model.p, *symbols.values()),
-            f=f,
-            h=h,
-            events=dict(zip(model.events, after, strict=True)),
-            nominal={**model.nominal, **{n: size for one in found for n, size in one.parameters.items()}},
-            units={**model.units, **{n: unit for one in found for n, unit in one.units.items()}},
-            prior_std={**model.prior_std, **{n: std for one in found for n, std in one.prior_std.items()}},
+            **_with_sizes(model, found),
             equation=None,
         )
 
@@ -445,7 +403,7 @@ class Draft:
 def monomial(model: Model, name: str) -> ca.SX:
     """Expression of a monomial in states and inputs, and their sizes, `u*x^2`, `x*|x|`, "1" for the constant. Raises
     InputError for a name that the model does not have."""
-    symbols = dict(zip((*model.states, *model.inputs), (*ca.vertsplit(model.x), *ca.vertsplit(model.u)), strict=True))
+    symbols = variables(model)
     found = ca.SX(1.0)
     for factor in name.split("*") if name != "1" else ():
         variable, _, power = factor.strip().partition("^")
@@ -486,17 +444,13 @@ def with_effects(model: Model, values: Iterable[EffectValue], terms: Mapping[str
     found = named(values, f"model '{model.name}'", partial(effect_at, model))
     masks = tuple(dict.fromkeys(one.masked for one in found if one.masked and is_masked(one.effect)))
     draft = Draft(with_stations(model, masks), terms)
+    inputs = dict(zip(draft.model.inputs, ca.vertsplit(draft.model.u), strict=True))
     symbols: dict[str, ca.SX] = {}
     for one in found:
         if one.effect.change is None:
             continue
-        own = {name: ca.SX.sym("size") for name in one.parameters}
-        symbols |= own
-        sizes: dict[str, Any] = {"value": own[one.name]}
-        sizes |= {key: own[f"{one.name}.{key}"] for key in one.effect.beside}
-        if one.masked:
-            sizes["value"] = sizes["value"] * draft.model.u[draft.model.inputs.index(one.masked)]
-        one.effect.change(draft, sizes)
+        symbols |= {name: ca.SX.sym("size") for name in one.parameters}
+        one.effect.change(draft, one.acting(symbols, inputs))
     made = draft.made([one for one in found if one.effect.change is not None], symbols) if symbols else draft.model
     channels = dict.fromkeys((*model.inputs, *model.states, *model.outputs), np.zeros(8))
     return completed(made, found, Record(name="probe", t=0.01 * np.arange(8), channels=channels))
@@ -511,8 +465,7 @@ def completed(model: Model, found: Sequence[InForce], probe: Record) -> Model:
     """The model whose equations have effects, with their histories, and with slow and late instruments. `probe` is a
     record with all channels."""
     lags = [one for one in found if is_slow_instrument(one.effect)]
-    beside = [one for one in found if one.effect.change is None and one not in lags and not one.effect.stochastic]
-    histories = [history_of(one, probe, model.outputs) for one in beside]
+    histories = [history_of(one, probe, model.outputs) for one in found if one.is_history]
     stations = dict.fromkeys(s for one in histories for s in one.stations)
     late = [s.removeprefix(TIME) for s in stations if s.startswith(TIME)]
     model = with_stations(model, [s for s in stations if not s.startswith(TIME)])
@@ -523,8 +476,7 @@ def completed(model: Model, found: Sequence[InForce], probe: Record) -> Model:
 
 def stations_of(found: Sequence[InForce], probe: Record, outputs: Sequence[str]) -> tuple[str, ...]:
     """Stations at which histories of effects act, without times of readings."""
-    beside = [one for one in found if one.effect.change is None and not is_slow_instrument(one.effect)]
-    histories = [history_of(one, probe, outputs) for one in beside if not one.effect.stochastic]
+    histories = [history_of(one, probe, outputs) for one in found if one.is_history]
     return tuple(dict.fromkeys(s for one in histories for s in one.stations if not s.startswith(TIME)))
 
 

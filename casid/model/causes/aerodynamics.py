@@ -164,16 +164,12 @@ def unsteady_aero(coefficient: str) -> Effect:
     )
 
 
-def _sought_as_a_set(aircraft: Airframe) -> Iterable[Effect]:
-    """None: which coefficients switch together is found by a search of its own, see `diagnosis.events`."""
-    return ()
-
-
 @cause(
     "configuration_change",
     targets=COEFFICIENTS,
     joined=True,
-    candidates=_sought_as_a_set,
+    # which coefficients switch together is found by a search of its own, see `diagnosis/evidence/onsets.py`
+    candidates=never_sought,
     unit="1",
     quantity="step of the first coefficient at the onset; the others stand in the parameters",
     title="{target}: {words}",

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -14,68 +13,54 @@ import numpy as np
 from casid.errors import InputError
 from casid.model import operators, station
 from casid.model.airframe import Airframe
-from casid.model.causes.controls import never_sought
+from casid.model.causes.controls import never_sought, of_value
 from casid.model.effect import Effect, Event, Forms, Further, Readable, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.signals import SURFACES, unit_of
 
-SENSOR_CHANNELS = (
-    "V",
-    "alpha",
-    "beta",
-    "p",
-    "q",
-    "r",
-    "phi",
-    "theta",
-    "psi",
-    "ax",
-    "ay",
-    "az",
-    "pdot",
-    "qdot",
-    "rdot",
-    "altitude",
-)
+_AIR_DATA = ("V", "alpha", "beta")
+RATES = ("p", "q", "r")
+_ATTITUDE = ("phi", "theta", "psi")
+ACCELERATIONS = ("ax", "ay", "az")
+ANGULAR_ACCELERATIONS: tuple[str, ...] = ("pdot", "qdot", "rdot")
+SENSOR_CHANNELS = (*_AIR_DATA, *RATES, *_ATTITUDE, *ACCELERATIONS, *ANGULAR_ACCELERATIONS, "altitude")
 # Channels that share one cause: one instrument, or one recorder. `q` includes qdot.
 SENSOR_GROUPS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
-        "inertial": ("p", "q", "r", "ax", "ay", "az", "pdot", "qdot", "rdot"),
-        "attitude": ("phi", "theta", "psi"),
-        "air_data": ("V", "alpha", "beta"),
+        "inertial": (*RATES, *ACCELERATIONS, *ANGULAR_ACCELERATIONS),
+        "attitude": _ATTITUDE,
+        "air_data": _AIR_DATA,
         "surfaces": SURFACES,
     }
 )
 _GROUPS_OF_OUTPUTS = tuple(name for name in SENSOR_GROUPS if name != "surfaces")
-_RATE_WITH_DERIVATIVE = {"p": ("p", "pdot"), "q": ("q", "qdot"), "r": ("r", "rdot")}
-_RATE_OF = {"pdot": "p", "qdot": "q", "rdot": "r"}
+_RATE_OF: dict[str, str] = dict(zip(ANGULAR_ACCELERATIONS, RATES, strict=True))
+_RATE_WITH_DERIVATIVE = {rate: (rate, derivative) for derivative, rate in _RATE_OF.items()}
 _LIGHT = 0.03  # damping ratio of a structure
-# what the better instruments of flight test keep to anyway; nor does what is smaller than the noise of a reading
-_BIAS_MATTERS = {
-    "m/s": 1.0,
-    "rad": math.radians(0.25),
-    "rad/s": math.radians(0.1),
-    "m/s2": 0.05,
-    "rad/s2": math.radians(0.2),
-    "m": 5.0,
+# unit of a channel -> bias that matters, what the better instruments of flight test keep to anyway, and the largest;
+# nor does what is smaller than the noise of a reading matter
+_BIAS = {
+    "m/s": (1.0, 15.0),
+    "rad": (math.radians(0.25), math.radians(10.0)),
+    "rad/s": (math.radians(0.1), math.radians(3.0)),
+    "m/s2": (0.05, 3.0),
+    "rad/s2": (math.radians(0.2), math.radians(10.0)),
+    "m": (5.0, 500.0),
 }
-_BIAS_LIMIT = {
-    "m/s": 15.0,
-    "rad": math.radians(10.0),
-    "rad/s": math.radians(3.0),
-    "m/s2": 3.0,
-    "rad/s2": math.radians(10.0),
-    "m": 500.0,
-}
-
-
-def _bias_matters(channel: str, aircraft: Airframe) -> float:
-    return max(_BIAS_MATTERS.get(unit_of(channel), 0.0), aircraft.noise.get(channel, 0.0))
 
 
 def group_channels(target: str) -> tuple[str, ...]:
     """Channels that share one instrument fault: a channel, a rate with its derivative, or a group of them."""
     return SENSOR_GROUPS.get(target) or _RATE_WITH_DERIVATIVE.get(target, (target,))
+
+
+def of_group(target: str, operate: Callable[[np.ndarray, np.ndarray, Values], np.ndarray]) -> Callable[..., Any]:
+    """What `operate` makes of time, readings and values, for each channel of a target that is there."""
+
+    def of_channels(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
+        return {c: operate(t, readings[c], values) for c in group_channels(target) if c in readings}
+
+    return of_channels
 
 
 @cause(
@@ -92,6 +77,11 @@ def sensor_bias(channel: str) -> Effect:
         off = values["value"]
         model.reads(channel, lambda y: y + off, lambda read: read - off)
 
+    least, limit = _BIAS.get(unit_of(channel), (0.0, np.inf))
+
+    def matters(aircraft: Airframe) -> float:
+        return max(least, aircraft.noise.get(channel, 0.0))
+
     return Effect(
         target=channel,
         reads=(channel,),
@@ -99,7 +89,7 @@ def sensor_bias(channel: str) -> Effect:
         traits=Traits(by_record=True, constant=True),
         station="sensors",
         change=change,
-        size=Size(meaningful=partial(_bias_matters, channel), limit=_BIAS_LIMIT.get(unit_of(channel), np.inf)),
+        size=Size(meaningful=matters, limit=limit),
     )
 
 
@@ -138,15 +128,6 @@ def _slow_reading(
     *,
     unsigned: tuple[str, ...] = (),
 ) -> Effect:
-    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
-        return {c: operate(t, readings[c], values["value"]) for c in group_channels(target) if c in readings}
-
-    def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
-        return {c: operators.earlier(t, read[c], values["value"]) for c in group_channels(target) if c in read}
-
-    def response(s: np.ndarray, values: Values) -> np.ndarray:
-        return transfer(s, values["value"])
-
     return Effect(
         target=target,
         reads=SENSOR_GROUPS.get(target, (target,)),
@@ -154,8 +135,10 @@ def _slow_reading(
         kinematic=True,
         linear=False,
         further=Further(grid=tuple({"value": v} for v in (0.02, 0.05, 0.1, 0.2, 0.4)), unsigned=unsigned),
-        output=output,
-        forms=Forms(undo=undo, instrument=instrument, transfer=response),
+        output=of_group(target, of_value(operate)),
+        forms=Forms(
+            undo=of_group(target, of_value(operators.earlier)), instrument=instrument, transfer=of_value(transfer)
+        ),
         size=Size(meaningful=0.01, limit=1.0),
     )
 
@@ -226,14 +209,12 @@ def sensor_lag(target: str) -> Effect:
         return (true - read) / values["value"]
 
     # shorter than a sampling interval a lag cannot be separated from a delay, and `undo` treats it as one
-    late = operators.lag_transfer
-    found = _slow_reading(target, operators.lag, late, instrument, unsigned=("value",))
+    found = _slow_reading(target, operators.lag, operators.lag_transfer, instrument, unsigned=("value",))
 
     def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
-        T = values["value"]
-        behind = {c: operators.lag(t, readings[c], T) for c in group_channels(target) if c in readings}
+        behind = of_group(target, of_value(operators.lag))(t, readings, values)
         return {
-            c: _follow_the_first_readings(t, series, readings.get(station.as_read(c)), T)
+            c: _follow_the_first_readings(t, series, readings.get(station.as_read(c)), values["value"])
             for c, series in behind.items()
         }
 
@@ -286,19 +267,12 @@ def level(read: np.ndarray) -> float:
     return float(seen.mean()) if len(seen) else 0.0
 
 
-_DRIVEN_BY = {
-    "alpha": "delta_e",
-    "q": "delta_e",
-    "ax": "delta_e",
-    "az": "delta_e",
-    "qdot": "delta_e",
-    "p": "delta_a",
-    "pdot": "delta_a",
-    "beta": "delta_r",
-    "r": "delta_r",
-    "ay": "delta_r",
-    "rdot": "delta_r",
+_SHAKEN_BY = {
+    "delta_e": ("alpha", "q", "ax", "az", "qdot"),
+    "delta_a": ("p", "pdot"),
+    "delta_r": ("beta", "r", "ay", "rdot"),
 }
+_DRIVEN_BY = {channel: surface for surface, shaken in _SHAKEN_BY.items() for channel in shaken}
 
 
 @cause(

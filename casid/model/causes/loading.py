@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 import numpy as np
 
 from casid.model.airframe import Airframe
 from casid.model.causes.aerodynamics import aero_term
+from casid.model.causes.controls import never_sought
 from casid.model.effect import Effect, Forms, Size, Symbols, Traits, cause
 from casid.model.path import SignalPath, wing_loads
 from casid.model.rotors import ALL, Rotors, changed
@@ -50,15 +50,11 @@ def cg_offset(axis: str) -> Effect:
     )
 
 
-def _never_alone(aircraft: Airframe) -> Iterable[Effect]:
-    """None: the derivatives of the moments imitate it in every record. It is found by what these have in common."""
-    return ()
-
-
 @cause(
     "moment_reference",
     targets=("x",),
-    candidates=_never_alone,
+    # the derivatives of the moments imitate it in every record: it is found by what these have in common
+    candidates=never_sought,
     unit="m",
     title="moments about another point along {target}",
     quantity="position of the point that the moments of the file are about, from the c.g., forward positive",

@@ -4,20 +4,25 @@ clocks of recorders."""
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from itertools import starmap
 
 import casadi as ca
 import numpy as np
 
 from casid.model import operators, station
-from casid.model.airframe import Airframe
-from casid.model.causes.instruments import SENSOR_GROUPS, group_channels
+from casid.model.causes.instruments import (
+    ACCELERATIONS,
+    ANGULAR_ACCELERATIONS,
+    RATES,
+    SENSOR_GROUPS,
+    group_channels,
+    of_group,
+)
 from casid.model.effect import Effect, Forms, Further, Series, Size, Symbols, Traits, Values, cause
 from casid.model.path import SignalPath
 from casid.model.terms import parse_term
 
 _AXES = ("x", "y", "z")
-_TRIADS = (("p", "q", "r"), ("ax", "ay", "az"), ("pdot", "qdot", "rdot"))
 # static ports and upwash depend on the flow angles; each with the smallest slope that matters and the largest plausible
 _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
     ("V", "alpha"): (10.0, 200.0),
@@ -27,15 +32,10 @@ _POSITION_ERRORS: dict[tuple[str, str], tuple[float, float]] = {
 }
 
 
-def _about_every_axis(aircraft: Airframe) -> Iterable[Effect]:
-    return (sensor_misalignment("inertial", axis) for axis in _AXES)
-
-
 @cause(
     "sensor_misalignment",
     targets=("inertial",),
     terms=_AXES,
-    candidates=_about_every_axis,
     unit="rad",
     quantity="angle by which the unit is turned about the body axis that is its term",
     title="{label}: misalignment about {term}",
@@ -47,7 +47,7 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
         cosine = ca.cos(values["value"])
         sine = ca.sin(values["value"])
-        for names in _TRIADS:
+        for names in (RATES, ACCELERATIONS, ANGULAR_ACCELERATIONS):
             a = path.output[names[i]]
             b = path.output[names[j]]
             path.output[names[i]] = cosine * a + sine * b
@@ -65,15 +65,11 @@ def sensor_misalignment(target: str, axis: str) -> Effect:
     )
 
 
-def _known_dependences(aircraft: Airframe) -> Iterable[Effect]:
-    return (position_error(channel, term) for channel, term in _POSITION_ERRORS)
-
-
 @cause(
     "position_error",
     targets=("V", "alpha", "beta"),
     needs_term=True,
-    candidates=_known_dependences,
+    candidates=lambda aircraft: starmap(position_error, _POSITION_ERRORS),
     unit="{channel}*{term}",
     quantity="slope of the reading over the term, about the trim of the file",
     title="{label}: position error with {term}",
@@ -132,17 +128,15 @@ def _drifted(t: np.ndarray, values: Values) -> np.ndarray:
     sentence="The clock that stamps the {label} runs {percent} [fast|slow], against the others.",
 )
 def clock_drift(target: str) -> Effect:
-    def output(t: np.ndarray, readings: Series, values: Values) -> dict[str, np.ndarray]:
-        late = _drifted(t, values)
-        return {c: operators.sampled(t, readings[c], t - late) for c in group_channels(target) if c in readings}
+    def read(t: np.ndarray, true: np.ndarray, values: Values) -> np.ndarray:
+        return operators.sampled(t, true, t - _drifted(t, values))
 
-    def undo(t: np.ndarray, read: Series, values: Values) -> dict[str, np.ndarray]:
-        ahead = (t - t[0]) * values["value"]
-        return {c: operators.earlier(t, read[c], ahead) for c in group_channels(target) if c in read}
+    def undo(t: np.ndarray, read: np.ndarray, values: Values) -> np.ndarray:
+        return operators.earlier(t, read, (t - t[0]) * values["value"])
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
-        moved = {c: operators.sampled(t, known[c], t + (t - t[0]) * values["value"]) for c in group_channels(target)}
-        return {station.control(c): moved[c] - known[c] for c in moved}
+        true = t + (t - t[0]) * values["value"]
+        return {station.control(c): operators.sampled(t, known[c], true) - known[c] for c in group_channels(target)}
 
     of_inputs = target == "surfaces"
     return Effect(
@@ -152,8 +146,8 @@ def clock_drift(target: str) -> Effect:
         kinematic=not of_inputs,
         linear=False,
         further=Further(grid=tuple({"value": sign * v} for v in (0.002, 0.005, 0.01, 0.02) for sign in (1.0, -1.0))),
-        output=None if of_inputs else output,
-        forms=Forms() if of_inputs else Forms(undo=undo, late=_drifted),
+        output=None if of_inputs else of_group(target, read),
+        forms=Forms() if of_inputs else Forms(undo=of_group(target, undo), late=_drifted),
         series=series if of_inputs else None,
         size=Size(meaningful=0.001, limit=0.1),
     )

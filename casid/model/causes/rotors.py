@@ -50,17 +50,14 @@ def _targets(aircraft: Airframe) -> tuple[str, ...]:
     return (*_names(aircraft), ALL) if aircraft.rotors else ()
 
 
-def _of_rotors(
-    kind: str, target: str, act: Callable[[RotorSignal, Any], None], station: str = "rotors", **more: Any
-) -> Effect:
+def _of_rotors(target: str, act: Callable[[RotorSignal, Any], None], **more: Any) -> Effect:
     """An effect that changes each rotor that its target names by its value."""
 
     def change(path: SignalPath, values: Symbols) -> None:
-        assert path.aircraft.rotors is not None
-        for one in path.aircraft.rotors.of(target):
+        for one in path.aircraft.required_rotors.of(target):
             act(path.rotor[one.name], values["value"])
 
-    return Effect(kind=kind, target=target, station=station, change=change, **more)
+    return Effect(target=target, station="rotors", change=change, **more)
 
 
 @cause(
@@ -83,7 +80,7 @@ def rotor_effectiveness(target: str) -> Effect:
     size = Size(meaningful=0.05, limit=0.95)
     traits = Traits(balance=True, by_record=True)
     forms = Forms(into_rotors=into_rotors)
-    return _of_rotors("rotor_effectiveness", target, act, enters=enters, size=size, traits=traits, forms=forms)
+    return _of_rotors(target, act, enters=enters, size=size, traits=traits, forms=forms)
 
 
 @cause(
@@ -103,32 +100,30 @@ def rotor_effectiveness(target: str) -> Effect:
 def thrust_curve(target: str, term: str) -> Effect:
     """Steady hover determines the level of thrust, which each rotor's effectiveness is: this changes nothing there."""
 
+    def shaped(rotors: Rotors, weight: float, one: Rotor, thrust: Any, value: Any) -> Any:
+        """A thrust of the file with another slope or curvature about hover: a number, or a polynomial in the input."""
+        hover = hover_thrusts(rotors, weight)[one.name]
+        return about_hover(thrust, hover, weight / len(rotors.each), **{term: value})
+
     def change(path: SignalPath, values: Symbols) -> None:
-        rotors = path.aircraft.rotors
-        assert rotors is not None
+        rotors = path.aircraft.required_rotors
         weight = path.aircraft.mass * path.aircraft.gravity
-        hover = hover_thrusts(rotors, weight)
-        unit = weight / len(rotors.each)
         for one in rotors.of(target):
             signal = path.rotor[one.name]
             by_file = path.parameter[effectiveness(one.name)] * one.static_thrust(signal.input)
-            shaped = about_hover(by_file, hover[one.name], unit, **{term: values["value"]})
-            signal.thrust = signal.thrust + shaped - by_file
+            signal.thrust = signal.thrust + shaped(rotors, weight, one, by_file, values["value"]) - by_file
 
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors | None:
         if any(one.speed for one in rotors.of(target)):
             return None  # a coefficient of the square has no other slope
-        hover = hover_thrusts(rotors, weight)
-        unit = weight / len(rotors.each)
 
-        def shaped(one: Rotor) -> dict[str, Any]:
-            polynomial = about_hover(one.curve, hover[one.name], unit, **{term: value}) / one.effectiveness
+        def curve(one: Rotor) -> dict[str, Any]:
+            polynomial = shaped(rotors, weight, one, one.curve, value) / one.effectiveness
             return {"thrust": tuple(map(float, polynomial.coef))}
 
-        return changed(rotors, target, shaped)
+        return changed(rotors, target, curve)
 
     return Effect(
-        kind="thrust_curve",
         forms=Forms(into_rotors=into_rotors),
         target=target,
         term=term,
@@ -160,10 +155,10 @@ def rotor_torque(target: str) -> Effect:
     size = Size(meaningful=0.1, limit=3.0)
     traits = Traits(by_record=True)
     forms = Forms(into_rotors=into_rotors)
-    return _of_rotors("rotor_torque", target, act, reads=reads, size=size, traits=traits, forms=forms)
+    return _of_rotors(target, act, reads=reads, size=size, traits=traits, forms=forms)
 
 
-def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
+def _timing(target: str, sizes: Iterable[float], limit: float, of_lag: bool) -> Effect:
     """A lag or delay beside that of the file, as what it changes of the input."""
 
     def series(t: np.ndarray, known: Series, values: Values) -> dict[str, np.ndarray]:
@@ -184,7 +179,6 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
         return changed(rotors, target, lambda one: {name: max(getattr(one, name) + value, 0.0)})
 
     return Effect(
-        kind=kind,
         target=target,
         forms=Forms(into_rotors=into_rotors),
         linear=False,
@@ -205,7 +199,7 @@ def _timing(kind: str, target: str, sizes: Iterable[float], limit: float, of_lag
     "aircraft file.",
 )
 def rotor_lag(target: str) -> Effect:
-    return _timing("rotor_lag", target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.5, of_lag=True)
+    return _timing(target, (-0.06, -0.03, 0.015, 0.03, 0.06, 0.12), 0.5, of_lag=True)
 
 
 @cause(
@@ -244,7 +238,7 @@ def rotor_limit(target: str) -> Effect:
     def act(one: RotorSignal, value: Any) -> None:
         one.thrust = ca.fmin(one.thrust, value)
 
-    return _of_rotors("rotor_limit", target, act, linear=False)
+    return _of_rotors(target, act, linear=False)
 
 
 @cause(
@@ -274,7 +268,7 @@ def rotor_tilt(target: str, about: str) -> Effect:
 
     forms = Forms(into_rotors=into_rotors)
     size = Size(limit=0.5 * math.pi)
-    return _of_rotors("rotor_tilt", target, act, term=about, forms=forms, size=size, traits=Traits(balance=True))
+    return _of_rotors(target, act, term=about, forms=forms, size=size, traits=Traits(balance=True))
 
 
 @cause(
@@ -287,12 +281,7 @@ def rotor_tilt(target: str, about: str) -> Effect:
     sentence="The thrust of {label} follows its input {size} [later|earlier] than in the aircraft file.",
 )
 def rotor_delay(target: str) -> Effect:
-    return _timing("rotor_delay", target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.3, of_lag=False)
-
-
-def _arm(aircraft: Airframe) -> float:
-    assert aircraft.rotors is not None
-    return float(np.mean([math.hypot(*one.position[:2]) for one in aircraft.rotors.each]))
+    return _timing(target, (-0.02, 0.01, 0.02, 0.04, 0.08), 0.3, of_lag=False)
 
 
 @cause(
@@ -310,7 +299,8 @@ def rotor_position(target: str, axis: str) -> Effect:
         one.position["xyz".index(axis)] += value
 
     def matters(aircraft: Airframe) -> float:
-        return _WEIGHT_SHARE * _arm(aircraft)
+        arms = [math.hypot(*one.position[:2]) for one in aircraft.required_rotors.each]
+        return _WEIGHT_SHARE * float(np.mean(arms))
 
     def into_rotors(rotors: Rotors, weight: float, value: float) -> Rotors:
         by = value * np.eye(3)["xyz".index(axis)]
@@ -319,7 +309,7 @@ def rotor_position(target: str, axis: str) -> Effect:
     size = Size(meaningful=matters, within="arm")
     traits = Traits(balance=True)
     forms = Forms(into_rotors=into_rotors)
-    return _of_rotors("rotor_position", target, act, term=axis, size=size, traits=traits, forms=forms)
+    return _of_rotors(target, act, term=axis, size=size, traits=traits, forms=forms)
 
 
 @cause(
@@ -339,7 +329,6 @@ def rotor_swap(target: str) -> Effect:
         return {station.control(first): change, station.control(second): -change}
 
     return Effect(
-        kind="rotor_swap",
         target=target,
         series=series,
         size=Size(meaningful=0.5, limit=1.5),
@@ -358,8 +347,7 @@ def rotor_swap(target: str) -> Effect:
 )
 def added_mass(target: str) -> Effect:
     def change(path: SignalPath, values: Symbols) -> None:
-        assert path.aircraft.rotors is not None
-        (one,) = path.aircraft.rotors.of(target)
+        (one,) = path.aircraft.required_rotors.of(target)
         whole = path.mass + values["value"]
         reduced = path.mass * values["value"] / whole
         x, y, z = one.position
@@ -373,7 +361,6 @@ def added_mass(target: str) -> Effect:
         return _WEIGHT_SHARE * aircraft.mass
 
     return Effect(
-        kind="added_mass",
         target=target,
         station="mass",
         change=change,
@@ -397,7 +384,6 @@ def mass_change(target: str = "") -> Effect:
         return {station.equation(state): more * known[of_thrust] for state, of_thrust in SPECIFIC_THRUST.items()}
 
     return Effect(
-        kind="mass_change",
         event=Event(recurring=True),
         further=Further(either_sign=True),
         series=series,
@@ -427,7 +413,6 @@ def body_drag(axis: str) -> Effect:
         return replace(rotors, drag=tuple(map(float, rotors.drag + by)))
 
     return Effect(
-        kind="body_drag",
         target=axis,
         station="rotors",
         change=change,
@@ -436,13 +421,13 @@ def body_drag(axis: str) -> Effect:
     )
 
 
-def _of_all(kind: str, number: str, **more: Any) -> Effect:
+def _of_all(number: str, **more: Any) -> Effect:
     """An effect that adds its value to a number of the path that all rotors share."""
 
     def change(path: SignalPath, values: Symbols) -> None:
         setattr(path, number, getattr(path, number) + values["value"])
 
-    return Effect(kind=kind, station="rotors", change=change, **more)
+    return Effect(station="rotors", change=change, **more)
 
 
 @cause(
@@ -458,7 +443,7 @@ def rotor_inflow(target: str = "") -> Effect:
 
     size = Size(meaningful=0.02, limit=1.0)
     forms = Forms(into_rotors=into_rotors)
-    return _of_all("rotor_inflow", "inflow", size=size, forms=forms)
+    return _of_all("inflow", size=size, forms=forms)
 
 
 @cause(
@@ -470,4 +455,4 @@ def rotor_inflow(target: str = "") -> Effect:
     "the aircraft file.",
 )
 def battery_sag(target: str = "") -> Effect:
-    return _of_all("battery_sag", "voltage_exponent", size=Size(meaningful=0.3, limit=5.0))
+    return _of_all("voltage_exponent", size=Size(meaningful=0.3, limit=5.0))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +14,7 @@ from casid.model.aerodynamics import Tabulated
 from casid.model.airframe import Airframe
 from casid.model.effect import Effect, Forms, Symbols, cause
 from casid.model.path import SignalPath, evaluate, quantities
-from casid.model.tables import Table, table
+from casid.model.tables import Table
 from casid.model.terms import COEFFICIENTS, Stretch, Term, parse_term
 
 _ODD = ("beta", "p", "r", "delta_a", "delta_r")
@@ -155,13 +156,4 @@ def _with_change(one: Table, term: Term, value: float) -> Table:
     share = Term(factors=(), stretches=term.stretches).evaluate(dict(zip(one.axes, mesh, strict=True)))
     # corners are known to six digits: at a breakpoint the stretch is whole or absent
     changed = np.reshape(one.grid.values, one.grid.shape) + value * np.round(share, 3)
-    return table(
-        one.coefficient,
-        one.axes,
-        one.grid.breakpoints,
-        changed,
-        name=one.name,
-        times=one.times,
-        method=one.grid.method,
-        outside=one.grid.outside,
-    )
+    return replace(one, grid=replace(one.grid, values=tuple(changed.ravel())))
