@@ -290,12 +290,14 @@ def ranked(
 
 
 def _of_lower_order(first: Trial, trials: Sequence[Trial]) -> list[Trial]:
-    """List the trials of simpler terms of the same coefficient, the simplest first."""
+    """List the trials of simpler terms of the same coefficient, the simplest first: smooth ones before those with a
+    bend, low powers before high ones."""
 
-    def order(one: Trial) -> tuple[int, int]:
-        factors = (one.effect.regressor or "").split("*")
+    def order(one: Trial) -> tuple[bool, int, int]:
+        term = one.effect.regressor or ""
+        factors = term.split("*")
         powers = [int(power) for _, _, power in (factor.partition("^") for factor in factors) if power.isdigit()]
-        return len(factors) + sum(power - 1 for power in powers), len(factors)
+        return "|" in term, len(factors) + sum(power - 1 for power in powers), len(factors)
 
     same = (t for t in trials if t.effect.kind == first.effect.kind and t.effect.target == first.effect.target)
     lower = [t for t in same if t.effect.regressor and order(t) < order(first)]
