@@ -181,7 +181,7 @@ def test_a_winner_has_the_statistics_of_its_final_fit(late: FlightFit) -> None:
 def test_of_equivalent_terms_the_simplest_comes_first(ahead: float) -> None:
     """A cube and a square of one deflection, and its magnitude, which has a bend, that records do not tell apart.
 
-    A term of another coefficient that explains less stays behind. A cube that explains 400 more in 2 ln L is told apart.
+    A term of another coefficient that explains less stays behind. A cube that explains 400 more is told apart.
     """
     cube, square, magnitude, other = (
         trial_of(Attached(effect=aero_term(c, term), values={"value": 1.0}), gain, fingerprint=print_)
