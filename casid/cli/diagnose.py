@@ -118,17 +118,18 @@ def diagnose(
         raise InputError(f"--aircraft {aircraft} needs records; expected: diagnose RECORD ... --aircraft FILE")
     system = None if model is None else model_of(model)
     own = () if system is None else (*system.inputs, *system.outputs)
-    fitted, held_out = _flight(records or (str(DEMO / "m*.csv"),), held, maps, own, (begin, end))
+    file = aircraft or DEMO / "aircraft.toml"
+    patterns = records or (str(DEMO / "m*.csv"),)
+    fitted, held_out = _flight(patterns, held, maps, own, (begin, end))
     if quick:
         fitted, held_out = ([thinned(r, QUICK_RATE_HZ) for r in some] for some in (fitted, held_out))
     made_with = provenance() | {"criteria": by.changes}
-    called = called_by([*(records or (str(DEMO / "m*.csv"),)), *held], maps, aircraft or DEMO / "aircraft.toml", out)
+    called = called_by([*patterns, *held], maps, file, out)
     course = Course(stages=_COURSE, limit=math.inf if seconds is None else seconds / (1.0 - dict(_COURSE)["report"]))
     if system is not None:
         diagnosed = partial(diagnosis_of.diagnose, system, fitted, held_out, criteria=by, seconds=seconds)
         _write(diagnosed, _of_system, made_with, called, as_json, course)
         return
-    file = aircraft or DEMO / "aircraft.toml"
     choices = {"criteria": by, "axes": axes, "as_recorded": as_recorded or believe or False, "seconds": seconds}
     diagnosed = partial(diagnosis_of.diagnose, Aircraft.read(file), fitted, held_out, **choices)
     results = partial(_of_aircraft, file=file, shapes=shapes)

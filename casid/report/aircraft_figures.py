@@ -13,10 +13,11 @@ from casid.diagnosis.document import Document
 from casid.diagnosis.facts import Parameter
 from casid.records.record import Record
 from casid.report import looks
-from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, stacked
+from casid.report.figure import WIDE, Axis, Curve, Figure, Note, Panel, Part, Picture, Rule, Span, in_rows, stacked
 from casid.report.looks import Look
 from casid.report.sections import ReportTable, where
 from casid.report.words import channel_axis, channel_scale, digits
+from casid.signals import SURFACES
 
 _MOST = 36  # parameters drawn
 _FURTHEST = 150.0  # per cent: what stands further off is drawn at the edge
@@ -52,19 +53,12 @@ def derivatives(document: Document) -> Picture | None:
     ]
     for y, one in enumerate(order):
         parts += _beside(y, one, _AGAINST if one.name in against else _CONSISTENT)
-    panel = Panel(
-        parts=tuple(parts),
-        x=Axis(label=f"{witness} against the {of} [% of the {of}'s number]", low=-_FURTHEST, high=_FURTHEST),
-        y=Axis(
-            names=tuple(one.name for one in order),
-            bold=frozenset(k for k, one in enumerate(order) if one.name in against),
-        ),
-        height=_ROW * len(order) + 0.2,
-    )
+    x = Axis(label=f"{witness} against the {of} [% of the {of}'s number]", low=-_FURTHEST, high=_FURTHEST)
+    bold = where(one.name in against for one in order)
     worst = next((one for one in order if one.name in against), order[0])
     return Picture(
         name="derivatives",
-        figure=Figure(rows=((panel,),)),
+        figure=in_rows(parts, x, [one.name for one in order], _ROW, bold),
         title=f"The numbers of the {of} beside {witness}",
         caption=(
             "Dots: estimates from the records alone, with ±1σ. Orange diamonds, names in bold: inconsistent with the "
@@ -102,22 +96,7 @@ def _deviation(one: Parameter) -> float:
     return 100.0 * (one.flight.value / one.a_priori - 1.0)
 
 
-_QUANTITIES = (
-    "V",
-    "alpha",
-    "beta",
-    "p",
-    "q",
-    "r",
-    "phi",
-    "theta",
-    "az",
-    "delta_e",
-    "delta_a",
-    "delta_r",
-    "thrust",
-    "altitude",
-)
+_QUANTITIES = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "az", *SURFACES, "thrust", "altitude")
 _PAIRS = (("V", "alpha"), ("beta", "alpha"), ("p", "r"), ("q", "az"), ("delta_a", "delta_r"), ("alpha", "delta_e"))
 _POINTS = 400  # of a record in one panel
 _OUTSIDE = 0.02  # part of the held-out samples beyond the fitted range that is told

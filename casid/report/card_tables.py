@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 from textwrap import indent
 
+from casid.acceptance.compared import named
 from casid.design.flight_card import Expected, FlightCard
 from casid.report.sections import ReportTable, where
 from casid.report.words import digits, pretty
-from casid.signals import label_of
 
 _NOTHING = 0.005  # of the larger end of a range
 
@@ -27,9 +27,7 @@ def card_in_words(card: FlightCard) -> str:
 
 def _named(card: FlightCard, name: str) -> str:
     unit = pretty(card.units[name])
-    label = label_of(name)
-    called = name if label == name else f"{label} {name}"
-    return f"{called} [{unit}]" if unit and unit != "1" else called
+    return f"{named(name)} [{unit}]" if unit and unit != "1" else named(name)
 
 
 def _trim(card: FlightCard) -> ReportTable:

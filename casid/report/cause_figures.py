@@ -9,7 +9,6 @@ import numpy as np
 
 from casid.diagnosis.document import Document, History, ReportedCause
 from casid.diagnosis.given.shape import Shape
-from casid.frequency.response import FrequencyResponse
 from casid.model.station import Station
 from casid.model.terms import parse_term
 from casid.report import looks
@@ -17,6 +16,7 @@ from casid.report.figure import TIME, WIDE, Axis, Band, Curve, Figure, Panel, Pi
 from casid.report.history_figures import compared, telling_window, worst_record
 from casid.report.looks import Look
 from casid.report.response_figures import gain_and_phase
+from casid.report.statements import numbered
 from casid.report.words import EVIDENCE, place, pretty, pretty_term, shown_unit
 from casid.signals import label_of, unit_of
 
@@ -90,7 +90,7 @@ def unexplained_shapes(shapes: Sequence[Shape]) -> Iterator[Picture]:
         )
         depends = f"{one.times} times a function of {one.over}" if one.times else f"a function of {one.over}"
         yield Picture(
-            name="unexplained_shape" if number == 1 else f"unexplained_shape-{number}",
+            name=numbered("unexplained_shape", number),
             figure=Figure(rows=((panel,),)),
             title=f"The missing {one.coefficient} has the shape of {depends}",
             caption=(
@@ -258,13 +258,8 @@ def cause_response(document: Document, cause: ReportedCause) -> Picture | None:
         return None
     models = {looks.GIVEN: answer.given, looks.EXTENDED.called(document.best): answer.extended}
     shown = {name: response for name, response in models.items() if response is not None}
-    return _drawn(document, cause, answer.flight, shown)
-
-
-def _drawn(
-    document: Document, cause: ReportedCause, flight: FrequencyResponse, models: dict[Look, np.ndarray]
-) -> Picture:
-    gain, phase = gain_and_phase(flight, models)
+    flight = answer.flight
+    gain, phase = gain_and_phase(flight, shown)
     view = document.as_given
     r = worst_record(view, [flight.output])
     part = telling_window(view, document.extended, [flight.output], r, _SHOWN)
@@ -280,6 +275,6 @@ def _drawn(
         caption=f"Left: response of the {label_of(flight.output)} {flight.output} to the {label_of(flight.input)} "
         f"{flight.input} over frequency, estimated alike from flight and from the simulations with the recorded "
         f"inputs. Grey: coherence below 0.6, not to be used. Right: the same in time.{since}",
-        alt=f"Bode diagram of {flight.output} to {flight.input}: measured, {', '.join(one.name for one in models)}; "
+        alt=f"Bode diagram of {flight.output} to {flight.input}: measured, {', '.join(one.name for one in shown)}; "
         "and time histories.",
     )

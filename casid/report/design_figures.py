@@ -10,6 +10,7 @@ from casid.model.effects import effect_of
 from casid.records.record import Record
 from casid.report import looks
 from casid.report.figure import TIME, Axis, Curve, Figure, Panel, Picture, Span, history, stacked
+from casid.report.statements import numbered
 from casid.report.words import effect_name
 from casid.signals import label_of
 
@@ -60,7 +61,7 @@ def separated(found: NextFlight, rivals: Rivals, number: int = 1) -> Picture:
         ),
     )
     return Picture(
-        name="next_flight" if number == 1 else f"next_flight-{number}",
+        name=numbered("next_flight", number),
         figure=Figure(rows=stacked(panels)),
         title=f"Next flight: {names[0]}, or {names[1]}?",
         caption=(

@@ -8,7 +8,7 @@ import numpy as np
 
 from casid.diagnosis.document import Document, Tried
 from casid.report import looks
-from casid.report.figure import Axis, Bar, Cells, Curve, Figure, Note, Panel, Picture, Rule, Scale, stacked
+from casid.report.figure import Axis, Bar, Cells, Curve, Figure, Note, Panel, Picture, Rule, Scale, in_rows, stacked
 from casid.report.looks import Look
 from casid.report.words import EVIDENCE, place, pretty, quantity
 
@@ -36,17 +36,13 @@ def ladder(document: Document) -> Picture | None:
     dots = Curve(look=_HELD_OUT, x=np.array([*held_out.values()]), y=np.array([*held_out], dtype=float))
     least = Rule(look=looks.LIMIT.called("least statistic for a name"), at=asked.gain)
     most = 3.0 * max(100.0, *(one.statistic for one in rows), *held_out.values())
-    panel = Panel(
-        parts=(*bars, *([dots] if held_out else []), least),
-        x=Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most),
-        y=Axis(names=tuple(_row_name(one, several) for one in rows)),
-        height=0.34 * len(rows) + 0.2,
-    )
+    parts = (*bars, *([dots] if held_out else []), least)
+    x = Axis(label="likelihood-ratio statistic (log scale)", log=True, low=1.0, high=most)
     best = rows[0]
     name = pretty(rows[0].title)
     return Picture(
         name="ladder",
-        figure=Figure(rows=((panel,),)),
+        figure=in_rows(parts, x, [_row_name(one, several) for one in rows], 0.34),
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
@@ -96,22 +92,13 @@ def missing(document: Document) -> Picture:
         for y, s in enumerate(order)
     ]
     for station in unexplained:
-        most = max(before[station], after[station], 1.0)
-        parts.append(Note(text="unexplained here", x=most, y=order.index(station), offset=(5.0, 0.0), bold=True))
-    panel = Panel(
-        parts=tuple(parts),
-        x=Axis(
-            label="statistic of a latent input there (log scale)",
-            log=True,
-            low=1.0,
-            high=10.0 * max(100.0, *before.values(), *after.values()),
-        ),
-        y=Axis(names=tuple(place(s) for s in order)),
-        height=0.36 * len(order) + 0.2,
-    )
+        end = max(before[station], after[station], 1.0)
+        parts.append(Note(text="unexplained here", x=end, y=order.index(station), offset=(5.0, 0.0), bold=True))
+    most = 10.0 * max(100.0, *before.values(), *after.values())
+    x = Axis(label="statistic of a latent input there (log scale)", log=True, low=1.0, high=most)
     return Picture(
         name="missing",
-        figure=Figure(rows=((panel,),)),
+        figure=in_rows(parts, x, [place(s) for s in order], 0.36),
         title="Where something is missing",
         caption=(
             "A latent input, an unknown function of time, is added at one port of the signal path at a time. A large "
@@ -144,12 +131,7 @@ def kinematic(document: Document) -> Picture | None:
         parts.append(Bar(look=_FAILS if over[y] else _CLEARED, at=y, low=0.0, high=z))
         if over[y]:
             parts.append(Note(text=fault, x=z, y=y, offset=(5.0, 0.0)))
-    panel = Panel(
-        parts=tuple(parts),
-        x=Axis(label="|z| of its strongest fault", low=0.0, high=max(1.6 * best[order[0]][0], 1.3 * limit)),
-        y=Axis(names=tuple(order)),
-        height=0.29 * len(order) + 0.2,
-    )
+    x = Axis(label="|z| of its strongest fault", low=0.0, high=max(1.6 * best[order[0]][0], 1.3 * limit))
     cleared = f"{sum(best[k][0] <= limit for k in everyone)} of {len(everyone)} instruments and winds are cleared"
     drawn = f" The {len(order)} with the largest |z| are drawn." if len(order) < len(everyone) else ""
     note = (
@@ -161,7 +143,7 @@ def kinematic(document: Document) -> Picture | None:
     )
     return Picture(
         name="kinematic",
-        figure=Figure(rows=((panel,),)),
+        figure=in_rows(parts, x, order, 0.29),
         title=f"Kinematic check: {cleared}",
         caption=(
             "Rates, accelerations, attitude and air data must agree with each other whatever the aerodynamics are. "

@@ -5,7 +5,7 @@ Two painters draw them, `svg.py` for print, mail and notebooks, `uplot.py` for a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -225,6 +225,12 @@ def stacked(panels: Iterable[Panel], columns: int = 1) -> tuple[tuple[Panel | No
     free = [None] * (-len(every) % columns)
     filled = [*every, *free]
     return tuple(tuple(filled[k : k + columns]) for k in range(0, len(filled), columns))
+
+
+def in_rows(parts: Iterable[Part], x: Axis, names: Sequence[str], row: float, bold: Collection[int] = ()) -> Figure:
+    """Return a figure of one panel with a row, of a height in inches, for each name; some names are `bold`."""
+    y = Axis(names=tuple(names), bold=frozenset(bold))
+    return Figure(rows=((Panel(parts=tuple(parts), x=x, y=y, height=row * len(names) + 0.2),),))
 
 
 def _range(panels: Sequence[Panel], axis: str) -> tuple[float, float]:

@@ -8,15 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from casid.acceptance.compared import named
 from casid.frequency.mismatch import ResponseComparison
 from casid.frequency.response import USABLE, FrequencyResponse, gain_db, phase_deg
 from casid.frequency.response_fit import ResponseFit
+from casid.records.channel_faults import stretches
 from casid.report import looks
 from casid.report.estimate_figures import file_name
 from casid.report.figure import Axis, Band, Curve, Figure, Panel, Part, Picture, Rule, Span, stacked
 from casid.report.looks import Look
 from casid.report.svg import shown
-from casid.signals import label_of, unit_of
+from casid.report.words import pretty
+from casid.signals import unit_of
 
 _SIGMAS = 2.0
 _TURN = 45.0  # deg between ticks of a phase
@@ -46,8 +49,8 @@ def bode(response: FrequencyResponse) -> Picture:
     return Picture(
         name=f"bode_{file_name(response.output)}_{file_name(response.input)}",
         figure=Figure(rows=stacked([*gain_and_phase(response, {}), _coherence(response)])),
-        title=f"{_name(response.output)} to {_name(response.input)}",
-        caption=f"Response of {_name(response.output)} to {_name(response.input)}{given}, from "
+        title=f"{named(response.output)} to {named(response.input)}",
+        caption=f"Response of {named(response.output)} to {named(response.input)}{given}, from "
         f"{', '.join(response.records)}. Grey: coherence below {USABLE:g}, or as "
         "low as it comes about by chance, where the response is not to be used.",
         alt=f"Bode diagram and coherence of {response.output} to {response.input}.",
@@ -68,8 +71,8 @@ def bode_mismatch(comparison: ResponseComparison) -> Picture:
     return Picture(
         name=f"bode_{file_name(flight.output)}_{file_name(flight.input)}",
         figure=Figure(rows=stacked(panels)),
-        title=f"{_name(flight.output)} to {_name(flight.input)}",
-        caption=f"Response of {_name(flight.output)} to {_name(flight.input)}: flight and models, and models less "
+        title=f"{named(flight.output)} to {named(flight.input)}",
+        caption=f"Response of {named(flight.output)} to {named(flight.input)}: flight and models, and models less "
         f"flight. {costs}, over {comparison.band[0]:.3g} to {comparison.band[1]:.3g} rad/s. Grey: coherence below "
         f"{USABLE:g}. J is the cost of the mismatch: up to 100 is acceptable, up to 50 nearly indistinguishable.",
         alt=f"Bode diagrams of {flight.output} to {flight.input}: flight, {', '.join(found)}.",
@@ -98,7 +101,7 @@ def gain_and_phase(flight: FrequencyResponse, models: Mapping[Look, np.ndarray])
             *(Curve(look=look.called("") if of_a_phase else look, x=omega, y=y) for look, y in others.items()),
         )
         unit = f"({unit_of(flight.output) or '1'})/({unit_of(flight.input) or '1'})"
-        gain = "gain [dB]" if unit in ("(1)/(1)", "(rad)/(rad)") else f"gain [dB] of {_pretty(unit)}"
+        gain = "gain [dB]" if unit in ("(1)/(1)", "(rad)/(rad)") else f"gain [dB] of {pretty(unit)}"
         bottom, top = _limits(flight, [own, *others.values()])
         label, step = ("phase [deg]", _TURN) if of_a_phase else (gain, None)
         y = Axis(label=label, low=bottom, high=top, step=step)
@@ -146,11 +149,11 @@ def _mismatch(comparison: ResponseComparison, drawn_so: Mapping[str, Look]) -> l
 
 def _unused(flight: FrequencyResponse) -> list[Span]:
     """Return spans where the coherence is low."""
-    edges = np.sqrt(flight.omega[1:] * flight.omega[:-1])
-    edges = np.concatenate([flight.omega[:1], edges, flight.omega[-1:]])
-    low = np.diff(np.concatenate([[0], (~flight.usable).astype(int), [0]]))
-    ends = zip(np.flatnonzero(low == 1), np.flatnonzero(low == -1), strict=True)
-    return [Span(look=_UNUSED, low=float(edges[start]), high=float(edges[stop])) for start, stop in ends]
+    edges = np.concatenate([flight.omega[:1], np.sqrt(flight.omega[1:] * flight.omega[:-1]), flight.omega[-1:]])
+    return [
+        Span(look=_UNUSED, low=float(edges[first]), high=float(edges[last + 1]))
+        for first, last in stretches(~flight.usable)
+    ]
 
 
 def _nearest_turn(angle: np.ndarray, flight: FrequencyResponse) -> np.ndarray:
@@ -171,17 +174,7 @@ def _limits(flight: FrequencyResponse, curves: list[np.ndarray]) -> tuple[float 
 
 
 def _frequency(flight: FrequencyResponse) -> Axis:
-    ends = float(flight.omega[0]), float(flight.omega[-1])
-    return Axis(label="frequency ω [rad/s]", log=True, low=ends[0], high=ends[1])
-
-
-def _name(channel: str) -> str:
-    label = label_of(channel)
-    return label if label == channel else f"{label} {channel}"
-
-
-def _pretty(unit: str) -> str:
-    return unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³")
+    return Axis(label="frequency ω [rad/s]", log=True, low=float(flight.omega[0]), high=float(flight.omega[-1]))
 
 
 _WIDEST = 4  # responses side by side

@@ -60,7 +60,7 @@ def place(station: str) -> str:
 def shown_unit(unit: str) -> tuple[float, str]:
     """Return (factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
     if unit.startswith("rad"):
-        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")
+        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")  # "rad/rad" is "deg/rad": the first alone
     return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
         "rad3", "rad³"
     )
@@ -85,15 +85,17 @@ def digits(value: float, significant: int = 3) -> str:
 def quantity(value: float, unit: str, significant: int = 2) -> str:
     """A value with its unit as a person reads it; angles in degrees, pure ratios as they are."""
     factor, shown = shown_unit(unit)
-    told = digits(factor * value, significant)
-    return told if shown in ("", "1") else f"{told} {shown}"
+    return _with_unit(digits(factor * value, significant), shown)
 
 
 def with_std(value: float, std: float, unit: str) -> str:
     """Value ± 1-sigma with its unit, to two digits of the sigma."""
     factor, shown = shown_unit(unit)
-    told = numbers.with_deviation(factor * value, factor * std).replace("+-", "±").replace("-", "−")
-    return told if shown in ("", "1") else f"{told} {shown}"
+    return _with_unit(numbers.with_deviation(factor * value, factor * std).replace("+-", "±").replace("-", "−"), shown)
+
+
+def _with_unit(told: str, unit: str) -> str:
+    return told if unit in ("", "1") else f"{told} {unit}"
 
 
 def to_noise(value: float, std: float) -> str:
