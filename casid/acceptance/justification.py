@@ -98,11 +98,12 @@ def rationale_of(
     parts = _decisive(one)
     sentences = [findings.sentences[c.subject] for c in parts if c.subject in findings.sentences]
     rows = [c.part.removeprefix("numbers of ") for c in parts if not c.subject]
+    changed = tuple(f"{c.part}: {', '.join(c.changes)}" if c.changes else c.part for c in parts)
     moved = [f"Values of {', '.join(rows)} in the file do not fit this flight; they were re-estimated."] if rows else []
     return Rationale(
         differs=tuple(f"{_capital(check.tolerance.words)}: {in_words(check)}." for check in out),
         why=(*sentences, *moved) or ("No part of the extended aircraft explains it alone.",),
-        changed=tuple(f"{c.part}: {', '.join(c.changes)}" if c.changes else c.part for c in parts),
+        changed=changed or ("No part of it changes this test by itself.",),
         proof=(_same_test(one), _unused_records(findings), _other_tests(one, tests, lost)),
         accepted=one.sides[EXTENDED].passed is True and not lost,
     )

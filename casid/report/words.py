@@ -12,7 +12,7 @@ from casid.model.effect import Effect
 from casid.model.station import Station
 from casid.model.terms import in_words
 from casid.model.vocabulary import LABELS, title_of
-from casid.signals import for_a_person, label_of, unit_of
+from casid.signals import label_of, unit_of
 
 _POWERS = str.maketrans("23456789", "²³⁴⁵⁶⁷⁸⁹")
 _LABEL = 40  # characters
@@ -59,8 +59,11 @@ def place(station: str) -> str:
 
 def shown_unit(unit: str) -> tuple[float, str]:
     """Return (factor, unit) that a person reads: degrees for angles and what is made of them, SI for all else."""
-    factor, shown = for_a_person(unit)
-    return factor, re.sub(r"(?<=[dsm])[23]", lambda m: m[0].translate(_POWERS), shown)
+    if unit.startswith("rad"):
+        return math.degrees(1.0), "deg" + unit[3:].replace("s2", "s²")  # "rad/rad" is "deg/rad": the first alone
+    return 1.0, unit.replace("s2", "s²").replace("m2", "m²").replace("m3", "m³").replace("rad2", "rad²").replace(
+        "rad3", "rad³"
+    )
 
 
 def channel_scale(channel: str) -> tuple[float, str]:
