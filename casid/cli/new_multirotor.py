@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import tomlkit
+
 from casid.cli.options import require_positive
 from casid.errors import InputError
 
@@ -38,7 +40,7 @@ def multirotor_text(name: str, count: int, mass: float, arm: float) -> str:
     lines = [
         "# A multirotor of casid: SI units and radians. 'typical' marks a guess to be replaced.",
         "[aircraft]",
-        f'name = "{name}"',
+        f"name = {tomlkit.item(name).as_string()}",
         f"mass = {mass:g} # kg",
         f"inertia = {inertia} # kg m2, typical",
         "",

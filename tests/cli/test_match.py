@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import casid as cs
 from casid.cli.match import match
 from casid.cli.options import DEMO
 from casid.errors import InputError
@@ -41,6 +42,16 @@ def test_status_1_where_a_test_fails(capsys: pytest.CaptureFixture[str]) -> None
 def test_a_table_of_ones_own_decides(tmp_path: Path, limit: float, status: int) -> None:
     (tmp_path / "own.toml").write_text(OWN.format(limit=limit))
     assert match(RECORD, aircraft=[PLANE], tolerances=str(tmp_path / "own.toml"), as_json=True) == status
+
+
+def test_a_test_that_no_part_changes_has_its_rationale(tmp_path: Path) -> None:
+    """A lag of the elevator on a test of the roll: its page stated nothing under "what was changed" and broke off."""
+    lag = cs.EffectValue(kind="actuator_lag", target="delta_e", value=0.12)
+    cs.Aircraft.read(PLANE).with_effects([lag]).write(tmp_path / "lagging.toml")
+    match(RECORD, aircraft=[PLANE, str(tmp_path / "lagging.toml")], out=tmp_path / "out")
+    told = json.loads((tmp_path / "out" / "match.json").read_text())
+    changed = [one["rationale"]["changed"] for one in told["tests"] if one.get("rationale")]
+    assert changed and all(changed)
 
 
 def test_the_page_and_its_files(tmp_path: Path) -> None:

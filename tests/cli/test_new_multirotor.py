@@ -24,6 +24,12 @@ def test_what_is_written_hovers_in_balance(tmp_path, count):
     np.testing.assert_allclose(list(level.rotors.values()), 0.5, rtol=1e-3)
 
 
+@pytest.mark.parametrize("name", ['the "red" one', "back\\slash", "Möwe's"])
+def test_any_name_is_read_back(tmp_path, name: str) -> None:
+    new_aircraft(tmp_path / "quad.toml", name=name, rotors=4, mass=0.8, arm=0.15)
+    assert cs.Aircraft.read(tmp_path / "quad.toml").name == name
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [
