@@ -249,10 +249,13 @@ class NamingCriteria:
         "measured: the same decisions up to 880 on 60 sets",
         unit=_GAIN,
     )
+    gain_of_an_instrument: float = number(
+        25.0, "the same for an instrument fault", "measured: 17 at most on 150 clean sets", unit=_GAIN
+    )
     tried: float = number(
         0.3,
-        "predicted statistic of a cause that is fitted, over `gain`; its predicted size and clearness, over what a "
-        "name requires",
+        "predicted statistic of a cause that is fitted, over `gain`, also for an instrument fault; its predicted size "
+        "and clearness, over what a name requires",
     )
     approximate: float = number(
         0.02,

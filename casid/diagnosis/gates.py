@@ -36,12 +36,16 @@ def required_gain(effect: Effect, criteria: Criteria) -> float:
 
     Against a stated uncertainty it is that of a value beyond it: neither noise nor a choice of shapes enters.
     """
-    return criteria.significance.sigmas**2 if effect.size.stated else criteria.naming.gain
+    if effect.size.stated:
+        return criteria.significance.sigmas**2
+    return criteria.naming.gain_of_an_instrument if effect.of_an_instrument else criteria.naming.gain
 
 
 def _name_of_required(effect: Effect) -> str:
     """Name of the criterion of `required_gain`."""
-    return "significance.chance" if effect.size.stated else "naming.gain"
+    if effect.size.stated:
+        return "significance.chance"
+    return "naming.gain_of_an_instrument" if effect.of_an_instrument else "naming.gain"
 
 
 def clear_gain(effect: Effect, criteria: Criteria, noise_by_fit: bool) -> float:

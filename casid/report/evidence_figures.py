@@ -46,7 +46,8 @@ def ladder(document: Document) -> Picture | None:
         title="Which cause: the likelihood-ratio statistic of each one when it is fitted",
         caption=(
             f"Each bar is a full fit of the extended model. {EVIDENCE} To be named a cause needs {asked.gain:.0f} more "
-            "than its free numbers bring by chance. What small further terms could explain as well does not count. "
+            f"than its free numbers bring by chance, a fault of an instrument {asked.gain_of_an_instrument:.0f}. What "
+            "small further terms could explain as well does not count. "
             + ("Round 2 starts from the model with the first cause, and so on." if several else "")
         ),
         alt=f"Bar chart of {len(rows)} fitted causes by likelihood-ratio statistic; the first is {name} with "

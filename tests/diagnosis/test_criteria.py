@@ -67,7 +67,7 @@ def test_who_asks_for_more_names_less() -> None:
     found = diagnose(do328(), records)
     (named,) = found.causes
     assert (named.kind, named.target) == ("sensor_bias", "beta")
-    strict = Criteria().with_values({"naming": {"gain": 2.0 * named.statistic}})
+    strict = Criteria().with_values({"naming": {"gain_of_an_instrument": 2.0 * named.statistic}})
     refused = diagnose(do328(), records, criteria=strict)
     assert not refused.causes and refused.verdict != "explained"
     assert refused.criteria == strict and refused.rounds[0].leader.effect.kind == "sensor_bias"
