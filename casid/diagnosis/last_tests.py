@@ -131,17 +131,16 @@ def _missing_on_held(
     fitted records.
     """
 
-    def missing(model: FlightFit, held: FlightFit) -> list[MissingInput]:
-        held = with_events(held, model)
+    def missing(held: FlightFit) -> list[MissingInput]:
         share = kept.evidence.criteria.size.ambiguous
         evidence = weigh(fit(held.flight, held.attached, held.noise, held))
         found = still_missing(evidence, missing_inputs(evidence), causes, begun.required, share)
         return _not_by_noise(evidence.fit, found, causes, begun, share)
 
-    found = missing(kept.fit, kept.held_fit)
+    found = missing(kept.held_fit)
     if found and nuisance:
         joint = kept.with_effects(nuisance)
-        if not missing(joint, judge_on(kept.held_fit.flight.records, joint)):
+        if not missing(with_events(judge_on(kept.held_fit.flight.records, joint), joint)):
             return []
     return found
 

@@ -212,7 +212,7 @@ def keep(held: Sequence[Record], state: State) -> Kept:
         held_fit = judge_on(held, final)
     return Kept(
         evidence=evidence,
-        held_fit=held_fit,
+        held_fit=with_events(held_fit, final),
         held_calm=calm.fit,
         structure=[one for one in structure if one.name not in unsure],
         structure_gain=_per_sample(calm, structured) if begun.structure else None,

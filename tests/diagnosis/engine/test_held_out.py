@@ -19,7 +19,9 @@ READINGS = 1000
 
 def model(*names: str) -> SimpleNamespace:
     """A fitted model with these causes."""
-    attached = [SimpleNamespace(name=name, nuisance=False, effect=SimpleNamespace(key=name)) for name in names]
+    attached = [
+        SimpleNamespace(name=name, nuisance=False, effect=SimpleNamespace(key=name, timed=False)) for name in names
+    ]
     return SimpleNamespace(attached=attached, readings=READINGS, noise=SimpleNamespace(coloured={}))
 
 
