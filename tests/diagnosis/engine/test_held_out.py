@@ -19,9 +19,8 @@ READINGS = 1000
 
 def model(*names: str) -> SimpleNamespace:
     """A fitted model with these causes."""
-    attached = [
-        SimpleNamespace(name=name, nuisance=False, effect=SimpleNamespace(key=name, timed=False)) for name in names
-    ]
+    effects = {name: SimpleNamespace(key=name, timed=False) for name in names}
+    attached = [SimpleNamespace(name=name, nuisance=False, effect=effect) for name, effect in effects.items()]
     return SimpleNamespace(attached=attached, readings=READINGS, noise=SimpleNamespace(coloured={}))
 
 
