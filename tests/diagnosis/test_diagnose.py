@@ -245,8 +245,10 @@ def test_a_bend_that_barely_matters_is_no_cause() -> None:
 
 @pytest.mark.slow
 def test_what_is_too_small_to_matter_may_be_larger_where_the_aircraft_moves_more(monkeypatch) -> None:
-    """A slight bend of Cm, and a held-out record with manoeuvres of three times the size: nothing is in it alone. Without
-    the bend, which is too small to be named, 18 times the noise is left there."""
+    """A slight bend of Cm, and a held-out record with manoeuvres of three times the size: nothing is in it alone.
+
+    Without the bend, which is too small to be named, 18 times the noise is left there.
+    """
     bend = [Attached(effect=aero_term("Cm", "alpha^2*delta_e"), values={"value": -55.0})]
     records = [*flights(bend, seed=21, count=2), flights(bend, seed=22, count=3, size=3.0)[2]]
     found = diagnose(rough_file(), records)
