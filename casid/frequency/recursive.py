@@ -238,7 +238,8 @@ class _Sums:
     def __init__(
         self, equations: _Equations, differentiated: Mapping[str, str], omega: np.ndarray, memory: float
     ) -> None:
-        self.equations, self.differentiated = equations, differentiated
+        self.equations = equations
+        self.differentiated = differentiated
         self.omega = omega
         self.memory = memory
         self._width = len(equations.form.names)

@@ -73,7 +73,9 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
     def load() -> tuple[dict[str, Any], tuple[str, ...], dict[str, str]]:
         topics: dict[str, Any] = {}
         unread: dict[str, str] = {}
-        notes = ("a ROS 1 bag" if path.read_bytes()[: len(MAGIC_1)] == MAGIC_1 else "a ROS 2 bag",)
+        with path.open("rb") as file:
+            first = file.read(len(MAGIC_1))
+        notes = ("a ROS 1 bag" if first == MAGIC_1 else "a ROS 2 bag",)
         store = typesys.get_typestore(typesys.Stores.LATEST)
         with highlevel.AnyReader([path], default_typestore=store) as reader:
             try:
@@ -82,10 +84,11 @@ def read_ros_bag(path: Path, variable: str | None, time: str) -> RawTable:
                         continue
                     try:
                         message = reader.deserialize(raw, connection.msgtype)
+                    except KeyError:
+                        unread[connection.topic] = f"a message of {connection.msgtype}, which the bag does not define"
+                        continue
                     except Exception as error:  # of the library, whatever the damage makes of it
-                        undefined = isinstance(error, KeyError)
-                        why = ", which the bag does not define" if undefined else f": {type(error).__name__}"
-                        unread[connection.topic] = f"a message of {connection.msgtype}{why}"
+                        unread[connection.topic] = f"a message of {connection.msgtype}: {type(error).__name__}"
                         continue
                     rows = topics.setdefault(connection.topic, (connection.msgtype, []))[1]
                     rows.append({"log_time": stamp * 1e-9, **dict(numbers_of(message))})

@@ -8,6 +8,7 @@ to the log likelihood of the fitted records.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -70,14 +71,16 @@ def with_events(held: FlightFit, fitted: FlightFit) -> FlightFit:
 
 
 def _recurred(base: FlightFit, one: Attached) -> FlightFit:
-    """The fit with an event at its best onset, or without it, whichever has the smaller deviance."""
+    """The fit with an event at its best onset, or without it, whichever has the smaller deviance; without it where the
+    model diverges with it."""
     others = [a for a in base.attached if a.name != one.name]
     without = base if len(others) == len(base.attached) else _states(base, others)
     found = [base, without]
     if onsets := _onsets(without, one):
-        moved = _states(without, [*others, replace(one, onsets=onsets)])
         moves = base.criteria.numerics.events.trial_moves
-        found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
+        with suppress(InputError, np.linalg.LinAlgError):
+            moved = _states(without, [*others, replace(one, onsets=onsets)])
+            found.append(at_peak(weigh(moved, discrepancy=False), moves, free="states")[0].fit)
     return min(found, key=lambda f: f.deviance)
 
 
