@@ -71,7 +71,7 @@ class Weighing:
         self._gravity = aircraft.gravity if aircraft is not None else GRAVITY
         density = trimmed_density(aircraft) if aircraft is not None else None
         span = aircraft.moment_length_lateral if aircraft is not None else criteria.usual_span
-        self._place = criteria.accelerometer * span  # 1-sigma, along each axis
+        self._place = criteria.fair * span  # 1-sigma, along each axis
         self._quick = [smooth(record, criteria.quick, criteria, density) for record in records]
         self._slow = [smooth(record, criteria.slow, criteria, density) for record in records]
         self.names = [record.name for record in records]
@@ -219,7 +219,7 @@ class Weighing:
         found = 0.0 if moment is None else -0.5 * (moment / self._criteria.balance) ** 2
         if ratio is not None and ratio <= 0.0:
             return self._criteria.impossible
-        found -= 0.0 if ratio is None else 0.5 * (math.log(ratio) / self._criteria.trim_lift) ** 2
+        found -= 0.0 if ratio is None else 0.5 * (math.log(ratio) / self._criteria.fair) ** 2
         return max(found, self._criteria.impossible)
 
     def _or_else_the_record(self, best: Weighed, elsewhere: Collection[str]) -> Weighed | None:
@@ -312,7 +312,7 @@ class Weighing:
         """The factors on time that make rates of rotation equal to the gyros, of all records or of some; no units."""
         each = [self._stretches(j) for j in range(len(self.names))]
         found: list[float] = []
-        near = self._criteria.one_factor
+        near = self._criteria.fair
         for factors in (list(chain(*each)), *each):
             factor = self._agreed(factors)
             if factor is not None and all(abs(math.log(factor / other)) > near for other in found):
@@ -338,7 +338,7 @@ class Weighing:
         middle = float(np.median(factors))
         spread = float(np.median(np.abs(np.subtract(factors, np.median(factors)))))
         far = abs(middle) > np.log(self._criteria.own_scale)
-        return float(np.exp(middle)) if far and spread < self._criteria.one_factor else None
+        return float(np.exp(middle)) if far and spread < self._criteria.fair else None
 
     def _gains(self, alternative: Alternative) -> tuple[Alternative, list[float]]:
         """Log likelihood ratio of an alternative in every record."""
@@ -400,7 +400,7 @@ class Weighing:
         if not scored or scored[0][0] + self._criteria.fault < self._criteria.said:
             return None
         top, alternative, records = scored[0]
-        near = self._criteria.one_factor
+        near = self._criteria.fair
         rivals = tuple(
             a for total, a, _ in scored[1:] if total > top - self._criteria.alone and not _same(a, alternative, near)
         )
@@ -412,11 +412,11 @@ class Weighing:
         if alternative.kind in INSTRUMENT_ERRORS:
             return -self._criteria.fault - 0.5 * float(np.sum(np.square(alternative.reading.place))) / self._place**2
         if alternative.kind == "data_gravity":
-            return self._criteria.apart
+            return self._criteria.fault
         names = alternative.reading.factor.keys()
         group = next((members for members in INSTRUMENTS if names < set(members)), ())
         there = {name for record in self._quick for name in group if name in record}
-        return self._criteria.apart if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
+        return self._criteria.fault if alternative.kind == "data_unit" and len(there) > len(names) else 0.0
 
     def _total(self, alternative: Alternative, gains: Sequence[float]) -> float:
         """Gain in all records, or in some of them, of which there are many choices. An instrument stays in place."""

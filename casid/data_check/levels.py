@@ -43,8 +43,7 @@ def _load_factor(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
     theta = c.value("theta")
     at = c.known("az", "ax", "phi", "theta")
     up = np.cos(theta) * (c.value("ay") * np.sin(phi) + c.value("az") * np.cos(phi)) - c.value("ax") * np.sin(theta)
-    attitude = 0.0 if c.has("theta") else criteria.unknown_attitude
-    sigma = math.hypot(criteria.load_factor, criteria.climb / (g * c.duration), attitude)
+    sigma = math.hypot(criteria.fair, criteria.climb / (g * c.duration))
     return _ratio(-float(np.mean(up[at])) / g, 1.0, sigma, criteria) if at.any() else 0.0
 
 
@@ -55,9 +54,9 @@ def _flight_path(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCri
         return 0.0
     path = float(np.mean((c.value("theta") - c.value("alpha"))[at]))
     if not c.has("altitude", "V"):
-        return _normal(path, criteria.path_unknown, criteria)
+        return _normal(path, criteria.fair, criteria)
     climb = float(np.clip(_slope(c, "altitude") / max(_mean(c, "V"), 1.0), -1.0, 1.0))
-    return _normal(path - math.asin(climb), criteria.path_known, criteria)
+    return _normal(path - math.asin(climb), criteria.angle, criteria)
 
 
 def _slope(c: Read, name: str) -> float:
@@ -77,19 +76,19 @@ def _lift(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) 
     if not {zero, slope} <= aircraft.derivatives.keys():
         return 0.0
     known = sign * aircraft.derivatives[zero]
-    spread = criteria.derivative
+    spread = criteria.rough
     at = 0.0
     trim = aircraft.trim
     area = aircraft.area
     if {"V", "rho", "alpha"} <= trim.keys():
         known = _balanced(aircraft, trim["rho"], trim["V"], g)
-        spread = criteria.trim_lift
+        spread = criteria.fair
         at = trim["alpha"]
     wanted = (_mean(c, "fz") - _mean(c, "az") * aircraft.mass) / (
         0.5 * _mean(c, "rho") * _mean(c, "V") ** 2 * area or 1.0
     )
     curve = known, sign * aircraft.derivatives[slope], _mean(c, "alpha") - at
-    return _least_errors(*curve, wanted, (spread, criteria.derivative, criteria.angle, criteria.load_factor), criteria)
+    return _least_errors(*curve, wanted, (spread, criteria.rough, criteria.angle, criteria.fair), criteria)
 
 
 def _balanced(aircraft: Aircraft, rho: float, V: float, g: float) -> float:
@@ -105,7 +104,7 @@ def _least_errors(
     of_known, of_slope, of_angle, of_wanted = sigmas
     errors = np.zeros(4)
     largest = math.sqrt(-2.0 * criteria.impossible)
-    for _ in range(criteria.error_steps):
+    for _ in range(criteria.steps):
         here = known * math.exp(of_known * errors[0])
         steep = slope * math.exp(of_slope * errors[1])
         there = wanted * math.exp(of_wanted * errors[3])
@@ -154,12 +153,11 @@ def thrust_over_drag(
     drag = known.drag * _mean(c, "rho") * V**2 / (known.rho * at**2)
     measured = c.has("altitude")
     path = _slope(c, "altitude") / V if measured else _mean(c, "theta") - _mean(c, "alpha")
-    unknown = criteria.path_by_altitude if measured else criteria.path_known
     needed = drag + aircraft.mass * _slope(c, "V") + weight * path - _mean(c, "fx")
-    if needed < criteria.trim_drag * drag:
+    if needed < criteria.rough * drag:
         return None
-    by_drag = math.hypot(criteria.trim_drag, known.uncertainty, 2.0 * math.log(V / at)) * drag
-    sigma = math.hypot(by_drag, unknown * weight) / needed
+    by_drag = math.hypot(criteria.rough, known.uncertainty, 2.0 * math.log(V / at)) * drag
+    sigma = math.hypot(by_drag, 0.0 if measured else criteria.angle * weight) / needed
     return _mean(c, "thrust") / needed, sigma
 
 
@@ -211,7 +209,7 @@ def _usual_thrust(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCr
     thrust = _mean(c, "thrust")
     if aircraft is None or thrust <= 0.0:
         return 0.0
-    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust_ratio, criteria.usual_thrust, criteria)
+    return _ratio(thrust / (aircraft.mass * g), criteria.usual_thrust, criteria.usual, criteria)
 
 
 def _atmosphere(c: Read, aircraft: Aircraft | None, g: float, criteria: DataCriteria) -> float:
@@ -250,7 +248,7 @@ def _opposes(force: np.ndarray, regressors: list[np.ndarray], at: np.ndarray, c:
     inverse = np.linalg.pinv(X.T @ X, rcond=1e-10)
     found = inverse @ X.T @ y
     every = len(y) / max(c.independent * float(at.mean()), 1.0)
-    scatter = max(float(np.var(y - X @ found)), criteria.slope**2 * float(np.var(y))) * every
+    scatter = max(float(np.var(y - X @ found)), criteria.rough**2 * float(np.var(y))) * every
     sigmas = -found[0] / math.sqrt(max(scatter * inverse[0, 0], 1e-300))
     return max(float(scipy.special.log_ndtr(sigmas)), criteria.impossible)
 
@@ -280,10 +278,10 @@ _LEVELS: tuple[tuple[tuple[str, ...], tuple[str, ...], Callable[..., float]], ..
     (("az",), ("ax", "ay", "az", "phi", "theta", "t"), _load_factor),
     (("theta", "alpha"), ("theta", "alpha", "altitude", "V", "t"), _flight_path),
     (("alpha", "V", "rho", "az"), ("alpha", "V", "rho", "az"), _lift),
-    (("V",), ("V",), _trimmed("V", lambda c: c.trim)),
+    (("V",), ("V",), _trimmed("V", lambda c: c.fair)),
     (("V",), ("V",), _usual_speed),
-    (("rho",), ("rho",), _trimmed("rho", lambda c: c.trim)),
-    (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.trim_thrust)),
+    (("rho",), ("rho",), _trimmed("rho", lambda c: c.fair)),
+    (("thrust",), ("thrust",), _trimmed("thrust", lambda c: c.usual)),
     (("rho",), ("rho",), _usual_density),
     (("thrust",), ("thrust",), _usual_thrust),
     (("ay", "beta"), ("ay", "beta", "p", "r", "delta_r"), _slope_of("ay", "beta", ("p", "r", "delta_r"))),
@@ -318,7 +316,7 @@ def level_terms(
 
 def _of_means(relation: Relation, gravity: float, criteria: DataCriteria) -> Callable[[Read], float]:
     """The means of both sides differ by biases only; large ones are rare, and not excluded (Student-t, 3)."""
-    sigma = criteria.bias_force if relation.name == "V" else criteria.bias_rate
+    sigma = criteria.angle * gravity if relation.name == "V" else criteria.bias_rate
 
     def term(c: Read) -> float:
         if not c.has(*relation.needs):

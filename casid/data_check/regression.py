@@ -105,10 +105,10 @@ def log_evidence(squares: Squares, row: Row, noise: float, criteria: DataCriteri
     """Log marginal likelihood of a coefficient, up to what all alternatives share.
 
     Derivatives are about `prior`, within a part of it or what makes a `minor` part of the coefficient's variation; one
-    may be an outlier, as a damper's. Those of surfaces keep their sign and `criteria.smallest` of their size."""
+    may be an outlier, as a damper's. Those of surfaces keep their sign and `criteria.fair` of their size."""
     prior = row.about
     varies = minor * np.sqrt(max(float(prior @ squares.XX @ prior), 0.0))
-    spread = np.hypot(criteria.derivative * row.sized, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
+    spread = np.hypot(criteria.rough * row.sized, varies / np.sqrt(np.maximum(np.diag(squares.XX), 1e-300)))
     spread = np.hypot(spread, row.besides)
     may = [i for i, term in enumerate(row.terms) if term not in SURFACES]
     each = np.tile(spread, (len(may) + 1, 1))
@@ -121,7 +121,7 @@ def log_evidence(squares: Squares, row: Row, noise: float, criteria: DataCriteri
     evidence = -0.5 * (off / noise**2 - np.sum(shift * b, axis=1)) + 0.5 * np.linalg.slogdet(inverse)[1]
     for i, (term, value) in enumerate(zip(row.all_terms, prior, strict=True)):
         if term in SURFACES:
-            above = (1.0 - criteria.smallest) * abs(value) / each[:, i]
+            above = (1.0 - criteria.fair) * abs(value) / each[:, i]
             posterior = (above + np.sign(value) * shift[:, i]) / np.sqrt(inverse[:, i, i])
             evidence += np.maximum(special.log_ndtr(posterior) - special.log_ndtr(above), criteria.impossible)
     return float(special.logsumexp(evidence, b=weights))

@@ -105,16 +105,16 @@ def _vane(rates: tuple[str, ...], other: str) -> Errors:
     angle, whose upwash or sidewash it reads, too."""
 
     def errors(c: Read, by: DataCriteria) -> list[np.ndarray]:
-        arms = {"q": by.vane_ahead, "r": by.vane_ahead, "p": by.vane_across}
+        arms = {"q": by.usual_span, "r": by.usual_span, "p": by.fair * by.usual_span}
         turning = [arms[name] * c.rate(name) / np.maximum(c.value("V"), 1.0) for name in rates if c.has(name)]
-        return [*turning, *(by.upwash * c.rate(name) for name in (other,) if c.has(name))]
+        return [*turning, *(by.fair * c.rate(name) for name in (other,) if c.has(name))]
 
     return errors
 
 
 def _static_port(c: Read, by: DataCriteria) -> list[np.ndarray]:
     """Rates of an airspeed whose static pressure depends on the angle of attack."""
-    return [by.static_port * c.value("V") * c.rate("alpha")] if c.has("V", "alpha") else []
+    return [by.fair * c.value("V") * c.rate("alpha")] if c.has("V", "alpha") else []
 
 
 _ATTITUDE = ("phi", "theta")
@@ -248,18 +248,21 @@ def _in_time(
     if not np.isfinite(errors).all():
         return _without_line(rate[at])
     t = step * np.arange(len(rate))
-    ahead = np.stack([np.full(len(t), by.late), by.drift * t])  # [s] each in its 1-sigma
+    ahead = np.stack([np.full(len(t), by.late), by.close * t])  # [s] each in its 1-sigma
     size = np.zeros(2 + len(errors))
     least = max(by.close * float(np.var(rate[at])), 1e-300)
     slopes = np.concatenate([np.zeros((2, len(other))), -_without_line(errors[:, at])])
     shifted = rate
-    for _ in range(by.time_steps):
+    for _ in range(by.steps):
         moved = _without_line(np.vstack([shifted, ahead * np.gradient(shifted, step)])[:, at])
         slopes[:2] = moved[1:]
         left = other - moved[0] + size[:2] @ slopes[:2]
         noise = max(float(left @ left) / len(left), least) * every
+        before = size
         size = np.linalg.solve(slopes @ slopes.T / noise + np.eye(len(size)), slopes @ left / noise)
         shifted = np.interp(t + size[:2] @ ahead, t, rate)
+        if np.abs(size - before).max() < by.close:  # 1-sigmas
+            break
     return _without_line(shifted[at]) + size[2:] @ slopes[2:]
 
 

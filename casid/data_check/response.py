@@ -273,7 +273,7 @@ class Response:
         noise = self._noise(plain)
         sums = {c: together(plain, c) for c in noise}
         unexplained = sum(0.5 * s.samples * s.left / noise[c] ** 2 for c, s in sums.items())
-        return self._evidence(plain, noise, self._criteria.minor) + unexplained + self._balance(sums.get("Cm"))
+        return self._evidence(plain, noise, self._criteria.fair) + unexplained + self._balance(sums.get("Cm"))
 
     def likeliest(self, records: Sequence[Read]) -> float:
         """The same likelihood of a file that has the derivatives of these records."""
@@ -286,7 +286,7 @@ class Response:
             count = len(self._rows[c].prior)
             free = np.linalg.pinv(s.XX[:count, :count], rcond=1e-10, hermitian=True) @ s.Xy[:count]
             own = replace(row, prior=free, sizes=np.maximum(np.abs(free), 1e-12))
-            found += log_evidence(s, own, noise[c], self._criteria, self._criteria.minor)
+            found += log_evidence(s, own, noise[c], self._criteria, self._criteria.fair)
             found += 0.5 * s.samples * s.left / noise[c] ** 2
         return found
 
@@ -307,7 +307,7 @@ class Response:
         means = total.X[: len(row.prior)] / total.samples
         left = total.y / total.samples - zero - float(slopes @ means)
         angles = [by.angle * value for value, term in zip(slopes, row.terms, strict=True) if term in _ANGLES]
-        spread = float(np.linalg.norm([by.balance, by.derivative * zero, *by.derivative * slopes * means, *angles]))
+        spread = float(np.linalg.norm([by.balance, by.rough * zero, *by.rough * slopes * means, *angles]))
         return max(-0.5 * (left / spread) ** 2, by.impossible)
 
     def axial(self, records: Sequence[Read]) -> float:
@@ -324,7 +324,7 @@ class Response:
             errors=(("curved", self._lift_slope()),),
             sizes=np.abs([value for *_, value in values]),
         )
-        found = log_evidence(total, row, noise, self._criteria, self._criteria.minor)
+        found = log_evidence(total, row, noise, self._criteria, self._criteria.fair)
         return found - total.samples * float(np.log(noise))  # of other axes by its own noise
 
     def left_along_x(self, records: Sequence[Read]) -> tuple[float, float]:
@@ -384,7 +384,7 @@ class Response:
             std = np.hypot(std, self._by_vanes(row))
             for i, (name, term) in enumerate(zip(row.names, row.terms, strict=True)):
                 sure = -free[i] * np.sign(row.prior[i]) > self._criteria.sure * std[i]
-                if term in _MOTION and sure and part[i] > self._criteria.slope:
+                if term in _MOTION and sure and part[i] > self._criteria.rough:
                     yield name, float(row.prior[i]), float(free[i]), float(std[i])
 
     def _by_vanes(self, row: Row) -> np.ndarray:
@@ -392,8 +392,8 @@ class Response:
         by = self._criteria
         plane = self._aircraft
         slopes = dict(zip(row.terms, np.abs(row.prior), strict=True))
-        pitch, yaw = (slopes.get(angle, 0.0) * by.vane_ahead for angle in ("alpha", "beta"))
-        roll = max(slopes.get(angle, 0.0) for angle in ("alpha", "beta")) * by.vane_across
+        pitch, yaw = (slopes.get(angle, 0.0) * by.usual_span for angle in ("alpha", "beta"))
+        roll = max(slopes.get(angle, 0.0) for angle in ("alpha", "beta")) * by.fair * by.usual_span
         arms = {"q": pitch / plane.rate_length_pitch}
         arms |= {name: one / plane.rate_length_lateral for name, one in (("p", roll), ("r", yaw))}
         return np.array([arms.get(term, 0.0) for term in row.all_terms])
@@ -486,7 +486,7 @@ def _unexplained(c: Read, rows: Collection[str]) -> float:
 def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[str, Row]:
     """Coefficient -> its derivatives and terms in the file."""
     table: dict[str, list[tuple[str, str, float, float]]] = {}
-    doubted = max(1.0, stated.relative_uncertainty / criteria.derivative)  # a file that is worse than usual states it
+    doubted = max(1.0, stated.relative_uncertainty / criteria.rough)  # a file that is worse than usual states it
     for coefficient, name, term in aerodynamic_parameters(aircraft):
         value, given = (_value(one, coefficient, name, term) for one in (aircraft, stated))
         size = max(abs(value), abs(given))
@@ -495,7 +495,7 @@ def _rows(aircraft: Aircraft, criteria: DataCriteria, stated: Aircraft) -> dict[
     for name in missing_derivatives(stated):  # they may be as large as those of other aircraft are
         coefficient, term = derivative_term(name)
         if coefficient in table:
-            table[coefficient].append((name, term.name, 0.0, USUAL_DERIVATIVES[name] / (doubted * criteria.derivative)))
+            table[coefficient].append((name, term.name, 0.0, USUAL_DERIVATIVES[name] / (doubted * criteria.rough)))
     return {
         coefficient: Row(
             names=tuple(name for name, *_ in rows),
@@ -517,7 +517,7 @@ def _errors(coefficient: str, slopes: Mapping[str, float], criteria: DataCriteri
     """Yield the terms that healthy instruments add to a coefficient with these slopes, each with its spread."""
     for angle, other in _READ_TOO.items():
         if slopes.get(angle) and other not in slopes:
-            yield other, criteria.upwash * abs(slopes[angle])
+            yield other, criteria.fair * abs(slopes[angle])
     for surface in SURFACES:
         if slopes.get(surface):
             yield f"{surface} rate", criteria.late * abs(slopes[surface])
@@ -538,7 +538,7 @@ def _regressors(c: Read, aircraft: Aircraft, reading: Reading, criteria: DataCri
         for s in SURFACES
         if c.has(source := reading.source.get(s, s))
     }
-    place = criteria.accelerometer * aircraft.moment_length_lateral
+    place = criteria.fair * aircraft.moment_length_lateral
     alpha = c.value("alpha")
     levers = place * c.levers() * aircraft.mass / _pressure_area(c, aircraft)
     across = {"CY": levers[:, 1], "CZ": levers[:, 2], "CL": np.sin(alpha) * levers[:, 0] - np.cos(alpha) * levers[:, 2]}

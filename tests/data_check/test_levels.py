@@ -73,8 +73,8 @@ def test_the_errors_of_a_lift_curve_settle(flown: Flown) -> None:
         return lift(heavy, criteria)(read(record, Reading(), criteria))
 
     settled = likelihood(DataCriteria())
-    assert likelihood(DataCriteria(error_steps=24)) == pytest.approx(settled, rel=1e-6)
-    assert likelihood(DataCriteria(error_steps=1)) != pytest.approx(settled, rel=1e-3)
+    assert likelihood(DataCriteria(steps=24)) == pytest.approx(settled, rel=1e-6)
+    assert likelihood(DataCriteria(steps=1)) != pytest.approx(settled, rel=1e-3)
 
 
 def test_factors_of_time_agree_within_the_criterion(flown: Flown) -> None:
@@ -83,5 +83,5 @@ def test_factors_of_time_agree_within_the_criterion(flown: Flown) -> None:
     stretched = with_fault(DataFault(kind="data_unit", target="t", records=("m1", "m2"), value=5.0), records, seed=3)
     found = cs.check(stretched, aircraft)
     assert ("data_unit", "t") in {(one.kind, one.target) for one in found.findings}
-    refused = cs.check(stretched, aircraft, criteria=DataCriteria(one_factor=1e-9))
+    refused = cs.check(stretched, aircraft, criteria=DataCriteria(fair=1e-9))
     assert ("data_unit", "t") not in {(one.kind, one.target) for one in refused.findings}

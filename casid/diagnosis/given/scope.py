@@ -248,9 +248,7 @@ def or_thrust(aircraft: Aircraft, one: Contradiction, records: Sequence[Record],
     """A contradicted level of drag with its alternative: a wrong scale of a steady thrust has the same effect. Other
     contradictions stay as they are.
     """
-    steady = [
-        r for r in records if "thrust" in r and np.ptp(r["thrust"]) < by.steady_thrust * abs(np.mean(r["thrust"]))
-    ]
+    steady = [r for r in records if "thrust" in r and np.ptp(r["thrust"]) < by.fair * abs(np.mean(r["thrust"]))]
     pressures = [_pressure(record) for record in steady]
     if one.parameter != drag_level(aircraft) or not steady or len(steady) < len(records) or None in pressures:
         return one
